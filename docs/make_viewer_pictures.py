@@ -88,7 +88,7 @@ def opened(name: str) -> Front | ConsoleFront:
     if file is None:
         return open_page(f"twin · {name}", [Actor(name, name, Desk(twin.load(name)))], None, server)
     scene = load_scene(file)
-    return ConsoleFront(f"twin · {name}", scene, *scenes.content(scene), server)
+    return ConsoleFront(f"twin · {name}", scenes.load(scene), server)
 
 
 def shown(browser: Browser, name: str) -> bytes:

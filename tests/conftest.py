@@ -8,6 +8,7 @@ import os
 import pickle
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -169,6 +170,37 @@ def sils_model(sils_cad):
     from twin.reference import ReferenceModel
 
     return ReferenceModel(sils_cad.mechanism)
+
+
+@pytest.fixture(scope="session")
+def theatre():
+    """The da Vinci scene with its robots and props."""
+    from twin.api import load_scene
+    from twin.cli.scene import load
+
+    return load(load_scene("davinci"))
+
+
+@pytest.fixture(scope="session")
+def bare_theatre(theatre):
+    """The da Vinci scene with its robots, which nothing touches."""
+    return replace(theatre, props=None)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium without a window, closed after each file: while it is open, no event loop can run."""
+    from made import headset_page
+
+    yield from headset_page.chromium()
+
+
+@pytest.fixture(scope="session")
+def emulator(tmp_path_factory):
+    """The script of an emulated headset."""
+    from made import headset_page
+
+    return headset_page.bundled_emulator(tmp_path_factory.mktemp("emulator"))
 
 
 @pytest.fixture

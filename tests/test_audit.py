@@ -115,7 +115,7 @@ def test_command_prints_a_table(good, capsys):
     out = capsys.readouterr().out
     assert "PASS" in out
     assert "position against" in out
-    assert "poses agree within 1 µm" in out
+    assert "tolerance of poses: 1 µm" in out
 
 
 def test_command_prints_json_and_exits_with_1(good, tmp_path, capsys):

@@ -12,6 +12,10 @@ import pytest
 
 from made import bundle as base
 from twin.exchange.audit import audit
+from twin.exchange.audit.motion import Clip
+from twin.exchange.audit.poses import about, pose
+from twin.exchange.audit.rcm import check_rcm
+from twin.exchange.audit.report import Ledger
 
 
 @pytest.fixture(scope="module")
@@ -206,6 +210,28 @@ def _unsaid(data):
 def test_a_shaft_may_pass_an_rcm_that_is_only_watched(change, told, bundle):
     report = audit(bundle(track(change), "tracks/swing.json"))
     assert [(f.code, f.severity) for f in report.findings if f.code.startswith("tracks.rcm")] == told
+
+
+@pytest.mark.parametrize(("off", "told"), [(0.5e-3, [(500.0, 100.0)]), (0.05e-3, [])])
+def test_an_rcm_beside_the_centre_of_rotation_is_measured_against_its_limit(off, told):
+    centre = np.array([0.1, 0.2, 0.3])
+    turns = about([1, 0, 0], np.linspace(0, 0.5, 5))
+    T = pose(turns, centre - 0.05 * turns[:, :, 2])
+    data = {
+        "phases": ["pivot"],
+        "phase_start": [0],
+        "phase_end": [1],
+        "phase_has_rcm": [1],
+        "phase_rcm": np.add(centre, [off, 0, 0]).tolist(),
+        "phase_rcm_enforced": [0],
+        "frame_names": ["tip"],
+        "frame_links": ["tool"],
+        "tool_link": "tool",
+        "moved_frame": "tip",
+    }
+    ledger = Ledger("swing.json")
+    check_rcm(data, Clip("swing", np.linspace(0, 1, 5), {"tool": T}), np.array([0.0, 0, 0, 0, 0, 0, 1]), ledger)
+    assert [(round(f.size, 6), f.limit) for f in ledger.findings] == told
 
 
 @pytest.mark.parametrize(

@@ -197,6 +197,11 @@ def huge_count(glb):
     glb.document["accessors"][0]["count"] = 2**31
 
 
+def short_stride(glb):
+    view = glb.document["accessors"][glb.mesh_of("rocker")["attributes"]["POSITION"]]["bufferView"]
+    glb.document["bufferViews"][view]["byteStride"] = 8
+
+
 def index_beyond(glb):
     indices = glb.numbers(glb.mesh_of("rocker")["indices"])
     indices[0] = 60_000
@@ -239,6 +244,7 @@ MORE = {
     "normals against the winding": (normals_against, "gltf.normals_against"),
     "accessor beyond its buffer": (beyond_buffer, "gltf.bounds"),
     "huge count": (huge_count, "gltf.bounds"),
+    "stride below an element": (short_stride, "gltf.bounds"),
     "index beyond the points": (index_beyond, "gltf.index"),
     "lost clip": (lost_clip, "compare.clip"),
     "lost link": (lost_link, "compare.missing_link"),
@@ -274,6 +280,12 @@ def test_a_bigger_mesh_is_seen_beside_another_file(good, tmp_path):
     folder = spoilt(good, tmp_path, bigger_mesh)
     shutil.copytree(good, tmp_path / "second")
     assert "compare.shape" in {f.code for f in audit(folder).findings}
+
+
+def test_a_stride_below_an_element_is_stated_with_both_sizes(good, tmp_path):
+    (found,) = [f for f in audit(spoilt(good, tmp_path, short_stride)).findings if f.code == "gltf.bounds"]
+    assert "has byteStride 8, but an element of accessor" in found.message
+    assert found.message.endswith("has 12 bytes.")
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,9 @@ from twin.exchange.audit.motion import Content
 from twin.exchange.audit.physics import Drive, Joint, Physics, along
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger
+from twin.exchange.write.mjcf import write_mjcf
+from twin.exchange.write.urdf import write_urdf
+from twin.exchange.write.usd import write_usd
 from twin.model.inertia import Inertia
 
 HERE = Path(__file__).parent
@@ -55,6 +58,21 @@ def test_a_file_alone_is_held_against_nature(name, bars, tmp_path):
     report = audit(folder / ("bars.urdf" if name.startswith("URDF") else "bars.xml"))
     assert ALONE[name] in {f.code for f in report.findings}, [(f.code, f.message) for f in report.findings]
     assert report.exit_code == 1
+
+
+@pytest.mark.parametrize("unknown", [("base", "crank", "coupler", "rocker"), ("coupler",)])
+def test_masses_that_are_unknown_are_no_contradiction(unknown, tmp_path):
+    """MJCF and URDF require a mass, and state that they assume one; a base fixed to the world needs none."""
+    robot = base.made.four_bar()
+    robot = replace(robot, bodies=tuple(replace(b, inertia=None) if b.name in unknown else b for b in robot.bodies))
+    write_usd(robot, (), tmp_path / "usd")
+    write_mjcf(robot, tmp_path)
+    write_urdf(robot, tmp_path)
+    assert audit(tmp_path).exit_code == 0
+    text = (tmp_path / "bars.urdf").read_text(encoding="utf-8")
+    (tmp_path / "bars.urdf").write_text(text.replace("is unknown", "is known"), encoding="utf-8")
+    seen = {f.code for f in audit(tmp_path).findings if f.severity == "disagreement"}
+    assert seen == (set() if len(unknown) > 1 else {"physics.weighed"})
 
 
 # --------------------------------------------------------------------------------------------- the mechanism

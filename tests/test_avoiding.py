@@ -23,7 +23,7 @@ def test_only_motions_outside_the_patient_change_and_keep_their_waypoints(name):
             assert changed.limits["free"].tip_speed <= protocol.limits[before.type].tip_speed
         else:
             assert after == before
-    assert "go around what is in the way" in changed.findings[-1].message
+    assert "go around obstacles" in changed.findings[-1].message
 
 
 @pytest.mark.parametrize(

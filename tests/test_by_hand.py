@@ -30,6 +30,8 @@ from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.headset.watched import Watched
+from twin.ui.session.exercise import Exercise
+from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import RATE
 
 
@@ -172,7 +174,7 @@ class Client:
 
 
 def test_tools_and_fulcrum_are_chosen_by_the_client_that_leads(scene, robots):
-    op = Operation(scene, robots)
+    op = Operation(LoadedScene(scene, robots))
     client = Client(op)
     client.begin()
     name = list(scene.tools)[-1]
@@ -191,9 +193,8 @@ def test_tools_and_fulcrum_are_chosen_by_the_client_that_leads(scene, robots):
     op.close()
 
 
-def test_a_scene_without_ports_and_tools_refuses_them():
-    scene = twin.load_scene("davinci")
-    op = Operation(scene, robots_at(scene.places))
+def test_a_scene_without_ports_and_tools_refuses_them(bare_theatre):
+    op = Operation(bare_theatre)
     with pytest.raises(RefusedError, match="instrument_mm"):
         op.ask("c1", wire.Fulcrum(type="fulcrum", mode="direct"))
     with pytest.raises(RefusedError, match="tool"):
@@ -202,9 +203,11 @@ def test_a_scene_without_ports_and_tools_refuses_them():
     op.close()
 
 
-def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots):
-    feed = scenes.organs(scene, robots)
-    op = Operation(scene, robots, feed=feed)
+def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkeypatch):
+    # on a busy machine the World would fall behind the hand, and take its motion for a jump
+    monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
+    op = Operation(scenes.with_organs(LoadedScene(scene, robots)))
+    feed = op.feed
     client = Client(op)
     client.begin()
     client.step(5)
@@ -223,7 +226,7 @@ def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots):
 
 def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
     path = tmp_path / "hands.session"
-    op = Operation(scene, robots, session=path, feed=scenes.organs(scene, robots))
+    op = Operation(scenes.with_organs(LoadedScene(scene, robots)), Exercise(session=path))
     client, rng = Client(op), np.random.default_rng(5)
     client.begin()
     for k in range(130):
@@ -249,14 +252,14 @@ def test_a_spectator_sees_robots_and_organs_as_the_server_simulates_them(scene, 
             watched.close()
 
     async def go():
-        feed = scenes.organs(scene, robots)
-        async with serving(lambda: served.of_console(scene, robots, None, feed=feed)) as s:
+        loaded = scenes.with_organs(LoadedScene(scene, robots))
+        async with serving(lambda: served.of_console(loaded)) as s:
             watched, (links, fields) = await asyncio.to_thread(watch, s.port)
             truth = s.live.world.frame().link_poses
             for place in scene.places:
                 for name, T in links[place.name].items():
                     assert place.T_world_base @ T == pytest.approx(truth[place.name][name], abs=1e-5)
-            assert list(fields) == list(feed.surfaces) == list(watched.surfaces)
+            assert list(fields) == list(loaded.feed.surfaces) == list(watched.surfaces)
             assert all(len(v) > watched.surfaces[n].triangles.max() for n, v in fields.items())
 
     asyncio.run(go())

@@ -243,8 +243,12 @@ def test_the_point_nearest_to_a_skew_axis_is_where_the_common_perpendicular_stan
 @pytest.mark.parametrize(
     ("origin", "at", "message"),
     [
-        ("axis", "beside", "the axes of 'axis' and 'beside' are parallel: they have no nearest points"),
-        ("axis", "wall", "the axis of 'axis' does not meet the plane 'wall': they are parallel"),
+        ("axis", "beside", "the axes of 'axis' and 'beside' are parallel: no point is nearest; name another `at`"),
+        (
+            "axis",
+            "wall",
+            "the axis of 'axis' does not meet the plane 'wall', because they are parallel; name another `at`",
+        ),
         ("axes", None, "there is no feature 'axes'. Did you mean 'axis'?"),
         ("axis", "topp", "there is no feature 'topp'. Did you mean 'top'?"),
     ],
@@ -312,15 +316,15 @@ def test_a_given_frame():
     [
         (
             {"origin": "axis", "z": "axis", "x_along": "top"},
-            "the frame at 'axis': its x or y direction is parallel to z",
+            "the frame at 'axis': its x or y direction is parallel to z; name another feature for it",
         ),
         (
             {"origin": "axis", "z": "axis", "x_towards": "along"},
-            "the frame at 'axis': its x or y direction is parallel to z",
+            "the frame at 'axis': its x or y direction is parallel to z; name another feature for it",
         ),
         (
             {"origin": "axis", "z": "axis", "y_towards": "axis"},
-            "the frame at 'axis': its x or y direction is parallel to z",
+            "the frame at 'axis': its x or y direction is parallel to z; name another feature for it",
         ),
         (
             {"origin": "s1", "z": "s1", "x_towards": "s2"},

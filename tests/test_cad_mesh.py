@@ -69,7 +69,8 @@ def test_a_3mf_that_states_another_unit_is_refused(tmp_path):
     write_3mf(tmp_path / "brick.3mf", brick(), "inch")
     with pytest.raises(CadError) as caught:
         mesh.load_mesh(tmp_path / "brick.3mf", "mm")
-    assert str(caught.value) == f"{tmp_path / 'brick.3mf'}: unit 'mm' is declared, but the file states inch"
+    told = "unit 'mm' is declared, but the file states inch; declare the unit of the file"
+    assert str(caught.value) == f"{tmp_path / 'brick.3mf'}: {told}"
 
 
 def test_a_3mf_places_components_and_items(tmp_path):
@@ -129,7 +130,7 @@ def test_scenes_with_placed_nodes_are_flattened(tmp_path):
         ("brick.dae", "mm", "suffix '.dae' is not supported; use STEP or one of .stl, .obj, .glb, .gltf, .3mf, .ply"),
         ("brick", "mm", "suffix '' is not supported; use STEP or one of"),
         ("none.stl", "mm", "the mesh file does not exist"),
-        ("empty.obj", "mm", "it has no triangles"),
+        ("empty.obj", "mm", "the file has no triangles"),
         ("noise.glb", "mm", "cannot be read as GLB"),
         ("noise.3mf", "mm", "cannot be read as 3MF"),
         ("noise.ply", "mm", "cannot be read as PLY"),

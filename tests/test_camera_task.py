@@ -11,7 +11,7 @@ import pytest
 
 import twin
 from made.scene_text import refused
-from twin.api.act import props_of, robots_at
+from twin.api.act import props_of
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -30,6 +30,7 @@ from twin.simulation.session.camera_referee import CameraReferee
 from twin.simulation.session.camera_task import Sight, in_picture, surfaces
 from twin.simulation.session.picture import Surface
 from twin.ui.session.console import LiveConsole
+from twin.ui.session.exercise import Exercise
 
 VIEW = 70 * DEG
 
@@ -294,9 +295,8 @@ def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, p
     assert abs(angle - projected) > camera_task.AGREE
 
 
-def test_the_scoreboard_counts_what_the_report_measures(davinci, performed):
-    robots = robots_at(console_scene.led_by(davinci))
-    members = {n: run.Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+def test_the_scoreboard_counts_what_the_report_measures(davinci, bare_theatre, performed):
+    members = {n: run.Member(r.mechanism, r.kinematics()) for n, r in bare_theatre.robots.items()}
     task, referee = davinci.tasks["camera"], CameraReferee("ecm", run.SAMPLE)
     device = run.surgeon(davinci, members, task, seed=1)
     world = console_scene.world(davinci, members, device, records=False, watch=[referee], task=task)
@@ -306,8 +306,8 @@ def test_the_scoreboard_counts_what_the_report_measures(davinci, performed):
     assert referee.moves == performed.console.camera_moves
 
 
-def test_by_hand_the_task_is_ended_and_begun_again(davinci):
-    live = LiveConsole(davinci, robots_at(console_scene.led_by(davinci)), task=davinci.tasks["camera"])
+def test_by_hand_the_task_is_ended_and_begun_again(bare_theatre):
+    live = LiveConsole(bare_theatre, Exercise(bare_theatre.scene.tasks["camera"]))
     live.advance(0.05)
     task = live.reading["task"]
     assert (task["over"], task["rings"]) == (None, [])

@@ -9,10 +9,13 @@ import os
 import pty
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -23,6 +26,7 @@ from twin import api
 from twin.cli import chosen, main, show
 from twin.cli import scene as scenes
 from twin.cli.commands import HELP, doctor
+from twin.cli.interrupt import after_imports
 from twin.cli.parser import parser
 from twin.core import assets
 from twin.core.errors import TwinError
@@ -465,13 +469,23 @@ WRONG = {
     "misspelt equation": (["validate", "sils", "--variant", "eq11=printed"], "there is no equation 'eq11'. Did you"),
     "misspelt variant": (["validate", "sils", "--variant", "eq1=printd"], "there is no variant 'printd'. Did you mean"),
     "misspelt bare variant": (["validate", "sils", "--variant", "litteral"], "Did you mean 'literal'?"),
-    "bare and pair": (["validate", "sils", "--variant", "printed", "--variant", "eq1=printed"], "not both"),
+    "bare and pair": (
+        ["validate", "sils", "--variant", "printed", "--variant", "eq1=printed"],
+        "alone, or only EQ=NAME",
+    ),
     "equation twice": (["validate", "sils", "--variant", "eq1=printed", "--variant", "eq1=corrected"], "given twice"),
     "tolerance is text": (["validate", "sils", "--tolerance-um", "wide"], "invalid float value: 'wide'"),
     "tolerance is zero": (["validate", "sils", "--tolerance-um", "0"], "give a positive number of micrometres"),
     "tolerance is negative": (["validate", "sils", "--tolerance-um", "-3"], "--tolerance-um -3: give a positive"),
     "tolerance is NaN": (["validate", "sils", "--tolerance-um", "nan"], "give a positive number of micrometres"),
     "tolerance is infinite": (["validate", "sils", "--tolerance-um", "inf"], "give a positive number of micrometres"),
+    "clearance without obstacles": (["plan", "sils", "--clearance-mm", "7"], "7 has no effect without --avoid"),
+    "seed without a search": (["plan", "sils", "--seed", "7"], "--seed 7 has no effect without --avoid"),
+    "time that never passes": (["machine", "raven_left", "--duration", "nan"], "--duration nan: give a number of"),
+    "tilt without end": (["machine", "raven_left", "--tilt-deg", "inf"], "--tilt-deg inf: give a finite number"),
+    "fewer sessions than none": (["hazards", "raven_left", "--sessions", "-1"], "--sessions: -1 is too small"),
+    "no process": (["hazards", "raven_left", "--processes", "0"], "--processes: 0 is too small"),
+    "too many robots": (["tolerance", "sils", "--samples", "100000000000"], "give at most 10000000"),
     "no such stage": (["info", "gone.usda"], "gone.usda: the stage does not exist"),
     "stage has no protocols": (["validate", str(ROOT / "usd/sils/sils.usda")], "neither equations nor protocols"),
 }
@@ -496,6 +510,15 @@ def test_a_port_that_is_none_is_refused(run, command, port):
     text = run(command, "sils", "--port", port)
     assert text.code == 2
     assert f"{port} is not a port: give 0 to 65535" in text.err
+
+
+@pytest.mark.parametrize(
+    "argv", [("view", "sils", "--html"), ("serve", "sils", "--record"), ("serve", "davinci", "--session")]
+)
+def test_a_folder_in_place_of_a_recording_is_refused_at_once(run, tmp_path, argv):
+    text = run(*argv, str(tmp_path), *(() if "--html" in argv else ("--port", "0")))
+    assert text.code == 2
+    assert f"cannot write to {tmp_path}: it is a folder; give the name of a file" in text.err
 
 
 # ----------------------------------------------------------------------------------------------------- scenes
@@ -568,6 +591,23 @@ def test_interrupt(run, monkeypatch):
     monkeypatch.setattr("twin.cli.commands.list.run", fail)
     text = run("list")
     assert (text.code, text.err) == (130, "twin: interrupted\n")
+
+
+def test_interrupt_waits_for_an_import(tmp_path, monkeypatch):
+    """A native module that is loaded cannot be interrupted: it crashes, or swallows the interrupt."""
+    (tmp_path / "interrupted_module.py").write_text(
+        "import signal\ntry:\n    signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    swallowed = True\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def interrupted():
+        import_module("interrupted_module")
+        time.sleep(5)
+
+    with pytest.raises(KeyboardInterrupt), after_imports():
+        interrupted()
+    assert not hasattr(sys.modules.pop("interrupted_module"), "swallowed")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 # ----------------------------------------------------------------------------------------- terminals and pipes

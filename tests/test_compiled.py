@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import twin
 from made.lanes import one_of_a_kind
 from twin.codegen import Kernel, Stage
+from twin.codegen import kernel as kernel_module
 from twin.codegen.lower import lowered
 from twin.core import machine
 
@@ -143,6 +144,26 @@ def root() -> Stage:
     """Newton's method for the square root of p, from x."""
     new = 0.5 * (a + b / a)
     return Stage(ca.Function("step", [a, b], [new, ca.fabs(new - a)]), ("x", "p"), ("x", "error"), 60, 1e-12)
+
+
+def test_an_interrupted_computation_leaves_its_arrays_to_its_threads(monkeypatch):
+    """A thread that still computes after a Ctrl-C writes into memory that nobody has freed, and takes no more."""
+    x = ca.SX.sym("x")
+    kernel = Kernel([Stage(ca.Function("f", [x], [x + 1]), ("x",), ("y",))], {"x": 1}, ["y"])
+    calls, threads = [], []
+
+    def interrupted(begin, end, *_):
+        calls.append(begin)
+        if len(calls) > 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(kernel, "_call", interrupted)
+    monkeypatch.setattr(kernel_module, "_share", lambda work, *_: threads.append(work) or work())
+    with pytest.raises(KeyboardInterrupt):
+        kernel(np.zeros((1, 100_000)))
+    threads[0]()  # a helper that starts late
+    assert len(calls) == 2
+    assert any(isinstance(a, np.ndarray) and a.size == 100_000 for part in threads[0].__defaults__[0] for a in part)
 
 
 @pytest.mark.parametrize("single", [True, False])

@@ -37,6 +37,8 @@ from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session.guiding import STEPS, Referee
 from twin.simulation.ways import Ways, _stations
 from twin.ui.session.console import LiveConsole
+from twin.ui.session.exercise import Exercise
+from twin.ui.session.loaded_scene import LoadedScene
 
 
 @pytest.fixture(scope="module")
@@ -350,7 +352,7 @@ def test_an_unknown_mistake_is_named(scene, tmp_path, capsys):
 
 
 def test_an_attempt_by_hand_has_the_scoreboard_and_can_be_ended(scene, props):
-    live = LiveConsole(scene, robots_at(scene.places), task=scene.tasks["ring"], props=props)
+    live = LiveConsole(LoadedScene(scene, robots_at(scene.places), props), Exercise(scene.tasks["ring"]))
     live.advance(0.02)
     board = live.reading["task"]
     assert dict(board["rows"])["Steps done"] == "0 of 5"

@@ -224,7 +224,7 @@ def test_a_mass_that_nothing_leads_is_refused_and_a_massless_branch_is_left_out(
     with pytest.raises(MechanismError, match=r"q has shape \(3,\)"):
         Dynamics(m).gravity(np.zeros(3))
     unweighed = replace(m, bodies=tuple(replace(b, inertia=None) if b.name == "fore" else b for b in m.bodies))
-    with pytest.raises(MechanismError, match="body 'fore' has no mass: give its material a density"):
+    with pytest.raises(MechanismError, match="body 'fore' has no mass: give its parts a material with a density"):
         arm(unweighed)
     bare = replace(unweighed, bodies=tuple(replace(b, meshes=()) for b in unweighed.bodies))
     with pytest.raises(MechanismError, match="no body with a mass is moved by q3"):

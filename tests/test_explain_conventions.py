@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import types
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from twin.robots import _authoring, load_formula
 from twin.validation.explain.conventions import ORDERS, conventions, dh_form
 from twin.validation.explain.explain import known
 from twin.validation.explain.judge import Judge
-from twin.validation.explain.numeric import Matrix, Rebuilder
+from twin.validation.explain.numeric import Matrix, Rebuilder, of_formula
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +123,28 @@ def test_the_form_of_a_row_is_recognised():
     assert dh_form(rebuild.function(_authoring.row)) == ("modified", (0, 1, 2, 3))
     assert dh_form(rebuild.function(standard)) == ("standard", (0, 1, 2, 3))
     assert dh_form(rebuild.function(lambda a, b, c, d: Matrix(np.eye(4)[None]))) is None
+
+
+def test_an_installed_twin_rebuilds_its_own_functions():
+    """A wheel lies in site-packages, as the libraries do that run unchanged."""
+    f = _authoring.row
+    code = f.__code__.replace(co_filename="/venv/lib/python3.11/site-packages/twin/robots/_authoring.py")
+    installed = types.FunctionType(code, f.__globals__, f.__name__, f.__defaults__, f.__closure__)
+    rebuilt = Rebuilder().value(installed)
+    assert rebuilt is not installed
+    assert dh_form(rebuilt) == ("modified", (0, 1, 2, 3))
+
+
+@pytest.mark.parametrize("folder", ["kinematics", "formula"])
+def test_helpers_are_found_whatever_the_folder_of_a_robot_is_called(folder, tmp_path):
+    path = tmp_path / folder / "formula.py"
+    path.parent.mkdir()
+    path.write_text("def half(x):\n    return x / 2\n")
+    space = {}
+    exec(compile(path.read_text(), path, "exec"), space)
+    assert of_formula(space["half"])
+    assert of_formula(_authoring.row)
+    assert not of_formula(symbolic.pose)
 
 
 def test_a_table_multiplied_in_the_other_form(pa10):

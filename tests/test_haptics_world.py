@@ -9,7 +9,6 @@ import pytest
 
 import twin
 from made.consoles import Hands
-from twin.api.act import props_of, robots_at
 from twin.api.session import replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -28,29 +27,25 @@ from twin.simulation.session.condition import randomised
 from twin.simulation.world import Block, World
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
+from twin.ui.session.exercise import Exercise
 from twin.ui.session.timeline import RATE
 
 FLOOR = 895 * MM  # of the board, as drawn
 
 
 @pytest.fixture(scope="module")
-def scene():
-    return twin.load_scene("davinci")
+def scene(theatre):
+    return theatre.scene
 
 
 @pytest.fixture(scope="module")
-def props(scene):
-    return props_of(scene)
+def props(theatre):
+    return theatre.props
 
 
 @pytest.fixture(scope="module")
-def robots(scene):
-    return robots_at(scene.places)
-
-
-@pytest.fixture(scope="module")
-def members(robots):
-    return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+def members(theatre):
+    return {n: Member(r.mechanism, r.kinematics()) for n, r in theatre.robots.items()}
 
 
 def moved(scene, members, props, ticks, right, left=None, haptics=True):
@@ -233,11 +228,11 @@ def test_a_grasp_gives_one_pulse_along_x(scene, members, props):
 # -- switch, session, settings ----------------------------------------------------------------------------------------
 
 
-def test_the_switch_works_while_it_runs_and_the_session_knows(scene, robots, props, tmp_path, monkeypatch):
+def test_the_switch_works_while_it_runs_and_the_session_knows(theatre, tmp_path, monkeypatch):
     monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
     condition = randomised(7, 1)
     path = tmp_path / "hands.session"
-    operation, sent = Operation(scene, robots, path, props=props, condition=condition), []
+    operation, sent = Operation(theatre, Exercise(session=path, condition=condition)), []
     operation.send = sent.append
     down = operation.view[:3, :3].T @ [0, 0, -1]
     operation.frame(0, 0.0)

@@ -14,10 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import twin
 from made.scene_text import refused
 from made.streaming import joined, serving
-from twin.api.act import robots_at
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import DescriptionError, TwinError, WorldError
@@ -34,16 +32,6 @@ from twin.ui.session import console
 from twin.ui.session.timeline import RATE
 
 SIDES = ("right", "left")
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return twin.load_scene("davinci")
-
-
-@pytest.fixture(scope="module")
-def robots(scene):
-    return robots_at(scene.places)
 
 
 class Hands:
@@ -108,9 +96,9 @@ class Hands:
 
 
 @pytest.fixture
-def hands(scene, robots, monkeypatch):
+def hands(bare_theatre, monkeypatch):
     monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
-    op = Operation(scene, robots)
+    op = Operation(bare_theatre)
     op.frame(0, 0.0)
     return Hands(op)
 
@@ -189,13 +177,13 @@ def test_the_camera_pedal_drags_the_picture_and_the_clutch_wins(hands):
     assert hands.state()["mode"] == "nothing"
 
 
-def test_frames_show_where_the_links_are(hands, scene, robots):
+def test_frames_show_where_the_links_are(hands, bare_theatre):
     hands.start()
     hands.move("right", (0.02, 0, 0))
     frame = unpack_scene(hands.op.frame(hands.tick + 10, 0.0))
-    for place, part in zip(scene.places, frame.robots, strict=True):
-        links = robots[place.name].reference().solve(hands.q()[place.name]).link_poses
-        for body, pose in zip(robots[place.name].mechanism.bodies, part.poses, strict=True):
+    for place, part in zip(bare_theatre.scene.places, frame.robots, strict=True):
+        links = bare_theatre.robots[place.name].reference().solve(hands.q()[place.name]).link_poses
+        for body, pose in zip(bare_theatre.robots[place.name].mechanism.bodies, part.poses, strict=True):
             assert np.allclose(wire.pose_of(pose), links[body.name], atol=1e-6)
     assert hands.op.frame(hands.tick + 11, 0.0) is None, "what stands still is sent ten times a second"
 
@@ -333,9 +321,9 @@ def hands_of(x, roll, number):
     return {"number": number, **hands, "clutch": False, "camera": False}
 
 
-def test_hands_come_through_the_stream_and_end_with_it(scene, robots):
+def test_hands_come_through_the_stream_and_end_with_it(bare_theatre):
     async def go():
-        async with serving(lambda: served.of_console(scene, robots, None)) as s:
+        async with serving(lambda: served.of_console(bare_theatre)) as s:
             async with joined(s.port) as peer:
                 assert peer.last("hello")["protocol"] == 2
                 await peer.until(lambda: len(peer.frames) > 3)  # the first tick may round joint values by 1e-16
@@ -363,14 +351,14 @@ def test_hands_come_through_the_stream_and_end_with_it(scene, robots):
     asyncio.run(go())
 
 
-def test_what_hands_change_is_sent_before_the_next_tick(scene, robots, monkeypatch):
+def test_what_hands_change_is_sent_before_the_next_tick(bare_theatre, monkeypatch):
     """With ticks that are 20 s apart, only messages of the hands bring frames."""
     for module in (server, operation):
         monkeypatch.setattr(module, "RATE", 0.05)
     monkeypatch.setattr(console, "_BUDGET", np.inf)
 
     async def go():
-        async with serving(lambda: served.of_console(scene, robots, None)) as s, joined(s.port) as peer:
+        async with serving(lambda: served.of_console(bare_theatre)) as s, joined(s.port) as peer:
             start = peer.frames[-1].robots[0].q
             end = asyncio.get_running_loop().time() + 10
             for n in range(1000):
@@ -397,8 +385,8 @@ def test_what_hands_change_is_sent_before_the_next_tick(scene, robots, monkeypat
         ("scale = 0.5", "scale = 2", "console.scale"),
     ],
 )
-def test_a_wrong_console_is_named(scene, tmp_path, old, new, text):
-    assert re.search(text.replace("?", r"\?"), refused(scene, tmp_path, old, new))
+def test_a_wrong_console_is_named(bare_theatre, tmp_path, old, new, text):
+    assert re.search(text.replace("?", r"\?"), refused(bare_theatre.scene, tmp_path, old, new))
 
 
 @pytest.mark.parametrize(
@@ -409,11 +397,11 @@ def test_a_wrong_console_is_named(scene, tmp_path, old, new, text):
         ('frame = "tool"', 'frame = "base"', "a console can move only a camera on scope"),
     ],
 )
-def test_a_console_that_does_not_fit_its_robots_is_named(scene, robots, tmp_path, old, new, text):
-    body = scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
+def test_a_console_that_does_not_fit_its_robots_is_named(bare_theatre, tmp_path, old, new, text):
+    body = bare_theatre.scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
     (tmp_path / "scene.toml").write_text(body.replace(old, new), encoding="utf-8")
     with pytest.raises(TwinError, match=text):
-        Operation(load_scene(tmp_path / "scene.toml"), robots)
+        Operation(replace(bare_theatre, scene=load_scene(tmp_path / "scene.toml")))
 
 
 @pytest.mark.parametrize("command", ["run", "view"])
@@ -421,20 +409,20 @@ def test_a_scene_without_protocols_is_not_played(command, tmp_path, capsys):
     more = ["--html", str(tmp_path / "page.html")] if command == "view" else ["--out", str(tmp_path / "out")]
     assert main([command, "davinci", *more]) == 2
     said = capsys.readouterr().err
-    assert "psm1, psm2, ecm have no protocol in scene.toml" in said
+    assert "scene.toml has no protocol for psm1, psm2, ecm" in said
     assert "`twin serve davinci` or `twin view davinci`" in said
 
 
-def test_a_robot_without_a_protocol_needs_a_console(scene, tmp_path):
-    body = scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
+def test_a_robot_without_a_protocol_needs_a_console(bare_theatre, tmp_path):
+    body = bare_theatre.scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
     (tmp_path / "scene.toml").write_text(body[: body.index("[console]")], encoding="utf-8")
     with pytest.raises(DescriptionError, match="this robot has no protocol"):
         load_scene(tmp_path / "scene.toml")
 
 
-def test_a_scene_without_a_console_is_refused(scene):
+def test_a_scene_without_a_console_is_refused(bare_theatre):
     with pytest.raises(TwinError, match=r"scene 'davinci' has no console: add a section \[console\]"):
-        console_scene.world(replace(scene, console=None), {}, None)
+        console_scene.world(replace(bare_theatre.scene, console=None), {}, None)
 
 
 @settings(max_examples=50, deadline=None)
@@ -482,11 +470,11 @@ class Slow:
         pass
 
 
-def test_hands_are_heard_at_once_where_a_frame_takes_longer_than_the_time_between_two_messages(scene, robots):
+def test_hands_are_heard_at_once_where_a_frame_takes_longer_than_the_time_between_two_messages(bare_theatre):
     slow = Slow()
 
     async def go():
-        async with serving(lambda: served.of_console(scene, robots, None), source=slow) as s, joined(s.port) as peer:
+        async with serving(lambda: served.of_console(bare_theatre), source=slow) as s, joined(s.port) as peer:
             pose = {"pose": [0, 0, 0, 0, 0, 0, 1], "grip": 0}
             for number in range(150):
                 await peer.say("hands", number=number, right=pose, left=pose, clutch=False, camera=False)

@@ -12,10 +12,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import twin
 from made.pens import SIDES, Pens
 from made.streaming import joined, serving
-from twin.api.act import robots_at
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -28,21 +26,11 @@ from twin.ui.headset import packet_hands, served
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
-from twin.ui.session import console
+from twin.ui.session import console, console_state
 from twin.ui.session.timeline import RATE
 
 WORLD = console_scene.world
 ARMS = {"right": "psm1", "left": "psm2"}
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return twin.load_scene("davinci")
-
-
-@pytest.fixture(scope="module")
-def robots(scene):
-    return robots_at(scene.places)
 
 
 class Running:
@@ -89,9 +77,9 @@ class Running:
 
 
 @pytest.fixture
-def running(scene, robots, monkeypatch):
+def running(bare_theatre, monkeypatch):
     monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
-    found = Running(Operation(scene, robots))
+    found = Running(Operation(bare_theatre))
     yield found
     found.op.close()
     found.pens.close()
@@ -233,7 +221,7 @@ def test_a_camera_pedal_that_is_stuck_at_the_start_moves_nothing(running):
 
 @pytest.mark.parametrize("pedal", ["clutch", "camera"])
 def test_a_pedal_that_stays_pressed_is_told(running, monkeypatch, caplog, pedal):
-    monkeypatch.setattr(console, "_STUCK", 0.3)
+    monkeypatch.setattr(console_state, "_STUCK", 0.3)
     running.start()
     setattr(running.pens, pedal, True)
     with caplog.at_level(logging.WARNING):
@@ -331,10 +319,10 @@ def session(running, ticks=700, delay=100, lost=0.05):
     return missed
 
 
-def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(scene, robots, monkeypatch):
+def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(bare_theatre, monkeypatch):
     monkeypatch.setattr(console.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True}))
     monkeypatch.setattr(console, "_BUDGET", np.inf)
-    running = Running(Operation(scene, robots))
+    running = Running(Operation(bare_theatre))
     lost = session(running)
     state, recording = running.state, running.op.world.recording()
     running.op.close()
@@ -342,7 +330,7 @@ def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(scene, robots, m
     assert list(state["packets"]["lost"].values()) == lost
     assert min(lost) > 45, "5 % and those that come too late"
     for name in ARMS.values():
-        kin, goals = robots[name].kinematics(), recording[f"{name}.goal"].reshape(-1, 4, 4)
+        kin, goals = bare_theatre.robots[name].kinematics(), recording[f"{name}.goal"].reshape(-1, 4, 4)
         tool = np.array([kin.forward(q)[:3, 3] for q in recording[f"{name}.q"]])
         wanted, reached = (np.linalg.norm(np.diff(p, axis=0), axis=1).max() / 1e-3 for p in (goals[:, :3, 3], tool))
         limit = Pace().speed * (1 + 1e-9)
@@ -352,11 +340,11 @@ def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(scene, robots, m
         assert not recording[f"{name}.jumps"].any()
 
 
-def test_through_the_server(scene, robots):
+def test_through_the_server(bare_theatre):
     """A program at 1 kHz moves the hands through the running server; a page watches, and takes over when it ends."""
 
     async def go():
-        async with serving(lambda: served.of_console(scene, robots, None, packets=("127.0.0.1", 0))) as s:
+        async with serving(lambda: served.of_console(bare_theatre, packets=("127.0.0.1", 0))) as s:
             pens = Pens(s.live.packets.door.port)
             async with joined(s.port) as peer:
                 start = peer.frames[-1].robots[0].q
@@ -408,7 +396,7 @@ def test_a_port_that_is_taken_is_told(running, capsys):
         (["davinci", "--mqtt", "localhost:x"], "x is not a port"),
         (["davinci", "--mqtt", "localhost:0"], "port 0 is not the port of a broker"),
         (["davinci", "--mqtt-topic", "a"], "--mqtt-topic requires --mqtt"),
-        (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a topic"),
+        (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a valid topic"),
         (["sils", "--packets", "9870"], "--packets requires a scene with a console, such as davinci; sils is a robot"),
         (["vsrs", "--protocols", "--mqtt", "localhost"], "--mqtt and --protocols cannot be combined"),
         (["davinci", "--packets", "9870", "--replay", "x.json"], "--packets and --replay cannot be combined"),
@@ -419,6 +407,6 @@ def test_wrong_options_are_named(arguments, text, capsys):
     assert text in capsys.readouterr().err
 
 
-def test_an_operation_that_cannot_listen_leaves_nothing_open(scene, robots, running):
+def test_an_operation_that_cannot_listen_leaves_nothing_open(bare_theatre, running):
     with pytest.raises(TwinError, match="cannot listen for packets"):
-        served.of_console(scene, robots, None, packets=("127.0.0.1", running.op.packets.door.port))
+        served.of_console(bare_theatre, packets=("127.0.0.1", running.op.packets.door.port))

@@ -23,11 +23,6 @@ shown = headset.shown
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
 def robot():
     return twin.load("sils")
 
@@ -40,9 +35,9 @@ def server():
 
 
 @pytest.fixture
-def desk(chromium, server, robot):
+def desk(browser, server, robot):
     """The page without a headset, with the protocol planned and the robot at home; it does not draw unless asked to."""
-    with shown(chromium, server.url) as page:
+    with shown(browser, server.url) as page:
         page.draws(False)
         headset.ready(page, robot)
         yield page
@@ -52,15 +47,15 @@ def desk(chromium, server, robot):
 
 
 @pytest.mark.alone
-def test_the_first_picture_comes_soon_and_the_page_says_what_it_is(chromium, server, robot):
+def test_the_first_picture_comes_soon_and_the_page_says_what_it_is(browser, server, robot):
     figures = []
     while len(figures) < 6 and min(figures, default=9.0) >= 3.0:  # the machine may be busy with something else
-        with shown(chromium, server.url) as page:
+        with shown(browser, server.url) as page:
             figures.append(page("twin.app.firstPicture") / 1000)
             page.until("twin.app.model.state.duration > 0", "the plan")
     print(f"first picture of the robot after {min(figures):.2f} s")
     assert min(figures) < 3.0
-    with shown(chromium, server.url) as page:
+    with shown(browser, server.url) as page:
         assert page.page.locator("h1").first.inner_text() == robot.cad.description.title
         assert "No headset found" in page.id("xr").inner_text()
         assert page.id("enter").is_disabled()
@@ -149,10 +144,10 @@ def test_what_is_wrong_is_red(desk, robot):
     assert desk.id("measure-residual").get_attribute("data-tone") == "plain"  # it goes where it is moved: they agree
 
 
-def test_every_trocar_of_a_robot_is_drawn(chromium, tmp_path):
+def test_every_trocar_of_a_robot_is_drawn(browser, tmp_path):
     serving = headset.Serving(str(two_trocars.write(tmp_path / two_trocars.NAME)))
     try:
-        with shown(chromium, serving.url) as page:
+        with shown(browser, serving.url) as page:
             page.until("twin.app.model.state.trocars.length === 2", "both trocars")
             page.until("twin.app.overlays.further.some((f) => f.ball.visible)", "the second one is drawn")
             balls = "[twin.app.overlays.rcmBall, ...twin.app.overlays.further.map((f) => f.ball)]"
@@ -233,8 +228,8 @@ def test_a_joint_is_led_by_its_slider_and_by_its_link(desk, robot):
     assert np.delete(moved, 1).max() < 1e-6  # and no other joint
 
 
-def test_two_pages_see_the_same_and_one_holds_it(chromium, server, desk):
-    with shown(chromium, server.url) as other:
+def test_two_pages_see_the_same_and_one_holds_it(browser, server, desk):
+    with shown(browser, server.url) as other:
         start = desk.pixel(desk.to_scene(desk.tool()[:3, 3]))
         desk.drag(start, start + np.array([10, 8]), release=False)
         holder = desk("twin.app.model.client")
@@ -255,10 +250,10 @@ def test_two_pages_see_the_same_and_one_holds_it(chromium, server, desk):
         other.until("!twin.app.model.heldByOther", "it is free")
 
 
-def test_a_lost_line_is_told_and_taken_up_again(chromium):
+def test_a_lost_line_is_told_and_taken_up_again(browser):
     serving = headset.Serving("sils")
     try:
-        with shown(chromium, serving.url) as page:
+        with shown(browser, serving.url) as page:
             serving.stop()
             page.until("twin.app.model.line === 'reconnecting'", "the loss")
             page.until(
@@ -308,8 +303,8 @@ def test_the_patient_is_that_of_the_protocol_or_it_is_said_why_there_is_none(des
     desk.until("twin.app.model.state.protocol === 'table2'", "the protocol as before")
 
 
-def test_the_self_test_passes_on_a_desk(chromium, server):
-    with shown(chromium, server.url + "?selftest") as page:
+def test_the_self_test_passes_on_a_desk(browser, server):
+    with shown(browser, server.url + "?selftest") as page:
         page.id("selftest").click()
         page.until("twin.test.done", "the self-test ends")
         results = {r["name"]: r["verdict"] for r in page("twin.test.results")}

@@ -15,11 +15,6 @@ SCENE = "vsrs"
 
 
 @pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
 def serving():
     server = headset.Serving(SCENE)
     yield server

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import twin
 from made import headset_page as headset
 from made.console_page import console
-from twin.api.act import robots_at
 from twin.api.session import replay_session
 from twin.core.units import DEG
 from twin.simulation import console_scene
@@ -27,15 +25,10 @@ document.querySelectorAll('*').forEach(e => {
 """
 
 
-@pytest.fixture(scope="module")
-def davinci():
-    return twin.load_scene("davinci")
-
-
-def start(scene):
+def start(loaded):
     """Return the frame of the picture at the start, by the equations."""
-    members = {n: run.Member(r.mechanism, r.kinematics()) for n, r in robots_at(console_scene.led_by(scene)).items()}
-    task = scene.tasks["camera"]
+    members = {n: run.Member(r.mechanism, r.kinematics()) for n, r in loaded.robots.items()}
+    scene, task = loaded.scene, loaded.scene.tasks["camera"]
     world = console_scene.world(scene, members, run.surgeon(scene, members, task), records=False, task=task)
     return world.signals["ecm.view"].reshape(4, 4)
 
@@ -46,22 +39,21 @@ def linear(png):
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
-def test_the_picture_of_the_page_shows_the_angle_and_its_session_is_measured(davinci, tmp_path):
-    task, file = davinci.tasks["camera"], tmp_path / "page.session"
-    projected = aligned.angle(aligned.seen_ends(task.alignment, start(davinci), 70 * DEG))
+def test_the_picture_of_the_page_shows_the_angle_and_its_session_is_measured(browser, theatre, tmp_path):
+    task, file = theatre.scene.tasks["camera"], tmp_path / "page.session"
+    projected = aligned.angle(aligned.seen_ends(task.alignment, start(theatre), 70 * DEG))
     server = headset.Serving("davinci", None, "--task", "camera", "--session", file)
     try:
-        for browser in headset.chromium():
-            with console(browser, server.url, size=(1000, 760)) as page:
-                lines = "twin.app.console.views.scope.children.filter(c => c.name === 'line')"
-                assert page(f"{lines}.length") == 1
-                page(ONLY_THE_PICTURE)
-                page(f"{lines}.forEach(c => c.visible = false)")  # it would cut the mask
-                page("twin.app.refresh()")
-                sharp = "twin.app.world.renderer.getPixelRatio() === 1 && !twin.app.world.dirty"
-                page.until(sharp, "a picture at rest")
-                time.sleep(0.5)
-                seen = upper_side.angle(linear(page.page.screenshot()))
+        with console(browser, server.url, size=(1000, 760)) as page:
+            lines = "twin.app.console.views.scope.children.filter(c => c.name === 'line')"
+            assert page(f"{lines}.length") == 1
+            page(ONLY_THE_PICTURE)
+            page(f"{lines}.forEach(c => c.visible = false)")  # it would cut the mask
+            page("twin.app.refresh()")
+            sharp = "twin.app.world.renderer.getPixelRatio() === 1 && !twin.app.world.dirty"
+            page.until(sharp, "a picture at rest")
+            time.sleep(0.5)
+            seen = upper_side.angle(linear(page.page.screenshot()))
     finally:
         server.stop()
     assert seen == pytest.approx(projected, abs=0.05 * DEG)

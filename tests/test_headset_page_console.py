@@ -14,11 +14,6 @@ pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
 def serving():
     server = headset.Serving("davinci")
     yield server

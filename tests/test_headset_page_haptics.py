@@ -20,13 +20,12 @@ NOW = "twin.app.console.forces.now.right.length()"
 
 
 @pytest.fixture(scope="module")
-def page():
-    for browser in headset.chromium():
-        server = headset.Serving("davinci")
-        with console(browser, server.url, size=(1000, 600), scripts=(PAD,)) as page:
-            page.draws(False)
-            yield page
-        server.stop()
+def page(browser):
+    server = headset.Serving("davinci")
+    with console(browser, server.url, size=(1000, 600), scripts=(PAD,)) as page:
+        page.draws(False)
+        yield page
+    server.stop()
 
 
 def test_the_force_of_the_board_is_seen_and_felt(page):

@@ -13,11 +13,6 @@ pytestmark = [pytest.mark.browser, pytest.mark.alone]  # machine processes in re
 
 
 @pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
 def page(browser):
     server = headset.Serving("raven")
     with console(browser, server.url, size=(900, 520)) as opened:
@@ -85,6 +80,8 @@ def test_no_panel_covers_a_tip_or_a_button(page, size):
         page(f"(() => {{ const r = {STATE}.robots.raven_left; r.why = 'too fast '.repeat(80); }})()")
         page("twin.app.machines.refresh()")
         assert page(BUTTONS), "a long message pushes no button out"
+        long = "const m = twin.app.machines; m.apart.textContent = 'joint '.repeat(200); m.place();"
+        assert page(f"(() => {{ {long} return {BUTTONS.strip()}; }})()"), "a long text of the deviations does neither"
     finally:
         page.page.set_viewport_size({"width": 900, "height": 520})
 

@@ -11,7 +11,7 @@ from made import headset_page as headset
 from made.console_page import PAD, console
 from made.dome_console import ABOVE, dome_console
 from twin.api.standing import standing
-from twin.cli.scene import content
+from twin.cli.scene import load
 from twin.core.units import DEG, MM
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Shape, distance_between
@@ -29,12 +29,11 @@ def dome(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(dome):
+def page(browser, dome):
     server = headset.Serving(str(dome.file.parent))
     try:
-        for browser in headset.chromium():
-            with console(browser, server.url, scripts=[PAD], size=(900, 520)) as opened:
-                yield opened
+        with console(browser, server.url, scripts=[PAD], size=(900, 520)) as opened:
+            yield opened
     finally:
         server.stop()
 
@@ -63,7 +62,7 @@ def begin(page):
 
 def out(scene, page):
     """Return the way in the picture from the tip to a place above the lid, in m."""
-    robots, _ = content(scene)
+    robots = load(scene).robots
     kin = robots["raven_left"].kinematics()
     goal = np.append([x * (MM if i == 2 else DEG) for i, x in enumerate(ABOVE)], 0.0)
     way = kin.forward(goal)[:3, 3] - kin.forward(q(page))[:3, 3]

@@ -17,11 +17,6 @@ DUCT = "cystic_duct"
 
 
 @pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
 def serving():
     server = headset.Serving("vsrs", None, "--task", "cholecystectomy")
     yield server

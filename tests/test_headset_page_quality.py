@@ -56,14 +56,13 @@ SIZES = """
 
 
 @pytest.fixture(scope="module")
-def page():
+def page(browser):
     serving = headset.Serving("davinci")
     try:
-        for browser in headset.chromium():
-            with console(browser, serving.url, size=(700, 450)) as opened:
-                let_go(opened)
-                opened.draws(True)
-                yield opened
+        with console(browser, serving.url, size=(700, 450)) as opened:
+            let_go(opened)
+            opened.draws(True)
+            yield opened
     finally:
         serving.stop()
 

@@ -19,11 +19,6 @@ SCENE = "vsrs"
 
 
 @pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
 def serving():
     server = headset.Serving(SCENE, command=("made.room",))
     yield server

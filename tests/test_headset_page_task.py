@@ -34,9 +34,18 @@ COVERED = """
 """
 
 
-@pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
+PANEL = """
+((names) => {
+  const panel = twin.app.xrPanel;
+  panel.group.visible = true;
+  for (const late of [1000, 2000]) {
+    panel.refresh();
+    panel.update(performance.now() + late);
+  }
+  panel.group.visible = false;
+  return names.map((name) => panel.whereIs(name)?.y ?? null);
+})
+"""
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +77,13 @@ def test_rings_are_drawn_where_the_scene_has_them_and_every_page_has_the_scorebo
         )
         other.until("twin.app.loaded", "the scene")
         headset.until(lambda: other(COVERED) == [], "the board has all its rows, and no panel covers a ring")
+
+
+def test_the_panel_of_a_headset_has_the_task_below_the_pedals(page):
+    """The controls of planning mode are between them, and hidden while the mode is off."""
+    clutch, accept, end = page(f"{PANEL}(['clutch', 'plan-accept', 'task-end'])")
+    assert accept is None
+    assert end < clutch < 0.3
 
 
 def test_an_unplugged_gamepad_moves_nothing_and_is_told(page):

@@ -12,11 +12,6 @@ pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
 def opened(browser):
     server = headset.Serving("davinci")
     with console(browser, server.url, size=(900, 520)) as page:

@@ -32,6 +32,7 @@ from twin.ui.headset.files import page_files
 from twin.ui.headset.recording import Replay
 from twin.ui.headset.scene_frame import pack_field, pack_scene, unpack_any, unpack_scene
 from twin.ui.session.feed import vertices_of
+from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import RATE, prepare
 
 # --------------------------------------------------------------------------------------------------- frames
@@ -151,7 +152,7 @@ def planned(monkeypatch, playback):
 
 
 def shown(scene, robots, props=None, plans=False, feed=None):
-    return lambda: served.of_scene(scene, robots, props, plans, feed)
+    return lambda: served.of_scene(LoadedScene(scene, robots, props, feed), plans)
 
 
 def test_every_robot_stands_in_its_place_and_what_stands_around_is_told(scene, robots, props):

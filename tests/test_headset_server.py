@@ -543,7 +543,7 @@ def test_no_client_fills_the_disk_with_recordings(sils, tmp_path, monkeypatch):
                 await peer.ask("grab", target="tool")
                 await peer.ask("drag", pose=pose)
                 await asyncio.sleep(0.02)
-            assert "the maximum for one run" in answers[-1]["message"]
+            assert "one run of the server records at most" in answers[-1]["message"]
 
     asyncio.run(go())
     assert 1 <= len(list(tmp_path.glob("*.json"))) <= 4  # the one that ran is kept as well
@@ -569,10 +569,10 @@ def test_budget_of_all_recordings(tmp_path, monkeypatch):
     recording = Recording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
     recording.check_room()
     recording.add_frame(0, b"x" * 1000)
-    with pytest.raises(RefusedError, match="the maximum for one run"):
+    with pytest.raises(RefusedError, match="one run of the server records at most"):
         recording.check_room()
     recording.finish()
-    with pytest.raises(RefusedError, match="the maximum for one run"):
+    with pytest.raises(RefusedError, match="one run of the server records at most"):
         recording.check_room()
 
 

@@ -20,16 +20,6 @@ EYES = np.array([0.2, 1.6, 1.4])
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
-def emulator(tmp_path_factory):
-    return headset.bundled_emulator(tmp_path_factory.mktemp("emulator"))
-
-
-@pytest.fixture(scope="module")
 def robot():
     return twin.load("sils")
 
@@ -41,11 +31,11 @@ def server():
     serving.stop()
 
 
-def device(chromium, server, emulator, profile, room=False):
+def device(browser, server, emulator, profile, room=False):
     """Yield the page with an emulated headset; it is small, since every picture is drawn by the processor."""
     eyes = ", ".join(map(str, EYES))
     start = f"emulate('{profile}', {str(room).lower()}); device.position.set({eyes})"
-    return headset.shown(chromium, server.url, size=(480, 374), scripts=(emulator, start))
+    return headset.shown(browser, server.url, size=(480, 374), scripts=(emulator, start))
 
 
 def look_at(page, target):
@@ -85,8 +75,8 @@ def guided(page, robot, kind, wanted, reachable=True):
     headset.agrees(page, robot)  # the server has closed the loops
 
 
-def test_ar_on_a_quest_places_plays_and_is_led(chromium, server, emulator, robot, rng):
-    with device(chromium, server, emulator, "quest", room=True) as page:
+def test_ar_on_a_quest_places_plays_and_is_led(browser, server, emulator, robot, rng):
+    with device(browser, server, emulator, "quest", room=True) as page:
         headset.ready(page, robot)
         page.draws(False)
         assert page.id("enter").inner_text() == "Enter AR"
@@ -154,8 +144,8 @@ def test_ar_on_a_quest_places_plays_and_is_led(chromium, server, emulator, robot
         assert page.id("play").is_visible()
 
 
-def test_ar_on_additive_glasses_with_hands_only(chromium, server, emulator, robot):
-    with device(chromium, server, emulator, "lens") as page:
+def test_ar_on_additive_glasses_with_hands_only(browser, server, emulator, robot):
+    with device(browser, server, emulator, "lens") as page:
         headset.ready(page, robot)
         page.enter()
         assert page("[twin.app.xr.mode, twin.app.xr.blend]") == ["immersive-ar", "additive"]
@@ -180,8 +170,8 @@ def test_ar_on_additive_glasses_with_hands_only(chromium, server, emulator, robo
         page.until("twin.app.world.look === 'normal'", "the look is switched")
 
 
-def test_a_finger_that_touches_takes_the_tool(chromium, server, emulator, robot):
-    with device(chromium, server, emulator, "lens") as page:
+def test_a_finger_that_touches_takes_the_tool(browser, server, emulator, robot):
+    with device(browser, server, emulator, "lens") as page:
         headset.ready(page, robot)
         page.draws(False)
         page.enter()
@@ -203,8 +193,8 @@ def test_a_finger_that_touches_takes_the_tool(chromium, server, emulator, robot)
         headset.agrees(page, robot)
 
 
-def test_without_hand_or_controller_a_long_look_presses(chromium, server, emulator, robot):
-    with device(chromium, server, emulator, "quest") as page:
+def test_without_hand_or_controller_a_long_look_presses(browser, server, emulator, robot):
+    with device(browser, server, emulator, "quest") as page:
         headset.ready(page, robot)
         page.draws(False)
         page("for (const c of Object.values(device.controllers)) c.connected = false")
@@ -216,8 +206,8 @@ def test_without_hand_or_controller_a_long_look_presses(chromium, server, emulat
         page.until(f"twin.app.model.state.loop === {str(not loop).lower()}", "the long look")
 
 
-def test_vr_where_there_is_no_ar(chromium, server, emulator, robot):
-    with device(chromium, server, emulator, "vr") as page:
+def test_vr_where_there_is_no_ar(browser, server, emulator, robot):
+    with device(browser, server, emulator, "vr") as page:
         headset.ready(page, robot)
         assert page.id("enter").inner_text() == "Enter VR"
         assert "VR is available, AR is not" in page.id("xr").inner_text()
@@ -228,8 +218,8 @@ def test_vr_where_there_is_no_ar(chromium, server, emulator, robot):
         headset.agrees(page, robot)
 
 
-def test_the_self_test_passes_in_a_session(chromium, server, emulator):
-    with device(chromium, server, emulator, "quest", room=True) as page:
+def test_the_self_test_passes_in_a_session(browser, server, emulator):
+    with device(browser, server, emulator, "quest", room=True) as page:
         page.page.goto(server.url + "?selftest")
         page.until("twin.test && twin.app.model.frame && twin.app.xr.ar", "the page")
         page.id("selftest").click()

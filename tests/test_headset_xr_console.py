@@ -16,16 +16,6 @@ HOME = {"right": EYES + np.array([0.2, -0.35, -0.35]), "left": EYES + np.array([
 
 
 @pytest.fixture(scope="module")
-def browser():
-    yield from headset.chromium()
-
-
-@pytest.fixture(scope="module")
-def emulator(tmp_path_factory):
-    return headset.bundled_emulator(tmp_path_factory.mktemp("emulator"))
-
-
-@pytest.fixture(scope="module")
 def opened(browser, emulator):
     server = headset.Serving("davinci")
     start = f"emulate('vr', false); device.position.set({', '.join(map(str, EYES))})"

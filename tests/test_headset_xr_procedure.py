@@ -15,18 +15,16 @@ pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
-def opened(tmp_path_factory):
-    emulator = headset.bundled_emulator(tmp_path_factory.mktemp("emulator"))
+def opened(browser, emulator):
     server = headset.Serving("vsrs", None, "--task", "cholecystectomy")
     start = f"emulate('vr', false); device.position.set({', '.join(map(str, EYES))})"
-    for browser in headset.chromium():
-        with console(browser, server.url, size=(320, 240), scripts=(emulator, start, SEE)) as page:
-            page.until("twin.app.loaded && twin.app.fields.vertices('cystic_duct').length > 0", "the vessels")
-            page.until("twin.app.xr.vr", "VR")
-            page.draws(False)
-            page.enter()
-            page.until("twin.app.hands.count === 2", "controllers")
-            yield page
+    with console(browser, server.url, size=(320, 240), scripts=(emulator, start, SEE)) as page:
+        page.until("twin.app.loaded && twin.app.fields.vertices('cystic_duct').length > 0", "the vessels")
+        page.until("twin.app.xr.vr", "VR")
+        page.draws(False)
+        page.enter()
+        page.until("twin.app.hands.count === 2", "controllers")
+        yield page
     server.stop()
 
 

@@ -146,7 +146,7 @@ def test_command_takes_a_file_alone_and_tells_json(tmp_path, capsys, monkeypatch
     ("arguments", "message"),
     [
         (["Arm!", "--from", "x.urdf"], "'Arm!' is not a valid robot name"),
-        (["arm"], "'arm' does not exist: give a file"),
+        (["arm"], "'arm' is not a file to read: give a file"),
         (["arm", "--from", "nowhere.urdf"], "the file does not exist"),
         (["arm", "--from", "robot.txt"], "suffix '.txt' is not supported"),
         (["arm", "--from", str(MODELS / "fourbar.xml"), "--closures", "x.yaml"], "a closure YAML is for URDF only"),

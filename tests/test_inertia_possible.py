@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
@@ -23,7 +24,6 @@ SLOW = settings(max_examples=20, deadline=None, suppress_health_check=list(Healt
 
 def body(seed: int, uneven: float = 0.0, extent=(0.05, 0.12, 0.3)) -> tuple[Inertia, tuple[Mesh, ...]]:
     """A box of three different sides, anywhere, weighed by trimesh; `uneven` adds point masses inside it."""
-    import trimesh
 
     rng = np.random.default_rng(seed)
     R, p = spatial.exp_so3(rng.normal(size=3)), rng.normal(size=3) * 0.3
@@ -119,7 +119,6 @@ def test_a_lost_decimal_mark_of_the_mass_is_named(seed, power):
 
 @pytest.mark.parametrize("order", [(0, 2, 1), (2, 1, 0), (1, 2, 0)])  # two alike axes exchanged cannot be told
 def test_exchanged_axes_are_named(order):
-    import trimesh
 
     box = trimesh.creation.box((0.05, 0.15, 0.4))
     meshes = (Mesh("box", box.vertices, np.asarray(box.faces, np.int32)),)
@@ -171,7 +170,6 @@ def test_a_mass_centre_outside_the_shapes_is_told_and_measured():
 
 
 def test_a_hollow_body_is_not_accused():
-    import trimesh
 
     outer, inner = trimesh.creation.box((0.1, 0.12, 0.3)), trimesh.creation.box((0.094, 0.114, 0.294))
     m, n = 2700 * outer.volume, 2700 * inner.volume
@@ -232,3 +230,49 @@ def test_the_command_on_a_stage_and_on_one_without_masses(capsys, tmp_path):
     out = capsys.readouterr().out
     assert "inside" in out
     assert "FAILED" not in out
+
+
+def test_the_command_names_the_part_that_cannot_be_weighed(capsys, tmp_path):
+    """The densities of all parts are stated, but one mesh is open: the reason is said, not only the result."""
+    solid = trimesh.creation.box((0.1, 0.1, 0.1))
+    solid.export(tmp_path / "post.stl")
+    solid.update_faces(np.arange(len(solid.faces)) != 3)
+    solid.export(tmp_path / "lever.stl")
+    still = "{ position_mm = [0, 0, 0], angles_deg = [0, 0, 0] }"
+    (tmp_path / "hatch.toml").write_text(f"""
+name = "hatch"
+title = "One lever on a post"
+source = "test"
+default_protocol = "none"
+base = "post"
+[tolerance]
+gross_mm = 1
+gross_deg = 1
+meeting_um = 1
+meeting_deg = 0.001
+[body.post]
+meshes = [{{ file = "post.stl", unit = "m" }}]
+[body.lever]
+meshes = [{{ file = "lever.stl", unit = "m" }}]
+[[joint]]
+name = "q"
+type = "revolute"
+parent = "post"
+child = "lever"
+active = true
+on_parent = {still}
+on_child = {still}
+[frame.tool]
+body = "lever"
+at = {still}
+[material.steel]
+density_kg_m3 = 7850
+parts = ["post", "lever"]
+provenance = "ASSUMED"
+note = "test"
+""")
+    (tmp_path / "cad").mkdir()
+    for file in [*tmp_path.glob("*.stl"), tmp_path / "hatch.toml"]:
+        file.rename(tmp_path / "cad" / file.name)
+    assert main(["info", str(tmp_path), "--inertia"]) == 0
+    assert "'lever' is not watertight: its volume is undefined" in capsys.readouterr().out

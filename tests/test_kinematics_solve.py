@@ -288,7 +288,7 @@ def test_unreachable_targets_raise_with_the_best_iterate(sils, arm):
 def test_forward_without_an_assembly_says_so(sils):
     too_wide = np.array([0, 0.2, 0, 0, 0, 0])  # carriages of limb 1 farther apart than 2 l_1
     q = sils.inverse(spatial.pose(p=sils.formula.seeds[0][:3]))
-    with pytest.raises(KinematicsError, match=r"no assembly on the branch X_E\+ z_up\+ D-"):
+    with pytest.raises(KinematicsError, match=r"no assembly was found on the branch X_E\+ z_up\+ D-"):
         sils.forward(q + too_wide)
     with pytest.raises(KinematicsError, match="not finite"):
         sils.forward(q * np.nan)

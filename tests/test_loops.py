@@ -11,6 +11,7 @@ import pytest
 import twin
 from made import loops as made
 from made import mechanisms
+from twin.analysis.tolerance import Spread, Tolerances
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
 from twin.kinematics.closed_loops import LoopSolver, linear
@@ -143,6 +144,18 @@ def test_the_jacobian_is_the_derivative_of_the_residual(solvers, name, rng):
 
 
 # -- other mechanisms ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("names", [("q", "e"), ("error", "pose")])
+def test_joints_may_be_called_as_the_values_of_a_kernel(names):
+    """A passive joint `q` or `e` of a user is told from the values of the same name inside."""
+    plain, called = mechanisms.four_bar(), dict(zip(("elbow", "rocker_joint"), names, strict=True))
+    renamed = replace(plain, joints=tuple(replace(j, name=called.get(j.name, j.name)) for j in plain.joints))
+    q = np.array([plain.posture("home")[0] + 0.3])
+    np.testing.assert_array_equal(LoopSolver(renamed).forward(q), LoopSolver(plain).forward(q))
+    spread = Spread(1e-5, 1e-5, 1e-6, 1e-5)
+    budgets = [Tolerances(m, spread).budget("q", q, 1000) for m in (plain, renamed)]
+    np.testing.assert_array_equal(budgets[0].sampled, budgets[1].sampled)
 
 
 def test_the_four_bar_follows_its_closed_form_through_a_full_turn():

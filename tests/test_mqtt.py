@@ -11,26 +11,14 @@ import aiomqtt
 import numpy as np
 import pytest
 
-import twin
 from made.broker import Broker
 from made.streaming import joined, serving
-from twin.api.act import robots_at
 from twin.core.errors import TwinError
 from twin.ui.door import mqtt
 from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import served
 
 TOPIC = "twin/davinci/scale"
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return twin.load_scene("davinci")
-
-
-@pytest.fixture(scope="module")
-def robots(scene):
-    return robots_at(scene.places)
 
 
 @pytest.fixture
@@ -74,18 +62,18 @@ async def tablet(port):
         found._reader.cancel()
 
 
-def console(scene, robots, port):
-    return lambda: served.of_console(scene, robots, None, mqtt=("127.0.0.1", port))
+def console(loaded, port):
+    return lambda: served.of_console(loaded, mqtt=("127.0.0.1", port))
 
 
-def test_a_tablet_sets_the_scale_and_sees_it(broker, scene, robots):
+def test_a_tablet_sets_the_scale_and_sees_it(broker, bare_theatre):
     """From the tablet's message to the broker until the broker tells the tablet that the World has used it: < 50 ms."""
 
     async def go():
         taken, seen = [], []
         async with (
             tablet(broker.port) as pad,
-            serving(console(scene, robots, broker.port)) as s,
+            serving(console(bare_theatre, broker.port)) as s,
             joined(s.port) as peer,
         ):
             await pad.until(lambda: pad.last() == "0.5" and pad.last(f"{TOPIC}/available") == "online")
@@ -132,13 +120,13 @@ REFUSED = {
 }
 
 
-def test_what_is_no_scale_is_refused_by_name(broker, scene, robots, monkeypatch, caplog):
+def test_what_is_no_scale_is_refused_by_name(broker, bare_theatre, monkeypatch, caplog):
     monkeypatch.setattr(mqtt, "_QUIET", 0.0)
 
     async def go():
         async with (
             tablet(broker.port) as pad,
-            serving(console(scene, robots, broker.port)) as s,
+            serving(console(bare_theatre, broker.port)) as s,
             joined(s.port) as peer,
         ):
             await pad.until(lambda: pad.last() == "0.5" and pad.last(f"{TOPIC}/available") == "online")
@@ -164,12 +152,12 @@ def said(peer, text):
     return any(d.get("message") == text for d in peer.documents)
 
 
-def test_a_broker_that_goes_away_is_told_and_found_again(broker, scene, robots, monkeypatch, caplog):
+def test_a_broker_that_goes_away_is_told_and_found_again(broker, bare_theatre, monkeypatch, caplog):
     monkeypatch.setattr(mqtt, "_RETRY", 0.1)
 
     async def go():
         broker.stop()
-        async with serving(console(scene, robots, broker.port)) as s, joined(s.port) as peer:
+        async with serving(console(bare_theatre, broker.port)) as s, joined(s.port) as peer:
             await peer.until(lambda: s.live.tablet.problem is not None)
             why = f"MQTT broker 127.0.0.1:{broker.port} cannot be reached"
             assert s.live.tablet.problem.startswith(why)
@@ -201,11 +189,11 @@ def test_a_broker_that_goes_away_is_told_and_found_again(broker, scene, robots, 
     assert "is connected again" in caplog.text
 
 
-def test_a_retained_command_is_old_and_changes_nothing(broker, scene, robots):
+def test_a_retained_command_is_old_and_changes_nothing(broker, bare_theatre):
     async def go():
         async with tablet(broker.port) as pad:
             await pad.set("0.9", retain=True)
-            async with serving(console(scene, robots, broker.port)) as s:
+            async with serving(console(bare_theatre, broker.port)) as s:
                 await pad.until(lambda: s.live.tablet.problem is not None)
                 assert "a retained message is ignored" in s.live.tablet.problem
                 assert s.live.world.signals["pedals.scale"][0] == 0.5
@@ -254,5 +242,5 @@ def test_another_server_in_place_of_a_broker_is_told(monkeypatch):
 
 @pytest.mark.parametrize("topic", ["", "a/#", "a/+/b", "/a", "a/", "a\0b", "x" * 201])
 def test_what_is_no_topic_is_refused(topic):
-    with pytest.raises(TwinError, match="is not a topic: give up to 200 characters without"):
+    with pytest.raises(TwinError, match="is not a valid topic: use 1 to 200 characters without"):
         ScaleTopic("127.0.0.1", 1883, topic, (0.05, 1.0), 0.5, print)

@@ -12,7 +12,6 @@ import trimesh
 
 import twin
 from made.headset_page import until
-from twin.api.act import props_of, robots_at
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli.commands import session as command
 from twin.core import spatial
@@ -31,6 +30,7 @@ from twin.ui.headset.operation import Operation
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session import console
 from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session.exercise import Exercise
 
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
 TASK = Task("t", "t", 0.0, 0.0, (), (Transfer(ring="ring", peg="peg"),))
@@ -151,21 +151,6 @@ def test_the_scoreboard_is_plain_data():
 # -- live ----------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return twin.load_scene("davinci")
-
-
-@pytest.fixture(scope="module")
-def robots(scene):
-    return robots_at(scene.places)
-
-
-@pytest.fixture(scope="module")
-def props(scene):
-    return props_of(scene)
-
-
 @pytest.fixture(autouse=True)
 def no_budget(monkeypatch):
     monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
@@ -182,9 +167,9 @@ def row(live, name):
     return dict(live.reading["task"]["rows"])[name]
 
 
-def test_an_attempt_is_ended_and_restarted(scene, robots, props, tmp_path):
+def test_an_attempt_is_ended_and_restarted(theatre, tmp_path):
     file = tmp_path / "hands.session"
-    live = LiveConsole(scene, robots, session=file, task=scene.tasks["pegboard"], props=props)
+    live = LiveConsole(theatre, Exercise(theatre.scene.tasks["pegboard"], file))
     start = {n: live.world.signals[n] for n in ("ring1.pose", "psm1.q")}
     for number in range(40):
         live.give("page 1", *hands(number, lift=0.0005 * number))
@@ -218,11 +203,9 @@ def test_an_attempt_is_ended_and_restarted(scene, robots, props, tmp_path):
     assert (tmp_path / "hands-2.session").is_file()
 
 
-def test_a_restart_that_cannot_be_recorded_loses_nothing(scene, robots, props, tmp_path):
+def test_a_restart_that_cannot_be_recorded_loses_nothing(theatre, tmp_path):
     (tmp_path / "hands-2.session").write_text("mine")
-    live = LiveConsole(
-        scene, robots, session=tmp_path / "hands.session", task=scene.tasks["pegboard"], props=props
-    )  # fmt: skip
+    live = LiveConsole(theatre, Exercise(theatre.scene.tasks["pegboard"], tmp_path / "hands.session"))
     live.advance(0.05)
     with pytest.raises(OutputError, match=r"hands-2\.session exists; sessions are not overwritten"):
         live.restart("page 1")
@@ -233,31 +216,32 @@ def test_a_restart_that_cannot_be_recorded_loses_nothing(scene, robots, props, t
     assert (tmp_path / "hands-2.session").read_text() == "mine"
 
 
-def test_without_rings_there_is_nothing_to_end(scene, robots):
-    live = LiveConsole(scene, robots)
+def test_without_rings_there_is_nothing_to_end(bare_theatre):
+    live = LiveConsole(bare_theatre)
     assert live.reading["task"] is None
     with pytest.raises(TwinError, match="there is no task to end or restart: start this program with --task"):
         live.end("page 1")
-    operation = Operation(scene, robots)
+    operation = Operation(bare_theatre)
     with pytest.raises(wire.RefusedError, match="there is no task to end or restart"):
         operation.ask("c1", wire.parse('{"type": "task", "do": "restart"}'))
     operation.close()
 
 
-def test_an_object_inside_an_instrument_is_named(scene, robots, props):
+def test_an_object_inside_an_instrument_is_named(theatre):
+    scene = theatre.scene
     arm = next(p for p in scene.places if p.name == "psm1")
-    start = LiveConsole(scene, robots).tool("right")
+    start = LiveConsole(replace(theatre, props=None)).tool("right")
     wire = spatial.pose(p=[scene.objects[0].size[0], 0, 0])
     first = replace(scene.objects[0], T_world_object=start @ wire)
     wrong = replace(scene, objects=(first, *scene.objects[1:]))
     thing = rf"'(ring1|{arm.name}/\w+)'"
     text = rf"{thing} and {thing} overlap by \d\.\d+ mm at the start \(allowed: 0\.1 mm\)"
     with pytest.raises(WorldError, match=text):
-        LiveConsole(wrong, robots, task=scene.tasks["pegboard"], props=props)
+        LiveConsole(replace(theatre, scene=wrong), Exercise(scene.tasks["pegboard"]))
 
 
-def test_a_task_without_a_goal_is_named(scene, tmp_path):
-    body = scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
+def test_a_task_without_a_goal_is_named(theatre, tmp_path):
+    body = theatre.scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
     aimless = '[task.idle]\ntitle = "nothing to do"\nprovenance = "ASSUMED"\nnote = "x"\n'
     file = tmp_path / "scene.toml"
     file.write_text(f"{body}\n{aimless}", encoding="utf-8")
@@ -270,8 +254,8 @@ def test_a_task_without_a_goal_is_named(scene, tmp_path):
     )
 
 
-def test_frames_hold_the_rings_after_the_robots(scene, robots, props):
-    operation = Operation(scene, robots, None, scene.tasks["pegboard"], props)
+def test_frames_hold_the_rings_after_the_robots(theatre):
+    operation = Operation(theatre, Exercise(theatre.scene.tasks["pegboard"]))
     frame = unpack_scene(operation.frame(0, 0.0))
     assert len(frame.robots) == 4
     names = [name for name in operation.links if name.startswith("objects/")]
@@ -286,16 +270,14 @@ def test_frames_hold_the_rings_after_the_robots(scene, robots, props):
 
 
 @pytest.mark.slow
-def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(scene, robots, props, tmp_path):
+def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(theatre, tmp_path):
     """The hands of a simulated surgeon come 250 times a second, as those of a page do."""
-    task = scene.tasks["pegboard"]
+    scene, task = theatre.scene, theatre.scene.tasks["pegboard"]
     few = replace(scene, tasks={"pegboard": replace(task, transfers=task.transfers[:2])})
     (tmp_path / FILE).write_bytes(operate_console(few, seed=1).recorded)
     session = read_session(tmp_path / FILE)
     at, given = columns(sizes(session.head.device)), session.device
-    live = LiveConsole(
-        scene, robots, session=tmp_path / "own.session", task=few.tasks["pegboard"], props=props, report=command.report
-    )
+    live = LiveConsole(theatre, Exercise(few.tasks["pegboard"], tmp_path / "own.session", command.report))
     live.rescale("page 1", float(given[0, at["pedals.scale"]][0]))
     held, grasped = set(), 0
     for number, now in enumerate(given[::4]):
@@ -340,9 +322,9 @@ def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(scen
 
 
 @pytest.fixture(scope="module")
-def written(scene, tmp_path_factory):
+def written(theatre, tmp_path_factory):
     """A session with two rings, and the folder with its files."""
-    task = scene.tasks["pegboard"]
+    scene, task = theatre.scene, theatre.scene.tasks["pegboard"]
     few = replace(scene, tasks={"pegboard": replace(task, transfers=task.transfers[:2])})
     found, folder = operate_console(few, seed=2), tmp_path_factory.mktemp("session")
     found.write(folder)
@@ -411,7 +393,8 @@ def test_the_audit_reads_the_rings_and_finds_one_that_was_moved(written, tmp_pat
     assert twin.audit(tmp_path / "objects").verdict != "agree"
 
 
-def test_the_stage_of_the_scene_has_the_rings_as_rigid_bodies(scene, tmp_path):
+def test_the_stage_of_the_scene_has_the_rings_as_rigid_bodies(theatre, tmp_path):
+    scene = theatre.scene
     from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
     from twin.simulation.scene_stage import write_scene

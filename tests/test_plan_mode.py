@@ -15,7 +15,7 @@ import pytest
 import twin
 from made.dome_console import ABOVE, dome_console
 from twin.api.machine import machine_parts
-from twin.cli.scene import content
+from twin.cli.scene import load
 from twin.core import spatial
 from twin.core.errors import AssemblyError, CancelledError, TwinError, WorldError
 from twin.core.units import DEG, MM
@@ -32,6 +32,7 @@ from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.session import plan_mode, plan_work
 from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session.exercise import Exercise
 from twin.ui.session.plan_work import Check, Checked, Clear, Found, Plan, Proven, Room
 
 ARM = "raven_left"
@@ -82,16 +83,14 @@ def quick(job):
 
 @pytest.fixture(scope="module")
 def dome(tmp_path_factory):
-    scene = dome_console(tmp_path_factory.mktemp("dome"))
-    return scene, *content(scene)
+    return load(dome_console(tmp_path_factory.mktemp("dome")))
 
 
 @pytest.fixture
 def console(dome, monkeypatch, tmp_path):
     """A console whose plans are made by the planner, in this process."""
     monkeypatch.setattr(plan_mode, "Stream", Here)
-    scene, robots, props = dome
-    made = Operator(LiveConsole(scene, robots, session=tmp_path / "hands.session", props=props))
+    made = Operator(LiveConsole(dome, Exercise(session=tmp_path / "hands.session")))
     yield made
     made.console.close()
 
@@ -211,7 +210,7 @@ def test_a_target_in_the_dome_is_blocked_with_the_bodies_and_a_free_one_is_not(c
 
 
 def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(console, dome, monkeypatch):
-    scene, _, props = dome
+    scene, props = dome.scene, dome.props
     q0 = console.q
     lifted(console)
     goal = console.target()
@@ -437,7 +436,7 @@ def test_what_cannot_be_asked_for_is_refused_with_the_way_out(console):
         console.ask("aim", client="another")
     console.ask("aim")
     console.wait(3)
-    with pytest.raises(TwinError, match=f"the target is where {ARM} is: move it away first"):
+    with pytest.raises(TwinError, match=f"the target is where {ARM} is: move the target away first"):
         console.ask("find")
     with pytest.raises(TwinError, match=f"a motion of {ARM} is being planned"):
         console.ask("aim", hand="right")
@@ -516,11 +515,11 @@ class Linked:
 def rehearsing(monkeypatch):
     """A console with two machines, whose models move alone."""
     monkeypatch.setattr(plan_mode, "Stream", lambda *_, **__: Here(quick))
-    scene = twin.load_scene("raven")
-    robots, props = content(scene)
-    machines = SimpleNamespace(parts={n: machine_parts(robots[n]) for n in (ARM, "raven_right")}, close=lambda: None)
+    raven = load(twin.load_scene("raven"))
+    parts = {n: machine_parts(raven.robots[n]) for n in (ARM, "raven_right")}
+    machines = SimpleNamespace(parts=parts, close=lambda: None)
     machines.links = {n: Linked(parts.home) for n, parts in machines.parts.items()}
-    made = Operator(LiveConsole(scene, robots, props=props, machines=machines))
+    made = Operator(LiveConsole(replace(raven, machines=machines)))
     made.console.train("me", Mode.REHEARSE)
     made.wait(4)
     yield made
@@ -551,8 +550,7 @@ def test_in_a_rehearsal_the_models_follow_a_plan_and_the_machines_stay(rehearsin
 
 def test_pages_get_ghost_motion_and_clearance_and_a_new_page_gets_all_of_them(dome, monkeypatch):
     monkeypatch.setattr(plan_mode, "Stream", Here)
-    scene, robots, props = dome
-    op = Operation(scene, robots, props=props)
+    op = Operation(dome)
     documents, bodies = [], len(op.members[ARM].mechanism.bodies)
     op.send = documents.append
     client = Operator(op)
@@ -696,7 +694,7 @@ def room(scene, number=1):
 
 
 def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
-    scene = dome[0]
+    scene = dome.scene
     start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
     pieces = list(plan_work.work(Plan(room(scene), start, above(), 0.06, 45 * DEG)))
     kinds = [type(p) for p in pieces]
@@ -714,7 +712,9 @@ def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
 
 
 def test_the_work_says_why_a_configuration_is_not_free(dome):
-    (checked,) = plan_work.work(Check(room(dome[0]), np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)))
+    (checked,) = plan_work.work(
+        Check(room(dome.scene), np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0))
+    )
     assert isinstance(checked, Checked)
     assert checked.why == "shaft and props/dome collide (required: 2 mm apart)"
 
@@ -722,7 +722,7 @@ def test_the_work_says_why_a_configuration_is_not_free(dome):
 def test_from_a_start_in_the_dome_the_arm_is_to_be_moved_and_not_the_target(dome):
     inside = np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
     with pytest.raises(TwinError, match=r"at its start, .* move the arm, or another arm that is in the way"):
-        list(plan_work.work(Plan(room(dome[0]), inside, above(), 0.06, 45 * DEG)))
+        list(plan_work.work(Plan(room(dome.scene), inside, above(), 0.06, 45 * DEG)))
 
 
 def test_a_plan_that_is_no_longer_wanted_ends_at_once(dome, monkeypatch):
@@ -740,7 +740,7 @@ def test_a_plan_that_is_no_longer_wanted_ends_at_once(dome, monkeypatch):
 
     monkeypatch.setattr("twin.planning.around.around", endless)
     start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
-    asked = Plan(room(dome[0]), start, above(), 0.06, 45 * DEG)
+    asked = Plan(room(dome.scene), start, above(), 0.06, 45 * DEG)
     plan_work.work(asked).close()  # before its first piece
     assert not begun
     job = plan_work.work(asked)

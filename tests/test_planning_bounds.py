@@ -175,7 +175,7 @@ def test_bounds_of_every_robot_hold_at_random_configurations(name):
     states, which = np.divmod(np.arange(len(X) * len(pairs)), max(len(pairs), 1))
     gaps = pairs.gaps(poses, states, which)
     states, which, gaps = (a[gaps < 20 * MM] for a in (states, which, gaps))
-    low, high = pairs.bounds(poses, states, which, np.full(len(which), 20 * MM))
+    low, high = pairs.bounds.at(poses, states, which, np.full(len(which), 20 * MM))
     for k, pair, least, most, gap in list(zip(states, which, low, high, gaps, strict=True))[:60]:
         a, b = pairs.rows[pair]
         true = exact(pairs.shapes[a], pairs.shapes[b], poses[k, a], poses[k, b])

@@ -21,7 +21,7 @@ from twin.core.units import MM
 from twin.model.scene import load_scene
 from twin.model.surface import nearest, volume
 from twin.model.vessel import Vessel
-from twin.simulation import operating_scene, procedure_scene
+from twin.simulation import procedure_scene
 from twin.simulation.devices.procedure_surgeon import Manner
 from twin.simulation.plants.tissue import Organs, Sight, Tool
 from twin.simulation.plants.tissue.tubes import Held, Tube
@@ -284,8 +284,7 @@ def signals(vsrs, **changes):
         given = np.broadcast_to(np.asarray(value, float), rows[name].shape)
         rows[name] = np.where(late, given, rows[name]) if name.endswith(".on") else given
     kept = Recording(0.1, {n: r.shape[1] for n, r in rows.items()}, np.concatenate([*rows.values()], axis=1))
-    ports = [operating_scene.port_of(x) for x in operating_scene.robots_of(vsrs, p)]
-    return procedure_checks.measure(kept, p, gallbladder, vsrs.vessels, ports)
+    return procedure_checks.measure(kept, vsrs, p, gallbladder)
 
 
 def failed(measures):
@@ -325,8 +324,8 @@ def test_each_fault_fails_its_check(vsrs, changes, checks):
     [
         ({}, False, "All stages are done"),
         ({}, True, "The replay gives different bytes"),
-        ({"cystic_duct__cut": 0, "gallbladder__freed": 0}, False, "Not finished: 5 of 7 checks are passed"),
-        ({"liver__depth": 0.009}, False, "1 of 7 checks is failed"),
+        ({"cystic_duct__cut": 0, "gallbladder__freed": 0}, False, "Not finished: 5 of 7 checks passed"),
+        ({"liver__depth": 0.009}, False, "1 of 7 checks failed"),
     ],
 )
 def test_report_is_headed_by_what_was_done(vsrs, changes, differs, word):
@@ -367,10 +366,7 @@ class Room:
         """Step until a stage is over."""
         while not self.world.ended and self.world.signals["surgeon.stage"][0] <= stage:
             assert np.isfinite(self.step(125)).all()
-        ports = [operating_scene.port_of(p) for p in operating_scene.robots_of(self.scene, self.task.procedure)]
-        return procedure_checks.measure(
-            self.keep.recording(), self.task.procedure, self.organ, self.scene.vessels, ports
-        )
+        return procedure_checks.measure(self.keep.recording(), self.scene, self.task.procedure, self.organ)
 
 
 def test_surgeon_grasps_and_lifts_the_gallbladder(vsrs):

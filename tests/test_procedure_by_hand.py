@@ -10,12 +10,13 @@ from made import organs as made
 from twin.api.procedure import replay_procedure
 from twin.cli import scene as scenes
 from twin.core import spatial
-from twin.simulation import console_scene, operating_scene
+from twin.simulation import console_scene
 from twin.simulation.controllers.tool_grip import HALF, GripToTool
 from twin.simulation.devices.given import HandState
 from twin.simulation.session.procedure_guide import ProcedureGuide
 from twin.simulation.world import Block, World
 from twin.ui.session.console import LiveConsole
+from twin.ui.session.exercise import Exercise
 
 OPEN = 2 * HALF
 
@@ -64,10 +65,8 @@ class Told:
 
     def __init__(self, scene):
         p, organ = scene.tasks["cholecystectomy"].procedure, made.abdomen()[1]
-        ports = [operating_scene.port_of(x) for x in operating_scene.robots_of(scene, p)]
         clips = [f"clip_{k}.on" for k in range(1, 7)]
-        hands = {n: hand for hand in ("right", "left") for n in getattr(scene.console, hand)}
-        self.guide = ProcedureGuide(p, organ, scene.vessels, ports, clips, 0.016, scene.tools, hands)
+        self.guide = ProcedureGuide(scene, p, organ, clips, 0.016)
         names = [*scene.tools]
         self.now = {f"{r}.{what}": np.zeros(3) for r in p.start for what in ("tip", "pull", "lifted")}
         self.now |= {f"{r}.{what}": np.full(1, v) for r in p.start for what, v in (("slipped", 0.0), ("holds", -1.0))}
@@ -152,9 +151,8 @@ def test_mistake_is_shown_at_once_as_a_failed_check(vsrs, changes, failed, event
 
 @pytest.mark.slow
 def test_session_by_hand_is_replayed_with_the_same_bytes_and_judged(tmp_path, vsrs):
-    robots, props = scenes.content(vsrs)
-    more = {"task": vsrs.tasks["cholecystectomy"], "props": props, "organs": scenes.tissues(vsrs)}
-    live = LiveConsole(vsrs, robots, session=tmp_path / "hands.session", **more)
+    task = vsrs.tasks["cholecystectomy"]
+    live = LiveConsole(scenes.with_organs(scenes.load(vsrs), task), Exercise(task, tmp_path / "hands.session"))
     assert live.reading["hands"]["right"]["tool"] == "clip_applier"
     for k in range(60):
         pose = spatial.pose(spatial.rotation_z(0.1 * (k > 2)), [1e-4 * k, 0, -2e-4 * k])

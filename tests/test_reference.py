@@ -682,6 +682,14 @@ def test_a_robot_with_freedoms_to_spare_takes_a_pose_from_where_it_is(rng):
     assert np.abs(moved.q - q).max() < 5e-3
 
 
+def test_a_pose_out_of_reach_is_refused_with_the_distance_of_the_tool_from_it():
+    z = [Joint(n, "revolute", a, b, spatial.pose(p=[0.2, 0, 0]), active=True) for n, a, b in
+         (("a", "base", "k"), ("b", "k", "l"), ("c", "l", "m"), ("d", "m", "n"))]  # fmt: skip
+    planar = ReferenceModel(mechanism(*z, tool="n", T_tool=spatial.pose(p=[0.2, 0, 0])))
+    with pytest.raises(AssemblyError, match=r"out of reach, largest loop gap 0 mm, tool 50 mm from its target"):
+        planar.run_poses(spatial.pose(p=[1.05, 0, 0])[None], near=np.zeros((1, 4)))
+
+
 def test_a_weld_that_is_upside_down_is_not_closed():
     """The sine of half a turn is zero, but nobody would call such a joint assembled."""
     half = spatial.pose(np.diag([1.0, -1.0, -1.0]))

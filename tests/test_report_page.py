@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
 
 from made import reports
@@ -17,20 +15,13 @@ WIDER = """[...document.querySelectorAll("body *")]
 
 
 @pytest.fixture(scope="module", params=["agree", "disagree"])
-def page(request, tmp_path_factory):
-    from playwright.sync_api import sync_playwright
-
-    program = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
-    if program is None:
-        pytest.skip("NO CHROMIUM: the report is not looked at. Install it (Debian: apt-get install chromium)")
+def page(request, browser, tmp_path_factory):
     file = tmp_path_factory.mktemp("report") / "report.html"
     file.write_text(render_html(reports.make_report(request.param, 250)), "utf-8")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        page = browser.new_page()
-        page.goto(file.as_uri())
-        yield page
-        browser.close()
+    page = browser.new_page()
+    page.goto(file.as_uri())
+    yield page
+    page.close()
 
 
 @pytest.mark.parametrize("width", [320, 390, 768, 1280])

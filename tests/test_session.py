@@ -17,7 +17,6 @@ import pytest
 
 import twin
 from made.scene_text import refused
-from twin.api.act import props_of, robots_at
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -35,6 +34,7 @@ from twin.simulation.session import run
 from twin.simulation.session.file import CHUNK, SessionWriter, read_session
 from twin.simulation.world import Signals
 from twin.ui.headset.operation import Operation
+from twin.ui.session.exercise import Exercise
 from twin.ui.session.timeline import RATE
 
 
@@ -44,13 +44,8 @@ def davinci():
 
 
 @pytest.fixture(scope="module")
-def robots(davinci):
-    return robots_at(davinci.places)
-
-
-@pytest.fixture(scope="module")
-def members(robots):
-    return {n: run.Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+def members(theatre):
+    return {n: run.Member(r.mechanism, r.kinematics()) for n, r in theatre.robots.items()}
 
 
 @pytest.fixture(scope="module")
@@ -415,12 +410,12 @@ def guide(operation, seconds, begin=0):
 
 
 @pytest.fixture(scope="module")
-def person(davinci, robots, tmp_path_factory):
+def person(theatre, tmp_path_factory):
     """The file of a session of a person, through what `twin serve` runs."""
     path = tmp_path_factory.mktemp("person") / "hands.session"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("twin.ui.session.console._BUDGET", np.inf)
-        operation = Operation(davinci, robots, path, props=props_of(davinci))
+        operation = Operation(theatre, Exercise(session=path))
         operation.frame(0, 0.0)
         guide(operation, 1.1)
         operation.close()
@@ -443,11 +438,11 @@ def test_the_hands_of_a_person_replay_in_another_process(person):
     assert "folder" not in found
 
 
-def test_what_is_served_is_written_as_it_runs(davinci, robots, tmp_path, monkeypatch, caplog):
+def test_what_is_served_is_written_as_it_runs(bare_theatre, tmp_path, monkeypatch, caplog):
     monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
     monkeypatch.setattr(session_file, "CHUNK", 200)
     path = tmp_path / "hands.session"
-    operation = Operation(davinci, robots, path)
+    operation = Operation(bare_theatre, Exercise(session=path))
     operation.frame(0, 0.0)
     guide(operation, 0.3)
     found = read_session(tmp_path / "hands.session.part")  # the server is still running
@@ -465,10 +460,10 @@ def test_what_is_served_is_written_as_it_runs(davinci, robots, tmp_path, monkeyp
     assert len(read_session(tmp_path / "hands.session.part").device) == 200
 
 
-def test_a_session_ends_at_its_maximum(tmp_path, davinci, robots, monkeypatch, caplog):
+def test_a_session_ends_at_its_maximum(tmp_path, bare_theatre, monkeypatch, caplog):
     monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
     monkeypatch.setattr(session_file, "LONGEST", 0.1)
-    operation = Operation(davinci, robots, tmp_path / "a.session")
+    operation = Operation(bare_theatre, Exercise(session=tmp_path / "a.session"))
     operation.frame(0, 0.0)
     guide(operation, 0.3)
     operation.close()
@@ -499,12 +494,12 @@ def messages(path, topic):
 
 
 @pytest.mark.slow
-def test_mcap_has_the_poses_of_the_reference_model(exported, replayed, davinci, robots):
+def test_mcap_has_the_poses_of_the_reference_model(exported, replayed, davinci, theatre):
     """Read by the reader of the format's authors; every link in the world, without kinematics."""
     at = messages(exported / "session.mcap", "/tf")
     states = messages(exported / "session.mcap", "/joint_states")
     places = {p.name: p for p in davinci.places}
-    models = {n: ReferenceModel(r.mechanism) for n, r in robots.items()}
+    models = {n: ReferenceModel(r.mechanism) for n, r in theatre.robots.items()}
     worst, seen = 0.0, 0
     for k, ((kind, t, tf), (joint_kind, same, joints)) in enumerate(zip(at, states, strict=True)):
         assert (kind, joint_kind) == ("foxglove.FrameTransforms", "foxglove.JointStates")
@@ -516,7 +511,7 @@ def test_mcap_has_the_poses_of_the_reference_model(exported, replayed, davinci, 
         found = {x["child_frame_id"]: x for x in tf["transforms"]}
         assert {x["parent_frame_id"] for x in found.values()} == {"world"}
         for name, model in models.items():
-            own = np.array([q[f"{name}/{j.name}"] for j in robots[name].mechanism.active])
+            own = np.array([q[f"{name}/{j.name}"] for j in theatre.robots[name].mechanism.active])
             assert np.array_equal(own, replayed.ran.kept[f"{name}.q"][4 * k])
             for link, T in model.solve(own).link_poses.items():
                 x = found.pop(f"{name}/{link}")
@@ -524,7 +519,7 @@ def test_mcap_has_the_poses_of_the_reference_model(exported, replayed, davinci, 
                 off = spatial.pose(R, [x["translation"][c] for c in "xyz"]) - places[name].T_world_base @ T
                 worst, seen = max(worst, float(np.abs(off).max())), seen + 1
         assert not found
-    assert seen >= 2 * sum(len(r.mechanism.bodies) for r in robots.values())
+    assert seen >= 2 * sum(len(r.mechanism.bodies) for r in theatre.robots.values())
     assert worst < 1e-9
 
 

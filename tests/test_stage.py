@@ -353,7 +353,7 @@ def test_continuous_signs():
     ("change", "match"),
     [
         ({"times_s": np.zeros(31)}, "increasing"),
-        ({"times_s": np.arange(31) - 1.0}, "starts at 0 s"),
+        ({"times_s": np.arange(31) - 1.0}, "none below 0"),
         ({"link_poses": {"krank": np.zeros((31, 4, 4))}}, "Did you mean 'crank'"),
         ({"link_poses": {"crank": np.zeros((3, 4, 4))}}, r"not \(k, 4, 4\)"),
         (
@@ -681,6 +681,11 @@ def _bad_index(f):
     mesh.CreateFaceVertexIndicesAttr([0, 1, 7])
 
 
+def _negative_index(f):
+    _bad_index(f)
+    UsdGeom.Mesh(f.stage.GetPrimAtPath("/World/a/mesh")).GetFaceVertexIndicesAttr().Set([0, 1, -1])
+
+
 @pytest.mark.parametrize(
     ("spoil", "match"),
     [
@@ -692,8 +697,9 @@ def _bad_index(f):
         (_zero_quaternion, "/World/hinge: physics:localRot0: quaternion"),
         (_swapped_limits, "limits .* are not ordered"),
         (_two_fixed, r"fixed to the world \(/World/a, /World/b\)"),
-        (_two_robots, "2 robots, with /World/a, /World/c"),
-        (_bad_index, "/World/a/mesh: an index refers to vertex 7"),
+        (_two_robots, "2 robots, whose first bodies are /World/a, /World/c"),
+        (_bad_index, "/World/a/mesh: an index refers to vertex 7, but the mesh has 3"),
+        (_negative_index, "/World/a/mesh: an index refers to vertex -1, but the mesh has 3"),
     ],
     ids=lambda v: v.__name__.strip("_") if callable(v) else "",
 )

@@ -194,7 +194,7 @@ def test_measures_of_a_peg_board_are_the_papers():
 
 def test_sessions_that_cannot_be_compared_are_refused(four, tmp_path):
     other = session(tmp_path, "other", 80, task="pegboard")
-    with pytest.raises(DescriptionError, match=r"session of davinci, task pegboard: all must be of one task"):
+    with pytest.raises(DescriptionError, match=r"session of davinci, task pegboard: the tasks must be equal"):
         study_sessions({**four, "last": [other]})
     with pytest.raises(DescriptionError, match="give a second one to compare"):
         study_sessions({"first": four["first"]})

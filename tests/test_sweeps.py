@@ -237,6 +237,8 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
         (["--tilt-deg", "200"], "--tilt-deg 200: give degrees from 0 to 180"),
         (["--turns", "0"], "--turns 0: give at least 1"),
         (["--step-mm", "0.01"], "positions; the limit is 5e+07. Increase --step-mm"),
+        (["--count", "1e30"], "positions; the limit is 5e+07. Increase --step-mm or reduce --count"),
+        (["--step-mm", "5000"], "none of 1 positions, 5e+03 mm apart, is reached in a box of 607 x 628 x 385 mm"),
         (["--joints", "--scheduler", "local"], "--scheduler: joint samples run on this machine"),
         (["--count", "1.5"], "argument --count: 1.5 is not a whole number"),
         (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers at this address"),
@@ -453,7 +455,7 @@ def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
         (["--vary", "l_p=120..150mm", "--objective", "beauty"], "objective 'beauty'"),
         (["--vary", "l_p=120..150mm", "--objective", "tolerance"], "depends on the mechanism only"),
         (["--vary", "bar1:r12-s1=570..580mm", "--objective", "volume"], "a distance of the mechanism"),
-        (["--vary", "l_p=120..150mm", "--grid", "1"], "--grid: give at least 2 levels"),
+        (["--vary", "l_p=120..150mm", "--grid", "1"], "--grid 1: give at least 2"),
         (["--vary", "l_p=120..150mm", "--workers", "0"], "--workers 0: give at least 1"),
     ],
 )

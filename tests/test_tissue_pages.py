@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -129,14 +130,13 @@ class Pressed(OrganFeed):
 @pytest.mark.slow
 @pytest.mark.alone
 def test_two_pages_get_all_organs_at_60_hz_whole_and_in_time():
-    scene = api.load_scene("vsrs")
-    robots, props = scenes.content(scene)
     feed = Pressed()
+    loaded = replace(scenes.load(api.load_scene("vsrs")), feed=feed)
     count = sum(len(t.surface.vertices) for t in feed.rods.tissues)
     assert count >= 2000
 
     async def go():
-        show = lambda: served.of_scene(scene, robots, props, False, feed)  # noqa: E731
+        show = lambda: served.of_scene(loaded, False)  # noqa: E731
         async with serving(show, plans=False) as s, joined(s.port) as one, joined(s.port) as two:
             about = json.loads((await http(s.port, "GET /scene.json HTTP/1.1"))[2])
             assert [f["name"] for f in about["fields"]] == [t.name for t in feed.rods.tissues]

@@ -288,7 +288,7 @@ def test_hands_that_are_silent_for_long_stop_a_replay(desk):
     desk.set("pedals.silent", 1)
     desk.set("console.mode", 1)  # as the pedals say of silent hands
     assert desk.step(900)[0] == Phase.REPLAY
-    assert "the hands are silent" in text_of(desk.step(150))
+    assert "the hands were silent for 1 s" in text_of(desk.step(150))
 
 
 def test_a_fast_record_and_one_out_of_reach_are_judged_bad(desk):

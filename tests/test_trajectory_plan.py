@@ -370,6 +370,10 @@ def test_the_check_finds_every_seeded_defect(planned):
         found = [f for f in check(bad, protocol, SILS) if f.code == code]
         assert found, code
         assert found[0].severity in ("disagreement", "error")
+        if code.startswith(("limit.tip", "limit.rotation")):  # the phase sets these limits, not the robot
+            assert "[limits.insertion]" in found[0].suggestion
+        if code == "limit.speed":
+            assert "raise the limit of the robot" in found[0].suggestion
 
 
 def test_the_check_warns_near_a_singularity_and_fails_across(planned):

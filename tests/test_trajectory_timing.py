@@ -191,8 +191,8 @@ def test_phases_join_and_keep_the_rcm_on_the_shaft():
             (Insertion("in", 0.05), Retraction("out", 0.06)),
             "should end at depth 60.000 mm, but begins at 50.000",
         ),
-        ((Pivot("turn", "about", "enforced"),), "no RCM is registered yet"),
-        ((Insertion("in", 0.05), Pivot("m", "b", "monitored"), INSIDE[1]), "after a monitored pivot"),
+        ((Pivot("turn", "about", "enforced"),), "no RCM is registered yet; add an insertion before it"),
+        ((Insertion("in", 0.05), Pivot("m", "b", "monitored"), INSIDE[1]), "after a monitored pivot its shaft .* mm"),
     ],
 )
 def test_paths_that_make_no_sense_are_refused(phases, words):

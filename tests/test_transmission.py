@@ -479,9 +479,9 @@ def test_a_hand_stops_where_a_motor_is_at_its_limit(robot):
     desk = Desk(limited(robot, m1=(-30.0, 30.0)))
     moved = desk.move_joint(1, 2.4)
     assert not moved.good
-    assert "motor m1 is at its limits of -30 .. 30 rad" in moved.reason
+    assert "motor m1 is at a limit (-30 .. 30 rad)" in moved.reason
     moved = desk.move_joints(np.array([0, 2.4, 0, 0]))
-    assert "motor m1 is at its limits of -30 .. 30 rad, exceeded by 18 rad" in moved.reason
+    assert "motor m1 would exceed its limits of -30 .. 30 rad by 18 rad" in moved.reason
 
 
 # -- motors move joints in MuJoCo by the matrix --------------------------------------------------------

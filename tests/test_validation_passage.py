@@ -219,7 +219,7 @@ def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
     assert "26.6" in least
     assert "22.3" in least
     assert "skew" in facts["sweep: move the RCM"]
-    assert facts["sweep: other interpretations of the angles"].startswith("none respects the RCM")
+    assert facts["sweep: other interpretations of the angles"].startswith("none: every order and sign misses the RCM")
     assert codes(found) == {"rcm.fix"}
     assert len(found) == 2
 
@@ -241,7 +241,7 @@ def test_a_wrong_sign_of_an_angle_is_recognised(sils, printed):
     right = span.rcm + 40 * MM * (R @ trajectory.shaft_axis)
     wrong = replace(w, position=right, angles=w.angles * [1, -1, 1])
     other = replace(protocol, waypoints={**protocol.waypoints, "t": wrong})
-    assert "signs +, -, + respect the RCM" in consistent._readings(other, trajectory, span)
+    assert "signs +, -, +: the shaft passes through the RCM" in consistent._readings(other, trajectory, span)
 
 
 @pytest.mark.parametrize("seed", range(4))

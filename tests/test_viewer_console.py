@@ -11,16 +11,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import twin
-from made import headset_page
 from made.headset_page import until
-from twin.api.act import props_of, robots_at
 from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.units import DEG, MM
 from twin.simulation.controllers.camera import Drag, Dragging, hands
 from twin.ui.session import console
 from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session.exercise import Exercise
 from twin.ui.session.pens import IDLE, ROLL, Pens
 from twin.ui.viewer.console import ARROWS, ConsoleFront, hand_text, status
 from twin.ui.viewer.server import serve
@@ -29,21 +27,11 @@ ARMS = {"right": "psm1", "left": "psm2"}
 FRAME = 1 / 60
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return twin.load_scene("davinci")
-
-
-@pytest.fixture(scope="module")
-def robots(scene):
-    return robots_at(scene.places)
-
-
 class Desk:
     """A live console with the pens of a page, and the time that passes."""
 
-    def __init__(self, scene, robots):
-        self.live = LiveConsole(scene, robots)
+    def __init__(self, loaded):
+        self.live = LiveConsole(loaded)
         self.pens = Pens(self.live)
         self.live.advance(FRAME)
 
@@ -68,14 +56,14 @@ class Desk:
         """Drag the arrows of a hand by a way in m and a turn in rad, in the World."""
         T = self.live.tool(hand)
         to = spatial.pose(spatial.exp_so3(np.array(turn)) @ T[:3, :3], T[:3, 3] + way)
-        self.pens.lead(client, hand, T, to)
+        self.pens.move(client, hand, T, to)
         return to
 
 
 @pytest.fixture
-def desk(scene, robots, monkeypatch):
+def desk(bare_theatre, monkeypatch):
     monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
-    return Desk(scene, robots)
+    return Desk(bare_theatre)
 
 
 def moved(before, after):
@@ -262,8 +250,8 @@ def test_silence_and_a_world_that_fails_are_told(desk, monkeypatch):
 
 
 @contextmanager
-def fronted(scene, robots):
-    front = ConsoleFront("test", scene, robots, None, serve("test", "127.0.0.1", 0))
+def fronted(loaded):
+    front = ConsoleFront("test", loaded, serve("test", "127.0.0.1", 0))
     try:
         yield front
     finally:
@@ -271,8 +259,8 @@ def fronted(scene, robots):
 
 
 @pytest.fixture(scope="module")
-def front(scene, robots):
-    with pytest.MonkeyPatch.context() as patch, fronted(scene, robots) as front:
+def front(bare_theatre):
+    with pytest.MonkeyPatch.context() as patch, fronted(bare_theatre) as front:
         patch.setattr(console, "_BUDGET", np.inf)
         yield front
 
@@ -287,9 +275,9 @@ def go_on(front, until, seconds=20.0):
     raise AssertionError(status(front.console.reading))
 
 
-def test_the_scoreboard_of_a_task_its_end_and_a_restart(scene, robots):
-    task, server = scene.tasks["pegboard"], serve("test", "127.0.0.1", 0)
-    front = ConsoleFront("test", scene, robots, props_of(scene), server, task=task)
+def test_the_scoreboard_of_a_task_its_end_and_a_restart(theatre):
+    scene, server = theatre.scene, serve("test", "127.0.0.1", 0)
+    front = ConsoleFront("test", theatre, server, Exercise(scene.tasks["pegboard"]))
     try:
         score = front._score
         front.step()
@@ -315,7 +303,7 @@ def test_the_scoreboard_of_a_task_its_end_and_a_restart(scene, robots):
 def drag(front, hand, way, ended=True):
     T = front._at[hand].copy()
     T[:3, 3] += way
-    front.ask(hand, lambda: front._lead(hand, "page 1", T, ended))
+    front.ask(hand, lambda: front._move(hand, "page 1", T, ended))
     return T
 
 
@@ -379,13 +367,14 @@ def test_a_page_that_is_refused_is_told_once_and_its_arrows_go_back(front, monke
 # -- in Chromium ------------------------------------------------------------------------------------------------------
 
 
-def test_rings_move_on_the_page(scene, robots):
+def test_rings_move_on_the_page(theatre):
     """A ring that is set free beside the pegs falls to the floor; on its peg it counts."""
-    props, task = props_of(scene), scene.tasks["pegboard"]
+    scene = theatre.scene
     loose = replace(scene.objects[0], T_world_object=spatial.pose(p=np.array([0, 40, 910]) * MM))
     placed = replace(scene.objects[1], T_world_object=spatial.pose(p=np.array([-42, 40, 900]) * MM))
     changed = replace(scene, objects=(loose, placed, *scene.objects[2:]))
-    front = ConsoleFront("test", changed, robots, props, serve("test", "127.0.0.1", 0), task=task)
+    changed, exercise = replace(theatre, scene=changed), Exercise(scene.tasks["pegboard"])
+    front = ConsoleFront("test", changed, serve("test", "127.0.0.1", 0), exercise)
     try:
         node = front.nodes["ring1"].bodies["ring1"]
         go_on(front, lambda: abs(node.position[2] - 895.7 * MM) < 0.03 * MM)  # flat on the floor
@@ -397,19 +386,14 @@ def test_rings_move_on_the_page(scene, robots):
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    yield from headset_page.chromium()
-
-
-@pytest.fixture(scope="module")
-def look(chromium, scene, robots):
+def look(browser, bare_theatre):
     from test_viewer_page import Looker, without_shadows
 
-    front = without_shadows(ConsoleFront("twin · davinci", scene, robots, None, serve("davinci", "127.0.0.1", 0)))
+    front = without_shadows(ConsoleFront("twin · davinci", bare_theatre, serve("davinci", "127.0.0.1", 0)))
     thread = threading.Thread(target=front.run)
     thread.start()
     try:
-        look = Looker(chromium, front, width=900, height=760, tab=None)
+        look = Looker(browser, front, width=900, height=760, tab=None)
         yield look
         assert look.errors == []
     finally:
@@ -478,9 +462,9 @@ def test_a_motion_is_planned_and_made_on_the_page(look):
     until(lambda: mode.phase == "aim" and mode.ready, "the target")
     T = front._at["left"].copy()
     T[:3, 3] += 0.004 * front.console.view[:3, 0]
-    front.ask("left", lambda: front._lead("left", "page 1", T, True))
+    front.ask("left", lambda: front._move("left", "page 1", T, True))
     until(lambda: np.allclose(front.console.moved("left"), T, atol=1e-6), "the moved target")
-    page.get_by_text("Left hand: psm2 rests, its target follows").wait_for()
+    page.get_by_text("Left hand: psm2 is at rest; its target follows").wait_for()
     page.get_by_role("button", name="Plan a motion").click()
     page.get_by_text("Clearance of the motion").wait_for()
     page.get_by_text("proven 4.5 mm").wait_for()

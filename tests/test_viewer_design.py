@@ -101,7 +101,7 @@ def test_an_oblique_shift_opens_the_loop_by_its_part_along_the_axis(sils):
     [
         ("j9", "j1", 0.1, "there is no joint 'j9'"),
         ("j1", "j9", 0.1, "there is no joint 'j9'"),
-        ("j1", "j1", 0.1, "joints 'j1' and 'j1' are one, so they have no distance; 'j1' has a distance to: j2"),
+        ("j1", "j1", 0.1, "joints 'j1' and 'j1' are the same, so they have no distance; 'j1' has a distance to: j2"),
         ("j1", "j3", 0.1, "joints 'j1' and 'j3' share no body, so they have no distance; 'j1' has a distance to: j2"),
         ("j2", "j1", 0.0, "distance of 'j2' from 'j1' on 'upper': 0 mm is not possible; give a length above 0.001 mm"),
         ("j2", "j1", -0.3, "-300 mm is not possible"),

@@ -466,7 +466,7 @@ def test_a_joint_that_would_pass_another_on_its_rail_says_which(sils):
         other = sils.assembly.q[k]
         moved = to_the_end(lambda i=i, at=other: sils.move_joint(i, at + 5 * MM))
         assert not moved.good
-        assert f"must stay {least / MM:.3f} mm below {upper}" in moved.reason
+        assert f"must stay at least {least / MM:.3f} mm below {upper}" in moved.reason
         assert "open" not in moved.reason
         assert sils.assembly.q[k] == other
         assert sils.assembly.q[k] - sils.assembly.q[i] >= least - 1e-9

@@ -13,7 +13,6 @@ import pytest
 from PIL import Image
 
 import twin
-from made import headset_page
 from made.headset_page import WAIT, until
 from twin.core import spatial
 from twin.core.units import MM
@@ -36,11 +35,6 @@ def without_shadows(front):
     """Replace the light that casts shadows: three of four triangles are drawn for them only."""
     front.server.scene.add_light_directional("/light/key", intensity=1.7, position=(1.2, -0.9, 2.2))
     return front
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    yield from headset_page.chromium()
 
 
 @contextmanager
@@ -131,9 +125,9 @@ class Looker:
 
 
 @pytest.fixture(scope="module")
-def sils(chromium):
+def sils(browser):
     with shown("sils") as front:
-        look = Looker(chromium, front)
+        look = Looker(browser, front)
         front.ask("load", lambda: front.load(front.hand, "table2"))
         until(lambda: front.hand.playback is not None, "the plan", 120)
         yield look
@@ -427,16 +421,16 @@ def test_a_screenshot_and_a_section(sils):
 
 
 @pytest.mark.usefixtures("aside")
-def test_browsers_come_and_go(chromium, sils):
+def test_browsers_come_and_go(browser, sils):
     front = sils.front
-    other = Looker(chromium, front, 600, 400)
+    other = Looker(browser, front, 600, 400)
     assert len(other.clients) == 2
     other.page.close()
     until(lambda: len(sils.clients) == 1, "the closed tab")
     desk = still(sils)
     front.ask("joint", lambda: desk.move_joint(0, desk.assembly.q[0] + 1 * MM))
     until(lambda: not front._wishes, "the wish")
-    third = Looker(chromium, front, 600, 400)  # sees the present pose, not the first one
+    third = Looker(browser, front, 600, 400)  # sees the present pose, not the first one
     third.page.close()
 
 
@@ -452,7 +446,7 @@ def test_a_turntable_is_a_moving_picture(sils, monkeypatch):
 
 
 @pytest.mark.usefixtures("aside")
-def test_a_recording_plays_without_python(chromium, tmp_path):
+def test_a_recording_plays_without_python(browser, tmp_path):
     with shown("hibou") as front:
         front.ask("load", lambda: front.load(front.hand, None))
         until(lambda: front.hand.playback is not None, "the plan", 120)
@@ -461,7 +455,7 @@ def test_a_recording_plays_without_python(chromium, tmp_path):
         until(lambda: bool(done), "the recording", 120)
     path = Path(tmp_path) / "hibou.html"
     path.write_text(done[0], encoding="utf-8")
-    page = chromium.new_page(viewport={"width": 400, "height": 300})
+    page = browser.new_page(viewport={"width": 400, "height": 300})
     page.set_default_timeout(1000 * WAIT)
     page.context.set_offline(True)
     page.goto(path.as_uri())
@@ -513,14 +507,14 @@ KNOCK = """async ([where, protocol]) => await new Promise(done => {
 
 
 @pytest.mark.usefixtures("aside")
-def test_another_site_in_the_same_browser_stays_outside(chromium, sils):
+def test_another_site_in_the_same_browser_stays_outside(browser, sils):
     """The attack as it is done: a page from elsewhere, opened while the robot is shown."""
     import viser
 
     port, protocol = sils.front.server.get_port(), f"viser-v{viser.__version__}"
     clients = len(sils.clients)
     with somebody_else() as (site, _):
-        page = chromium.new_page()
+        page = browser.new_page()
         page.goto(site)
         assert page.evaluate(KNOCK, [f"ws://127.0.0.1:{port}/", protocol]) == "refused"
         assert page.evaluate(KNOCK, [f"ws://localhost:{port}/", protocol]) == "refused"
@@ -534,7 +528,7 @@ def test_another_site_in_the_same_browser_stays_outside(chromium, sils):
 
 @pytest.mark.usefixtures("aside")
 @pytest.mark.parametrize("query", ["?websocket={ws}", "?playbackPath={http}/scene.viser"])
-def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, query, monkeypatch):
+def test_a_link_to_our_page_lets_no_other_server_write_into_it(browser, query, monkeypatch):
     """viser's page connects with any server that its address names; without our policy it does."""
     from twin.ui.viewer import server as servers
 
@@ -543,7 +537,7 @@ def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, query, 
         server = servers.serve("link", "127.0.0.1", 0)
         try:
             with somebody_else() as (site, asked):
-                page = chromium.new_page(viewport={"width": 300, "height": 200})
+                page = browser.new_page(viewport={"width": 300, "height": 200})
                 named = query.format(ws=site.replace("http", "ws"), http=site)
                 start = time.monotonic()
                 page.goto(f"http://127.0.0.1:{server.get_port()}/{named}")
@@ -563,7 +557,7 @@ def test_a_link_to_our_page_lets_no_other_server_write_into_it(chromium, query, 
 
 
 @pytest.mark.usefixtures("aside")
-def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(chromium):
+def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(browser):
     from twin.ui.door.gate import Gate
     from twin.ui.viewer.front import Actor
     from twin.ui.viewer.page import open_page
@@ -575,7 +569,7 @@ def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(chromium):
     thread = threading.Thread(target=front.run)
     thread.start()
     try:
-        context = chromium.new_context(viewport={"width": 1100, "height": 720})
+        context = browser.new_context(viewport={"width": 1100, "height": 720})
         page = context.new_page()
         page.add_init_script(CALM)
         page.set_default_timeout(1000 * WAIT)

@@ -10,7 +10,7 @@ import pytest
 
 from made.dome_console import dome_console
 from test_plan_mode import Here
-from twin.cli.scene import content
+from twin.cli.scene import load
 from twin.core.units import MM
 from twin.ui.session import console, plan_view
 from twin.ui.session.plan_mode import Preview
@@ -26,8 +26,7 @@ LOW = 0.02
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    made = dome_console(tmp_path_factory.mktemp("dome"))
-    return made, *content(made)
+    return load(dome_console(tmp_path_factory.mktemp("dome")))
 
 
 class Planner:
@@ -67,7 +66,7 @@ def plan_here(console, arm):
 def opened(scene):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(console, "_BUDGET", np.inf)
-        front = ConsoleFront("test", *scene, serve("test", "127.0.0.1", 0))
+        front = ConsoleFront("test", scene, serve("test", "127.0.0.1", 0))
         plan_here(front.console, ARM)
         try:
             yield front
@@ -115,7 +114,7 @@ def aim(front, way):
         go_on(front, lambda: np.allclose(front._at["left"], front.console.moved("left"), atol=1e-9))
     T = front._at["left"].copy()
     T[:3, 3] += way
-    front.ask("left", lambda: front._lead("left", "page 1", T, True))
+    front.ask("left", lambda: front._move("left", "page 1", T, True))
     go_on(front, lambda: np.allclose(front.console.moved("left"), T, atol=1e-6))
     go_on(front, lambda: front.console.planning.ready and not front.console.planning._checks)
     return T
@@ -150,7 +149,7 @@ def test_a_target_is_moved_by_the_arrows_and_the_arm_rests(front):
     for name, T_base_body in poses.items():
         np.testing.assert_allclose(seen[name], T_base_body[:3, 3], atol=1e-6)
     assert "Move the target of raven_left: it may pass through anything" in front._status.content
-    assert "Left hand: raven_left rests, its target follows" in front._status.content
+    assert "Left hand: raven_left is at rest; its target follows" in front._status.content
 
 
 def test_the_ghost_is_red_where_the_target_is_not_free(front):
@@ -224,14 +223,14 @@ def test_what_is_refused_is_told(front, monkeypatch):
     assert said == [("there is no plan to accept: press Plan, and move the target", True)]
     press(front, "Target")
     press(front, "Plan")
-    assert said[-1] == ("the target is where raven_left is: move it away first", True)
+    assert said[-1] == ("the target is where raven_left is: move the target away first", True)
 
 
 def test_a_target_stays_when_the_arm_had_not_reached_its_goal(scene):
     with opened(scene) as front:
         at = front._at["left"].copy()
         at[2, 3] -= 0.5
-        front.ask("left", lambda: front._lead("left", "page 1", at, True))
+        front.ask("left", lambda: front._move("left", "page 1", at, True))
         go_on(front, lambda: front.console.reading["hands"]["left"]["wall"])
         assert not np.allclose(front.console.goal("left"), front.console.tool("left"), atol=1e-6)
         T = aim(front, (0.0, 0.002, 0.003))

@@ -171,6 +171,13 @@ def test_installed_twin_runs_the_main_job_from_another_directory(venv, tmp_path)
     assert _files(venv) == before, "something was written into the environment"
 
 
+def test_installed_twin_explains_a_disagreement(venv, tmp_path):
+    told = _run(venv / "bin/twin", "explain", "sils", "--variant", "eq1=printed", "--json", cwd=tmp_path)
+    assert told.returncode == 1, told.stderr
+    assert "FutureWarning" not in told.stderr
+    assert "c_phi" in told.stdout
+
+
 def test_stage_in_the_wheel_is_current(venv, tmp_path):
     """The installed stage is used as it is; a stale one would be rebuilt on every call."""
     code = (

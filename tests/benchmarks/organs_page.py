@@ -20,6 +20,7 @@ import sys
 import time
 from collections import defaultdict
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +50,8 @@ async def serve() -> None:
 
     For each line of input, it prints the time in s and the number of steps that the organs have done.
     """
-    scene, feed = api.load_scene("vsrs"), Pressed()
-    robots, props = scenes.content(scene)
-    shown = served.of_scene(scene, robots, props, False, feed)
+    feed = Pressed()
+    shown = served.of_scene(replace(scenes.load(api.load_scene("vsrs")), feed=feed), False)
     streaming.PAGE.update(page_files(HERE / "twin/ui/headset/web/dist", shown.preload) | dict(shown.late))
     async with streaming.serving(lambda: shown, plans=False) as s:
         print(s.port, flush=True)

@@ -85,11 +85,11 @@ def alone(file: Path, goal: np.ndarray, plans: int) -> list[float]:
 
 def main(plans: int) -> None:
     """Print medians and largest values."""
-    from twin.cli.scene import content
+    from twin.cli.scene import load
 
     with tempfile.TemporaryDirectory() as folder:
         scene = dome_console(Path(folder))
-        robots, _ = content(scene)
+        robots = load(scene).robots
         kin = robots["raven_left"].kinematics()
         T = kin.forward(START)  # the hand moves the target, and does not turn it
         T[:3, 3] = kin.forward(np.append([x * (MM if i == 2 else DEG) for i, x in enumerate(ABOVE)], 0.0))[:3, 3]

@@ -1,4 +1,4 @@
-"""A block that a test steps without a World."""
+"""Run one block of a World alone."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from twin.simulation.world import Signals
 
 
 class Alone:
-    """A block and the signals that it reads, which the test gives in each step."""
+    """A block without its World; the test sets the signals that the block reads."""
 
     def __init__(self, block, **first):
-        """Attach the block; `first` has all signals that it reads, by name with `__` for the dot."""
+        """Attach the block; `first` has the initial values of all signals that it reads, by name with `__` for `.`."""
         given = {name.replace("__", "."): value for name, value in first.items()}
         self.block, self.signals = block, Signals({**given, **block.outputs})
         self.memory = {name: self.signals.view(name) for name in block.outputs}
         block.attach(self.signals, self.memory)
 
     def step(self, t=0.0, dt=1e-3, **given):
-        """Give signals, make one step; return the outputs by name."""
+        """Set the given signals, make one step of `dt` s at time `t` in s, and return the outputs by name."""
         for name, value in given.items():
             self.signals.view(name.replace("__", "."))[...] = value
         for name, value in (self.block.step(self.signals, t, dt) or {}).items():

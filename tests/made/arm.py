@@ -1,4 +1,4 @@
-"""A planar arm of boxes among posts, with exact distances along its motion that share nothing with `twin`."""
+"""A planar arm of boxes among posts, and its exact distances, computed without code of `twin`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LINK, SIZE = 0.2, np.array([0.18, 0.03, 0.03])
 
 
 def arm(count=3):
-    """Return a planar arm of boxes that turn about z, each at the end of the one before."""
+    """Return a planar arm: a chain of boxes whose joints turn about z."""
     bodies = [Body("base")]
     joints = []
     for i in range(count):
@@ -37,7 +37,7 @@ def arm(count=3):
 
 
 def post(x, y, size=0.06, touches=frozenset()):
-    """Return a square post."""
+    """Return a square post at (x, y) in m as an obstacle."""
     return Still(
         "room/post", Body("post", (box("post", [0, 0, 0], [size, size, 0.2]),)), spatial.pose(p=[x, y, 0]), touches
     )
@@ -48,7 +48,7 @@ def space_of(mechanism, *stills, clearance=CLEARANCE, **more):
 
 
 def clearances(q, stills):
-    """Return the minimum distance (k,) along q (k, n) of the arm: trigonometry and boxes, no mesh and no tree."""
+    """Return the minimum distance (k,) in m at joint values q (k, n) in rad, by trigonometry and coal's boxes."""
     ends = np.cumsum(q, axis=1)
     out = []
     for angles in ends:

@@ -1,8 +1,8 @@
-"""What an outsider seeded in exports when the audit saw poses only, and the seeds of ours that seed the same.
+"""Defects that an external reviewer seeded in exports when the audit checked poses only, and our equivalent seeds.
 
-His 84 defects were 27 that passed without proof.json, and 57 that were found. Those that passed were named one by one,
-with the numbers that stand here; of those that were found he named the kinds: pose, time, unit, sign, name, winding,
-files cut off. Each kind is seeded here in every format that has it.
+Of his 84 defects, 27 passed without proof.json, and 57 were found. He listed each defect that passed, with the numbers
+used here. For the found defects, he listed only their kinds: pose, time, unit, sign, name, winding, truncated files.
+Each kind is seeded here in every format that has it.
 """
 
 PASSED = {
@@ -35,7 +35,7 @@ PASSED = {
     "a golden vector": ("golden vectors: point_robot", "golden vectors: world_gltfast", "golden vectors: stream"),
     "OBJ: a vertex moved by 3 mm": ("OBJ: vertex 3 mm",),
 }
-"""Passed as AGREE without proof.json, also with --robot. 25 kinds; some he seeded in two formats."""
+"""Kinds of defects that passed as AGREE without proof.json, also with --robot; some were seeded in two formats."""
 
 FOUND = {
     "pose: a key": (
@@ -113,4 +113,7 @@ FOUND = {
         *("USD: cut off", "usdz_cut_off", "GLB: cut off", "MJCF: cut off", "URDF: cut off", "CSV: row cut off"),
     ),
 }
-"""Found already then, by kind and format. Signs in a GLB are a warning: glTF says that players turn the short way."""
+"""Defects that this audit already found, by kind and format.
+
+The sign of a quaternion in a GLB is only a warning, because glTF requires the shorter rotation.
+"""

@@ -1,7 +1,7 @@
-"""Defects that are seeded in exports: each edits one format in one way, as a bug of a writer or a slip by hand would.
+"""Seeded defects of exports: each is one change of one format, like a bug of a writer or a manual mistake.
 
-A seed is a function of the bundle's folder that returns False where the robot has nothing of the kind. The cause is
-right when a finding names the file that was edited, and a code or a word that belongs to the defect.
+An edit is a function of the bundle's folder; it returns False if the robot does not have the edited data. The audit
+finds the correct cause if a finding names the edited file, and a code or a word of the defect.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from made.glb_apart import Glb
 
 @dataclass(frozen=True)
 class Seed:
-    """One kind of defect: its name, the edit, files that may be blamed, and what must be said of them."""
+    """One kind of defect: its name, its edit, and patterns of its finding's place (`blamed`) and text (`says`)."""
 
     name: str
     edit: Callable[[Path], Any]
@@ -38,7 +38,7 @@ SEEDS: list[Seed] = []
 
 
 def seed(blamed: str, says: str):
-    """Add an edit to the list; `blamed` and `says` are patterns of a finding's place, and of its code and message."""
+    """Return a decorator that adds an edit to `SEEDS`; for `blamed` and `says` see `Seed`."""
 
     def add(edit):
         SEEDS.append(Seed(edit.__name__, edit, blamed, says))
@@ -74,7 +74,7 @@ def value(prim: Sdf.PrimSpec, name: str) -> Any:
 
 
 def usd_joints(choose, change):
-    """Return an edit of the first joint prim that is chosen."""
+    """Return an edit that applies `change` to the first joint prim for which `choose` is true."""
 
     def edit(folder):
         layer, name = layers(folder)
@@ -287,7 +287,7 @@ def usd_base_loose(folder):
 
 
 def geometry(folder, wanted):
-    """Return the geometry layer and its prims that are wanted."""
+    """Return (geometry layer, its prims for which `wanted` is true)."""
     layer, name = layers(folder, "geometry.usdc")
     found = []
     layer.Traverse(Sdf.Path(f"/{name}"), lambda p: found.append(p))
@@ -371,7 +371,7 @@ def usd_link_renamed(folder):
 
 
 def cut(path: Path, share: float = 0.6) -> None:
-    """Leave the first part of a file."""
+    """Truncate a file to a fraction of its bytes."""
     data = path.read_bytes()
     path.unlink()
     path.write_bytes(data[: int(share * len(data))])
@@ -388,7 +388,7 @@ for kind, edit, says in (
 
 
 def baked(change):
-    """Return an edit of the time samples that a stage plays: (layer, moving links, codes in order) -> None."""
+    """Return an edit of a stage's baked motion by `change`: (layer, moving links, sorted time codes) -> None."""
 
     def edit(folder):
         name = next(iter(sorted((folder / "usd/motion").glob("*.usdc")))).relative_to(folder / "usd").as_posix()
@@ -554,7 +554,7 @@ def usdz_cut_off(folder):
 
 
 def xml(suffix: str, change):
-    """Return an edit of every file of a suffix in the root folder by a change of its tree."""
+    """Return an edit that applies `change` to the XML tree of every file with a suffix in the bundle's folder."""
 
     def edit(folder):
         done = False
@@ -575,7 +575,7 @@ def parent_of(root, element):
 
 
 def renamed_everywhere(kind: str):
-    """Return a change of the name of the last element of a kind that has a shape, and of whatever refers to it."""
+    """Return a change of the name of the last element of a kind with a shape, and of all references to this name."""
 
     def change(root):
         old = [e.get("name") for e in root.iter(kind) if e.find("visual") is not None or e.find("geom") is not None][-1]
@@ -620,7 +620,7 @@ def every(path: str, name: str, new):
 
 
 def row(change):
-    """Return a function of text that changes a row of numbers."""
+    """Return a function from text to text that applies `change` to the numbers in it."""
     return lambda text: " ".join(f"{v:.12g}" for v in change(np.array(text.split(), float)))
 
 
@@ -644,7 +644,7 @@ def plus(*offset: float):
 
 
 def mjcf_gains(kp: float = 1.0, kv: float = 1.0, count: int | None = 1):
-    """Change the gains of position drives: force = kp (target - q) - kv q', as gainprm and biasprm."""
+    """Return a change of the gains (gainprm, biasprm) of position drives: force = kp (target - q) - kv q'."""
 
     def change(root):
         found = root.findall("actuator/general")[:count]
@@ -762,7 +762,7 @@ def urdf_parent(root):
 
 
 def known_bound(name: str, factor: float):
-    """Return a change of the first bound that is one: URDF wants numbers where nobody knows any."""
+    """Return a change of the first real bound; a bound of 1e5 or more is the writer's value for "unknown"."""
 
     def change(root):
         known = next((e for e in root.findall("joint/limit") if float(e.get(name)) < 1e5), None)
@@ -792,7 +792,7 @@ def inertial_removed(root):
 
 
 def weighed(tag: str, name: str, new):
-    """Return a change of an <inertial> of the last link that has a shape."""
+    """Return a change of an attribute in the <inertial> of the last link with a shape."""
 
     def change(root):
         link = next(e for e in reversed(root.findall("link")) if e.find("visual") is not None)
@@ -837,7 +837,7 @@ for kind, change, says in (
 
 
 def track(change):
-    """Return an edit of every track, and of the same entries in the head of its table."""
+    """Return an edit that applies `change` to every track, and to the same entries in the header of its CSV file."""
 
     def edit(folder):
         done = False
@@ -927,7 +927,7 @@ def cut_assumed(data):
 
 
 def of_poses(new):
-    """Return a change of the poses (frames, links, 7) of a track, which `new` edits in place."""
+    """Return a change of the poses (frames, links, 7) of a track; `new` edits them in place or returns new ones."""
 
     def change(data):
         rows = np.reshape(data["poses"], (data["frames"], -1, 7)).astype(float)
@@ -1197,7 +1197,7 @@ for kind, change, says in (
         file = next(folder.glob("*.glb"))
         glb = Glb(file.read_bytes())
         change(glb)
-        file.unlink()  # it may be a second name of the good one
+        file.unlink()  # the copy may be a hard link to the correct file
         file.write_bytes(glb.bytes())
 
     SEEDS.append(Seed(f"GLB: {kind}", _edit, r"\.glb", says))
@@ -1368,9 +1368,9 @@ for key, change in (
 
 
 def slim(folder: Path, name: str) -> None:
-    """Take away what has no part in finding a seed: the other files are read once more for nothing.
+    """Delete the files that are not needed to find the seed with this name, to save time.
 
-    proof.json always goes: its hashes find every change, without a cause.
+    proof.json is always deleted, because its hashes reveal every change, without the cause.
     """
     (folder / "proof.json").unlink(missing_ok=True)
     if name.startswith("README"):
@@ -1398,7 +1398,7 @@ def slim(folder: Path, name: str) -> None:
 
 
 def found(report, one: Seed) -> bool:
-    """Return whether a report names the right cause; of two that contradict each other both may be named."""
+    """Return whether a report names the correct cause; if two files contradict each other, it may name both."""
     for f in report.findings:
         place = f.where + (f.message if "One of the two" in f.message else "")
         told = f"{f.code} {f.message} {f.where}"
@@ -1408,7 +1408,7 @@ def found(report, one: Seed) -> bool:
 
 
 def copied(bundle: Path, target: Path, one: Seed) -> bool:
-    """Copy a bundle and spoil it; return whether there was something to spoil."""
+    """Copy a bundle and apply a seed to the copy; return whether the bundle has the edited data."""
     shutil.rmtree(target, ignore_errors=True)
     shutil.copytree(bundle, target, copy_function=os.link)
     slim(target, one.name)

@@ -1,6 +1,6 @@
-"""Small files that would cost hours or gigabytes, each with the command that reads it and a word of its limit.
+"""Small files that would need hours or gigabytes without limits, each with the command that reads it.
 
-Every one is made in a folder; its name says what it does.
+The name of each function describes its file.
 """
 
 from __future__ import annotations
@@ -19,7 +19,13 @@ MODEL = "3D/3dmodel.model"
 
 @dataclass(frozen=True)
 class Bomb:
-    """Makes files in a folder and returns the one to name; `argv` holds {file} and {folder}; the message `says`."""
+    """A file that a command must refuse.
+
+    Attributes:
+        make: function that writes files to a folder and returns the file for the command.
+        argv: arguments of `twin`, with the placeholders {file} and {folder}.
+        says: part of the error message.
+    """
 
     make: Callable[[Path], Path]
     argv: tuple[str, ...]
@@ -47,7 +53,7 @@ def _write(path: Path, content: str | bytes) -> Path:
 
 
 def _robot_of(folder: Path, mesh: str) -> Path:
-    """A URDF of two links, one with a mesh."""
+    """Write a URDF with two links, one with the given mesh file; return its path."""
     joint = '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
     shape = f'<visual><geometry><mesh filename="{mesh}"/></geometry></visual>'
     joint += '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
@@ -86,7 +92,7 @@ def _doubled(levels: int, times: int) -> bytes:
     )
 
 
-# ------------------------------------------------------------------------------------------ the outsider's
+# ------------------------------------------------------------------------------------------ of a reviewer
 
 
 @bomb(NEW, "depth of its objects")
@@ -152,7 +158,7 @@ def urdf_in_utf_16_with_entities_audited(folder: Path) -> Path:
     return _write(folder / "r.urdf", ENTITIES.format("utf-16").encode("utf-16"))
 
 
-# ---------------------------------------------------------------------------------------------- ours
+# ------------------------------------------------------------------------------------------ our own
 
 
 @bomb(NEW, "vertices and triangles in its objects")
@@ -162,7 +168,7 @@ def threemf_of_few_levels_and_many_copies(folder: Path) -> Path:
 
 @bomb(NEW, "degrees of freedom")
 def urdf_chain_of_400_joints(folder: Path) -> Path:
-    """Read at once, but the memory of its dynamics grows with the cube."""
+    """Write a chain that is read quickly; but the memory for its dynamics grows with the cube of the joint count."""
     return _chain(folder, 400)
 
 
@@ -209,7 +215,7 @@ def ply_that_states_4_000_000_000_rows(folder: Path) -> Path:
 
 @bomb(NEW, "USD parser")
 def usda_whose_references_multiply(folder: Path) -> Path:
-    """Each file refers ten times to the next: a million prims out of eight small files."""
+    """Write eight small files, each with ten references to the next: more than a million prims."""
     for level in range(8):
         below = "".join(f'def "p{i}" (references = @{level + 1}.usda@</a>) {{}}\n' for i in range(10))
         _write(
@@ -328,9 +334,9 @@ def mjcf_with_a_texture_of_40_000_by_40_000(folder: Path) -> Path:
 
 
 def step_doubled(levels: int) -> str:
-    """A STEP whose assemblies hold the one before twice; the first is the crank's."""
+    """Return the text of a STEP file in which each assembly contains the previous one twice; the first is the crank."""
     text = (ROOT / "tests/data/cad/crank.step").read_text("latin-1")
-    rows, below, shape = [], 5, 10  # its product definition and its shape
+    rows, below, shape = [], 5, 10  # product definition and shape of the previous level
     for level in range(levels):
         n = 100_000 + 100 * level
         rows += [

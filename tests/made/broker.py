@@ -1,4 +1,4 @@
-"""An MQTT broker that nobody here wrote, mosquitto, on a free port of this machine."""
+"""An external MQTT broker, mosquitto, on a free port of this machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ import pytest
 
 
 def program():
-    """Return the path of the broker; without one skip loudly, or fail where it is required."""
+    """Return the path of the broker.
+
+    If it is missing, skip the test with a message, or fail if the environment variable TWIN_WITNESS_REQUIRED is set.
+    """
     found = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
     if found is None:
         text = "mosquitto is not installed: apt-get install mosquitto"
@@ -23,7 +26,7 @@ def program():
 
 
 class Broker:
-    """The broker; `start` and `stop` keep the port."""
+    """The broker; its port is the same after `stop` and `start`."""
 
     def __init__(self):
         self.program = program()
@@ -33,8 +36,8 @@ class Broker:
         self.process = None
 
     def start(self):
-        """Begin without anything that was retained."""
-        # With -p alone, it serves this machine alone, without passwords.
+        """Start the broker without retained messages."""
+        # With only -p, mosquitto accepts connections from this machine only, without passwords.
         self.process = subprocess.Popen([self.program, "-p", str(self.port)], stderr=subprocess.DEVNULL)
         end = time.monotonic() + 20
         while True:

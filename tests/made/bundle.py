@@ -1,4 +1,4 @@
-"""A whole export of a small robot, with everything that an audit looks at."""
+"""A complete export of a small robot, with every format that an audit checks."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ PACKAGE = {
 
 
 def states_at(times):
-    """Return the closed form of the swing: poses by body and values by joint, at times in s."""
+    """Return (poses (4, 4) by body, values by joint) of the swing at each time in s, in closed form."""
     return [made.four_bar_state(made.CRANK_AT_REST + 0.45 * np.sin(np.pi * t)) for t in times]
 
 
 def between(times):
-    """Return what straight lines between keys cost halfway between them, from the closed form."""
+    """Return the errors of linear interpolation in the middle between keys, computed from the closed form."""
     from twin.exchange.write.clip import Between
 
     robot, keys, halfway = made.four_bar(), states_at(times), states_at((times[1:] + times[:-1]) / 2)
@@ -53,7 +53,7 @@ def between(times):
 
 
 def swing():
-    """Return a clip of the four-bar, 2 s at 20 Hz, from its closed form."""
+    """Return a clip of the four-bar linkage, 2 s at 20 Hz, from its closed form."""
     from twin.exchange.write.clip import Clip
 
     times = np.arange(41) / 20
@@ -74,7 +74,7 @@ def swing():
 
 
 def write_good(folder: Path) -> Path:
-    """Write the four-bar with its swing in every format, a Unity package and a proof; return the folder."""
+    """Write the four-bar linkage with its swing in every format, a Unity package and proof.json; return the folder."""
     from twin.exchange.write.glb import write_glb
     from twin.exchange.write.mjcf import write_mjcf
     from twin.exchange.write.tracks import write_tracks
@@ -105,7 +105,7 @@ def write_good(folder: Path) -> Path:
 
 
 def write_proof(folder: Path) -> None:
-    """Write proof.json over all files of a folder."""
+    """Write proof.json with the hashes of all files of a folder."""
     files = sorted(p for p in folder.rglob("*") if p.is_file() and p.name != "proof.json")
     rows = [
         {"file": p.relative_to(folder).as_posix(), "sha256": hashlib.sha256(p.read_bytes()).hexdigest()} for p in files
@@ -115,5 +115,5 @@ def write_proof(folder: Path) -> None:
 
 
 def grave(findings: list[Finding]) -> list[Finding]:
-    """Return the findings above info."""
+    """Return the findings more severe than info."""
     return [f for f in findings if f.severity != "info"]

@@ -1,4 +1,4 @@
-"""Random hands at the console of a scene whose instruments pass ports, and the distance of each shaft to its port."""
+"""Hands that a test moves at a scene's console, and the distance of each instrument's shaft from its port."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.simulation.devices.given import GivenHands, HandState
 
 
 class ByHand:
-    """A World at the start, with hands that the test moves."""
+    """A World of a scene at its start state, with hands that the test moves."""
 
     def __init__(self, scene, robots, fulcrum="compensated", scale=0.5):
         self.scene = scene
@@ -32,7 +32,7 @@ class ByHand:
         self.world.step(ticks)
 
     def begin(self):
-        """Roll both handles, so that the arms follow."""
+        """Roll both handles, which the arms require before they follow."""
         self.step()
         for hand in HANDS:
             self.R[hand] = spatial.rotation_z(0.1)
@@ -40,7 +40,7 @@ class ByHand:
             self.step()
 
     def move(self, hand, way, ticks=200):
-        """Move a hand by way (3,) in m, and wait until its tool is there."""
+        """Move a hand by `way` (3,) in m in `ticks` ticks, and wait until its tool has followed."""
         start = self.p[hand]
         for k in range(ticks):
             self.p[hand] = start + np.asarray(way) * (k + 1) / ticks
@@ -49,19 +49,19 @@ class ByHand:
             self.step()
 
     def tip(self, robot):
-        """Return the tip (3,) of a robot in the axes of the picture."""
+        """Return the position (3,) in m of a robot's tip, in the axes of the endoscope's picture."""
         T = self.places[robot].T_world_base @ self.members[robot].kin.forward(self.world.signals[f"{robot}.q"])
         view = self.world.signals[f"{self.scene.cameras[self.scene.console.camera].robot}.view"].reshape(4, 4)
         return view[:3, :3].T @ T[:3, 3]
 
     def shaft(self, robot):
-        """Return (direction (3,) from the port to the tip in the axes of the picture, distance in m)."""
+        """Return (direction (3,) from the port to the tip in the picture's axes, distance in m from port to tip)."""
         view = self.world.signals[f"{self.scene.cameras[self.scene.console.camera].robot}.view"].reshape(4, 4)
         way = self.tip(robot) - view[:3, :3].T @ next(iter(self.places[robot].p_world_ports.values()))
         return way / np.linalg.norm(way), float(np.linalg.norm(way))
 
     def off_port(self):
-        """Return the distance in m of each shaft to its port, from the mechanisms."""
+        """Return the distance in m of each shaft from its port, by robot, computed from the mechanisms' link poses."""
         poses, out = self.world.frame().link_poses, {}
         for name, place in self.places.items():
             mechanism = self.members[name].mechanism
@@ -74,7 +74,7 @@ class ByHand:
 
 
 class RandomHands:
-    """Smooth random motions of both hands, up to `speed` in m/s; a quarter of the time they move the camera."""
+    """Smooth random motions of both hands, up to `speed` in m/s; during a quarter of the time they move the camera."""
 
     def __init__(self, hands, seed, speed=0.2):
         self.hands, self.rng, self.speed = hands, np.random.default_rng(seed), speed

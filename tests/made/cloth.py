@@ -1,7 +1,7 @@
-"""A test room: a square cloth that hangs by two corners and swings, so that there is something that bends.
+"""A deformable object for tests: a square cloth that hangs from two corners and swings.
 
-Springs along the edges and the diagonals of a grid, semi-implicit Euler steps of about 1 ms, nothing at random: the
-same numbers give the same bytes.
+The model has springs along the edges and the diagonals of a grid, and semi-implicit Euler steps of about 1 ms. It is
+deterministic: the same arguments give the same bytes.
 """
 
 from __future__ import annotations
@@ -17,16 +17,18 @@ from twin.ui.session.feed import Surface
 GRAVITY = np.array([0.0, 0.0, -9.81])
 RATE = 60.0
 STEPS = 16
-"""Steps a frame: of 1/960 s, below the 1.6 ms at which the stiffest spring becomes unstable."""
+"""Number of steps per frame. A step is 1/960 s; above 1.6 ms the stiffest spring is unstable."""
 
 
 class Cloth:
-    """A feed: `n` by `n` vertices, of an edge in m, whose first row hangs at `corner` (3,) along x; dropped flat.
+    """A feed: `n` by `n` vertices, with edge length `edge` in m, horizontal at the start.
+
+    The first row begins at `corner` (3,) in m and extends along x; its two ends are fixed.
 
     Attributes:
         surfaces, duration: see `twin.ui.session.feed.Feed`.
-        edges: (k, 2) vertices that a spring joins.
-        rest: (k,) m.
+        edges: (k, 2) indices of the vertices that each spring connects.
+        rest: (k,) rest lengths of the springs in m.
     """
 
     def __init__(self, corner=(0.0, 0.0, 1.0), edge=0.3, n=13, duration=2.0):
@@ -46,7 +48,7 @@ class Cloth:
 
     @cached_property
     def _played(self):
-        """Vertices (frames, n * n, 3) at `RATE`."""
+        """Vertices (frames, n * n, 3) in m, `RATE` frames per second."""
         k, count = len(self.edges), self.n**2
         rows, signs = np.repeat(np.arange(k), 2), np.tile([-1.0, 1.0], k)
         across = sparse.csr_matrix((signs, (rows, self.edges.ravel())), (k, count))

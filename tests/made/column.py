@@ -8,7 +8,7 @@ from pathlib import Path
 from made import protocols, urdf
 from twin.model.mechanism import Mechanism
 
-LINKS = {  # mass in kg, sides of its box in m, where its middle is
+LINKS = {  # link: mass in kg, edges of its box in m, centre of the box in m
     "base": (10.0, (0.2, 0.2, 0.1), (0, 0, 0.05)),
     "turret": (4.0, (0.1, 0.1, 0.2), (0, 0.01, 0.1)),
     "carriage": (2.0, (0.1, 0.08, 0.1), (0.05, 0, 0.05)),
@@ -18,7 +18,7 @@ LINKS = {  # mass in kg, sides of its box in m, where its middle is
     "hand": (0.4, (0.03, 0.03, 0.1), (0, 0, 0.05)),
 }
 
-JOINTS = (  # kind, parent, child, origin in m, axis, lower and upper limit in m or rad, largest effort in N or N m
+JOINTS = (  # name, kind, parent, child, origin in m, axis, lower and upper limit in m or rad, effort in N or N m
     ("q1", "revolute", "base", "turret", "0 0 0.1", "0 0 1", -2.5, 2.5, 60),
     ("q2", "prismatic", "turret", "carriage", "0 0 0.2", "0 0 1", -0.15, 0.3, 200),
     ("q3", "prismatic", "carriage", "beam", "0.2 0 0.1", "1 0 0", -0.1, 0.3, 120),
@@ -38,15 +38,15 @@ def _text() -> str:
 
 
 def mechanism(path: Path) -> Mechanism:
-    """Return the mechanism that a URDF, written to the path, is read as."""
+    """Write the URDF to a path; return the mechanism read from it."""
     return urdf.mechanism(_text(), path)
 
 
 def folder(path: Path) -> Path:
-    """Write the robot's folder with its equations and a protocol: round the column, out and back."""
+    """Write the robot's folder with its equations and a protocol: around the column, outwards, and back."""
     urdf.folder(_text(), path, "A column, a lift and a beam bring the wrist to its place.", _ROWS)
     head = {"name": "first", "title": "Round the column", "robot": "column", "start": "before", "no_patient": "a bench"}
-    quick = (600, 2500, 180, 900)  # so that what turns and slides feels the other
+    quick = (600, 2500, 180, 900)  # so fast that the dynamic coupling of the joints is noticeable
     places = (("before", (300, 60, 700), 30), ("there", (380, -120, 620), 45), ("round", (220, 200, 760), 15))
     parts = [protocols.waypoint(n, (10, turn, 5), position_mm=list(at)) for n, at, turn in places]
     parts += [
@@ -61,11 +61,11 @@ def folder(path: Path) -> Path:
 
 
 MATRIX = ((0.02, 0.0), (-0.01, 0.02))
-"""m of lift and beam per rad of their motors: the cable of the beam runs over the drum of the lift."""
+"""Motion of lift and beam in m per rad of the two motors: the cable of the beam runs over the drum of the lift."""
 
 
 def with_motors(path: Path) -> Path:
-    """Take the drives of lift and beam out of a robot's folder, and lead two motors to them by cables."""
+    """Replace the drives of lift and beam in a robot's folder by two motors with cables; return the folder."""
     text = (path / "cad/column.toml").read_text("utf-8")
     for joint in ("q2", "q3"):
         text, found = re.subn(rf'\[\[drive\]\]\njoints = \["{joint}"\]\n.*?\n\n', "", text, flags=re.S)

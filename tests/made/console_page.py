@@ -1,4 +1,4 @@
-"""What the tests of the console's page share: joints, tips in the picture, rest."""
+"""Helpers for tests of the console's page: joints, tips in the picture, waiting for rest."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ navigator.getGamepads = () => [null, window.pad];
 
 
 def joints(page):
-    """Return the joints of each robot, as they came with the newest frame that was drawn."""
+    """Return the joint values of each robot in the newest drawn frame."""
     return [np.array(q) for q in page("twin.app.model.robots.map(r => [...r.frame.q])")]
 
 
 def moved(before, after):
-    """Return the names of the robots that have moved; a jaw does not count."""
+    """Return the names of the robots whose joints have moved; jaws are ignored."""
     pairs = zip(NAMES, before, after, strict=True)
     return {n for n, a, b in pairs if np.abs(a - b)[: JAW if n != "ecm" else 4].max() > 1e-3}
 
 
 def rest(page):
-    """Wait until nothing moves; return the joints."""
+    """Wait until no joint moves; return the joint values of each robot."""
     last = joints(page)
     for _ in range(200):
         seq = page("twin.app.model.newest.seq")
         time.sleep(0.3)
-        page.until(f"twin.app.model.newest.seq > {seq + 3}", "frames that are newer")  # a busy page draws seldom
+        page.until(f"twin.app.model.newest.seq > {seq + 3}", "frames that are newer")  # a busy page draws few frames
         now = joints(page)
         if all(np.array_equal(a, b) for a, b in zip(last, now, strict=True)):
             return now
@@ -47,14 +47,14 @@ def rest(page):
 
 
 def let_go(page):
-    """Let the hands go; return the joints at rest."""
+    """Release both hands; return the joint values of each robot at rest."""
     page("twin.app.console.pens.drop()")
     page.until("twin.app.model.console.owner === null", "the hands are free")
     return rest(page)
 
 
 def tips(page):
-    """Return where the tips are in the endoscope's picture, in pixels, and at which depth, in m."""
+    """Return (x, y in pixels of the endoscope's picture, depth in m) of each tip, by side."""
     return {
         side: page(
             f"(() => {{const c = twin.app.console, t = c.tip('{side}'), v = c.views.project(t, 'scope');"
@@ -65,7 +65,7 @@ def tips(page):
 
 
 def seen(page, side):
-    """Return where a tip is before the lens (3,): right, up, towards it, in m."""
+    """Return the position (3,) in m of a tip in the frame of the lens: right, up, towards the lens."""
     return np.array(
         page(
             f"(() => {{const c = twin.app.console; c.views.scope.updateWorldMatrix(true, false);"
@@ -76,7 +76,7 @@ def seen(page, side):
 
 @headset.contextmanager
 def console(browser, url, **options):
-    """Yield the page of a console that knows its state."""
+    """Yield the page of a console that has received its first state."""
     with headset.shown(browser, url, **options) as page:
         page.until("twin.app.model.console !== null && twin.app.console?.tip('right') != null", "the console")
         yield page

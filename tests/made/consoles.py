@@ -1,4 +1,4 @@
-"""Two hands on two arms with a camera, in a World."""
+"""Worlds with a console: two hands move two arms and a camera."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from twin.simulation.world import Block, Placed, World
 
 T_VIEW_HAND = spatial.pose(spatial.rotation_z(90 * DEG), (0.1, 0, 0))
 START = (0.2, 0.1, -0.3)
-"""Where a hand is at first, in {H}."""
+"""Start position (3,) in m of the right hand in {H}."""
 
 
 ROBOT = "davinci_psm"
 
 
 def start(kin):
-    """Return joints from which an arm can go everywhere a little."""
+    """Return joint values from which an arm can move a little in all directions."""
     return kin.inverse(kin.program.pose_of_coordinates.one(np.array(kin.formula.seeds[1], float)))
 
 
 class Hands(Block):
-    """Two hands and the pedals, as a function of the time gives them.
+    """Two hands and the pedals, from a function of the time.
 
-    `script` returns displacements (3,) of the right and the left hand in m, their turns about z in rad, clutch, camera
-    and scale. Grippers open and close within the first 0.1 s, so that the start rule is kept.
+    `script` returns displacements (3,) in m of the right and the left hand, the rotation of both about z in rad,
+    clutch, camera and scale. The grippers open and close in the first 0.1 s, which the arms require before they follow.
     """
 
     def __init__(self, script):
@@ -58,7 +58,10 @@ class Hands(Block):
 
 
 def world(device, hazards=(), taps=False):
-    """Two arms `one` and `two`, each moved by a hand; with `taps` the right hand can move `three` as well."""
+    """Return a World with the arms `one` and `two`, each moved by a hand.
+
+    With `taps`, the right hand can also select the arm `three` with a tap.
+    """
     kin, mechanism = twin.load(ROBOT).kinematics(), twin.load(ROBOT).mechanism
     limits, q = Limits.of(mechanism), start(kin)
     places = {n: spatial.pose(None, (x, 0, 0)) for n, x in (("one", 0.5), ("two", -0.5), ("three", 1.5))[: 2 + taps]}
@@ -83,7 +86,7 @@ def world(device, hazards=(), taps=False):
 
 
 def moving(t):
-    """A session: the hands move, clutch, drag the camera, tap, and change the scale."""
+    """Script of `Hands`: the hands move, press the clutch, drag the camera, and change the scale."""
     way = 5 * MM * np.array([np.sin(8 * t), np.cos(8 * t) - 1, np.sin(5 * t)])
     clutch = 0.35 < t < 0.42
     camera = 0.5 < t < 0.6
@@ -91,11 +94,11 @@ def moving(t):
 
 
 T_VIEW_TOOL = spatial.pose(np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]]))
-"""Tool of the endoscope arm, z along the line of sight, in the frame of a picture with y along the axis of its yaw."""
+"""Pose (4, 4) of the endoscope arm's tool (z along the line of sight) in the picture's frame, y along the yaw axis."""
 
 
 def davinci(device):
-    """Two instrument arms and the endoscope arm of the da Vinci, under two hands."""
+    """Return a World with two instrument arms and the endoscope arm of the da Vinci, moved by two hands."""
     psm, ecm = twin.load(ROBOT), twin.load("davinci_ecm")
     places = {
         n: spatial.pose(spatial.rotation_z(a), (x, 0, 0)) for n, x, a in (("psm1", 0.1, 0.3), ("psm2", -0.1, -0.3))

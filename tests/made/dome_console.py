@@ -1,4 +1,4 @@
-"""A scene with a console for the dome: both Raven arms, simulated without machines, the left one below the lid."""
+"""A scene with a console for the dome: both Raven arms, without machines; the left arm starts below the lid."""
 
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ note = "for tests"
 """
 
 ABOVE = (81, 91, 432, 0, 0, 0)
-"""Shoulder, elbow, insertion, roll, wrist and yaw in deg and mm at a place above the lid, free of collisions."""
+"""Shoulder, elbow, insertion, roll, wrist and yaw (insertion in mm, others in deg) above the lid, without collision."""
 
 
 def dome_console(folder):
-    """Write the scene into a folder; return it."""
+    """Write the scene to a folder; return the loaded scene."""
     for name in ("props.toml", "dome.step", "dimensions.toml"):
         shutil.copy(assets.data_folder() / "cad" / "dome" / name, folder)
     file = folder / "scene.toml"

@@ -1,4 +1,4 @@
-"""Run drawings (cad/*/model.py) in processes that have build123d already: to import it takes longer than to draw."""
+"""Run drawings (cad/*/model.py) in processes that have imported build123d: the import is slower than the drawing."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _processes.set_forkserver_preload(["build123d"])
 
 
 def draw(model: Path, *arguments: object) -> None:
-    """Run a drawing's command line, each in a process of its own.
+    """Run a drawing with command-line arguments, in a process of its own.
 
     Raises:
-        ChildProcessError: it failed; the message has what it said.
+        ChildProcessError: the drawing failed; the message contains its output.
     """
     with tempfile.NamedTemporaryFile() as said:
         process = _processes.Process(target=_run, args=(str(model), [str(a) for a in arguments], said.name))
@@ -48,9 +48,10 @@ parts = cad.parts(Path(sys.argv[1]).parent)
 
 
 def defective(model: Path, script: str, defects: dict, folder: Path) -> Path:
-    """Draw a robot once for each defect, in one process; return the folder with the STEP files, one for each label.
+    """Draw a robot once for each defect, in one process; return the folder with a STEP file for each label.
 
-    The script finds the modules `model`, `cad` and `parts`, the dimensions `d`, and `out`, `defects`.
+    `script` can use: the module `model` of the drawing, its module `cad`, the result `parts` of `cad.parts`, the
+    dimensions `d`, the folder `out`, and `defects` by label.
     """
     (folder / "draw.py").write_text(_LOAD + script)
     command = [sys.executable, str(folder / "draw.py"), str(model), str(folder), json.dumps(defects)]
@@ -60,8 +61,8 @@ def defective(model: Path, script: str, defects: dict, folder: Path) -> Path:
 
 
 def measured(description: Path, folder: Path, label: str):
-    """Read the drawing of a defect by the description of its robot."""
-    from twin.cad.build import read_mechanism  # the processes that draw need nothing of twin
+    """Read the STEP file of a defect with the description of its robot."""
+    from twin.cad.build import read_mechanism  # imported here: the drawing processes do not need twin
 
     home = folder / label
     home.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""Drawings with one part off: faces of a STEP moved before they are measured, as a wrong drawing would have them."""
+"""CAD files with one wrong part: faces of a STEP are moved before they are measured."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ from twin.core.units import DEG, MM
 
 @dataclass(frozen=True)
 class Off:
-    """One feature of one part that is off: offset in m or tilt in rad, as the joint must show it."""
+    """A displaced feature of a part.
+
+    `size` is the offset in m (`unit` "mm") or the tilt in rad ("deg") that the joint must show. `T_drawn` (4, 4) is the
+    motion of the faces, in the frame of the drawing.
+    """
 
     joint: str
     body: str
@@ -53,7 +57,7 @@ def some(robot: api.Robot, rng: np.random.Generator) -> Off:
             turned = size * DEG
             if (
                 joint.type in ("fixed", "prismatic") and spec.x_along
-            ):  # x comes from a face that stays: the frame twists a little too
+            ):  # the face of x does not move, so the frame also rotates a little about z
                 x = cad.measured[body][spec.x_along].face.direction
                 turned = _angle(_frame(face.direction, x), _frame(R @ face.direction, x))
             return Off(joint.name, body, spec.origin, "deg", turned, T)
@@ -61,19 +65,19 @@ def some(robot: api.Robot, rng: np.random.Generator) -> Off:
 
 
 def _frame(z: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the axes (3, 3) of a frame by its z and the direction that its x is along."""
+    """Return the axes (3, 3) of a frame with the given z, and x in the plane of z and the given x."""
     x = x - z * (z @ x)
     x = x / np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
 
 
 def _angle(A: np.ndarray, B: np.ndarray) -> float:
-    """Return the angle between two frames' axes, rad (2 asin of the chord: exact for small angles)."""
+    """Return the angle in rad between two frames, from the distance of their matrices: accurate for small angles."""
     return 2 * np.arcsin(np.linalg.norm(A - B) / np.sqrt(8))
 
 
 def drawn(robot: api.Robot, *offs: Off) -> CadModel:
-    """Return the robot's drawing with parts off, as the reader of the CAD has it."""
+    """Return the robot's CAD as read with the given faults."""
     assert robot.files is not None
     moves: list[Callable[[StepModel], StepModel]] = []
     for off in offs:
@@ -98,7 +102,7 @@ def drawn(robot: api.Robot, *offs: Off) -> CadModel:
 
 
 def _part(part: Part, m: Measured, T: np.ndarray) -> Part:
-    """Return a part with those of its faces moved that are the same axis, plane or centre."""
+    """Return a part with motion T of all faces that have the same axis, plane or centre as the measured face."""
     return replace(part, faces=tuple(_face(f, T) if _alike(f, m.face) else f for f in part.faces))
 
 

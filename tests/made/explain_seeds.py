@@ -1,4 +1,4 @@
-"""Faults for `twin explain`: which robots, how tokens of their equations are changed, and what counts as undone."""
+"""Seeded faults for `twin explain`: robots, changed tokens of their equations, and the judgement of a repair."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STRANGERS = Path(__file__).parents[1] / "data/strangers"
 
 
 class Case:
-    """A formula that is right, what its mechanism knows, and how another file of it is loaded."""
+    """A correct formula, the mechanism's values of its symbols (`truth`), and a loader of changed files."""
 
     def __init__(self, name, path, formula, truth):
         self.name, self.path, self.formula, self.truth = name, path, formula, truth
@@ -32,13 +32,13 @@ class Case:
         return load_formula(path, self.name, lambda: (joints, np.eye(4), None), trial=True)
 
     def changed(self, **by):
-        """The case with parameters changed: the mechanism has other dimensions than the formula."""
+        """Return the truth with parameters increased by `by` in SI: the mechanism then differs from the formula."""
         symbols = self.truth.symbols
         return self.truth.with_parameters({n: symbols[n] + d for n, d in by.items()})
 
 
 def built_ins():
-    """Return a case for each robot of ours whose equations are in a file of its own, which can be loaded alone."""
+    """Return a case for each built-in robot whose equations are in a file of their own."""
     from twin.robots import names
 
     return [case for case in map(built_in, names()) if case.path.stem == case.name]
@@ -54,7 +54,7 @@ def built_in(name):
 
 
 def stranger(path):
-    """A plain formula of another robot; its mechanism is the formula itself, run as ordinary Python on numbers."""
+    """Return the case of a plain formula that is not built in; its truth is the formula, evaluated on numbers."""
     from twin.validation.explain.numeric import Matrix, Rebuilder
     from twin.validation.explain.truth import SAMPLES, Truth
 
@@ -80,7 +80,7 @@ def stranger(path):
 
 
 class _Joints:
-    """Just enough of a formula to load another one with the same joints."""
+    """Replacement of a formula that has only joints, to load a file with these joints."""
 
     def __init__(self, joints):
         from twin.formula.contract import ActiveJoint
@@ -111,7 +111,7 @@ POSES = {
 
 
 def functions(formula):
-    """The functions of a formula's file that its equations, in their default variants, are made of."""
+    """Return the functions in a formula's file that its equations use, in their default variants."""
     found, todo = [], [inspect.unwrap(e.variants[e.default]) for e in formula.equations if e.stage != "helper"]
     home = _own(formula).__globals__
     while todo:
@@ -123,7 +123,7 @@ def functions(formula):
 
 
 def faults(f, rng, count):
-    """So many tokens of a function changed: [(line, column, old, new)], or None for a draw that changes nothing."""
+    """Return `count` random changes of tokens of a function, [(line, column, old, new)]; None if there are too few."""
     source, first = inspect.getsourcelines(f)
     tree = ast.parse("".join(source)).body[0]
     start = tree.body[1].lineno if isinstance(tree.body[0], ast.Expr) else tree.body[0].lineno
@@ -145,7 +145,7 @@ def faults(f, rng, count):
             if not (s in "+-" and tokens[i - 1].string in ("(", ",", "=", "return", "*", "/", "[")):
                 usable.append((t, [SWAPS[s]]))
             else:
-                usable.append((t, [" "]))  # a sign lost
+                usable.append((t, [" "]))  # a missing sign
         elif t.type == tokenize.NUMBER:
             n = ast.literal_eval(s)
             usable.append((t, [str(x) for x in (n + 1, 2 * n, max(n - 1, 0)) if x != n]))
@@ -164,7 +164,10 @@ def faults(f, rng, count):
 
 
 def seeded(case, path, rng, count=1):
-    """A file with faults in one function of it, what was done; None for a draw in which one of them changes nothing."""
+    """Write a file with `count` random faults in one function; return the faults as text.
+
+    Return None if no faults were found, or if one of several faults has no effect alone.
+    """
     from twin.core.errors import TwinError
     from twin.validation.explain.judge import Judge
 
@@ -182,7 +185,7 @@ def seeded(case, path, rng, count=1):
             lines[line - 1] = row[:column] + new + row[column + len(old) :]
         return "".join(lines)
 
-    for i, one in enumerate(done if count > 1 else ()):  # of two, each shows by itself
+    for i, one in enumerate(done if count > 1 else ()):  # each of several faults must have an effect alone
         alone = path.with_name(f"alone{i}_{path.name}")
         alone.write_text(write([one]), encoding="utf-8")
         try:
@@ -198,7 +201,7 @@ def seeded(case, path, rng, count=1):
 
 
 def same_function(formula, other, truth):
-    """Whether two formulas say the same, also where no mechanism is."""
+    """Return whether two formulas give equal residuals at perturbed values, which no mechanism has."""
     from twin.validation.explain.judge import Judge, worst
 
     shaken = truth.perturbed(5)
@@ -218,14 +221,17 @@ def same_function(formula, other, truth):
 
 
 def outcome(case, faulty, folder, budget):
-    """How a fault was explained: "rank 1", "tie", or why it was not; "no fault", "no formula" if there is none."""
+    """Return how a fault was explained: "rank 1", "tie", or why it was not.
+
+    "no fault": no row is wrong. "no formula": an equation cannot be run.
+    """
     from twin.validation.explain.judge import Judge
     from twin.validation.explain.repair import Search
 
     truth = case.truth
     judge, whole = Judge(faulty, None, truth), Judge(case.formula, None, truth)
     if {s.equation.name for s in judge.steps if s.missing} != {s.equation.name for s in whole.steps if s.missing}:
-        return "no formula"  # it does not even run: Python says so by itself
+        return "no formula"  # Python itself reports this error
     if not judge.failing():
         return "no fault"
     found, lost = Search(judge).run(budget)
@@ -256,10 +262,10 @@ def outcome(case, faulty, folder, budget):
 
 
 class Slopes:
-    """Derivatives of one row by all that it reads, by CasADi: it shares nothing with the search."""
+    """Derivatives of a row with respect to the symbols that it uses, by CasADi; shares no code with the search."""
 
     def __init__(self, formula, equation, values):
-        """Take the equation, and values of its arguments (k, ...) to evaluate at."""
+        """Evaluate an equation on symbols; `values` are the values (k, ...) of its arguments, by name."""
         e = next(e for e in formula.equations if e.name == equation)
         f = e.variants[e.default]
         self.outputs = list(e.outputs)
@@ -274,7 +280,7 @@ class Slopes:
             self.values = [self.values]
 
     def of(self, output, left=""):
-        """Return {symbol: largest slope} of a row: its value, less the symbol on its left if that is read too."""
+        """Return {symbol: largest slope} of a row; for an implicit row, of its right side minus its left side."""
         row = ca.vec(ca.SX(self.values[self.outputs.index(output)]))
         unknown = left or output
         if unknown in self.symbols:
@@ -294,7 +300,7 @@ class Slopes:
 
 
 def _read(faulty, equation, values, output, left=""):
-    """Return the slopes of a row of a faulty formula; none where a slip asks for a name or a row that is not there."""
+    """Return the slopes of a row of a faulty formula; empty if it uses a name or an index that does not exist."""
     try:
         return Slopes(faulty, equation, values).of(output, left)
     except (NameError, IndexError, RuntimeError):
@@ -302,7 +308,7 @@ def _read(faulty, equation, values, output, left=""):
 
 
 def _own(formula):
-    """Return a function of the formula's own file: the first equation may be one that several robots share."""
+    """Return a function of the formula's own file; the first equation may be in a file that several robots share."""
     made = [inspect.unwrap(e.variants[e.default]) for e in formula.equations]
     return next((f for f in made if "FORMULA" in f.__globals__), made[0])
 
@@ -314,7 +320,7 @@ def _file_of(formula):
 
 @contextmanager
 def _in_place_of(home, text, folder):
-    """Let a file that formulas of this package share have another text while one is loaded."""
+    """Replace the text of a file that built-in formulas share, during the block."""
     name = f"twin.robots.{home.stem}"
     path = folder / home.name
     path.write_text(text, encoding="utf-8")
@@ -330,7 +336,7 @@ def _in_place_of(home, text, folder):
 
 @contextmanager
 def _edited(case, own, edits, path):
-    """Give the formula of a file after edits of it, and of files that it shares with other formulas."""
+    """Yield a formula after edits of its own file and of files that it shares with other formulas."""
     from twin.validation.explain.source import patched
 
     texts = {home: patched([e for e in edits if e.path == home]) for home in {e.path for e in edits}}
@@ -342,7 +348,10 @@ def _edited(case, own, edits, path):
 
 
 def empty(case, judge, faulty, candidate, rows, folder):
-    """Return what a cure has lost without saying so: a symbol that a row read, or its own unknown; "" if nothing."""
+    """Return which symbol a repaired row no longer depends on, if the candidate does not report it; "" if none.
+
+    The symbol is one that the row used before, or the row's own unknown.
+    """
     from twin.validation.explain.source import patched
 
     edits = [e for e in candidate.edits if e.kind != "left side"]
@@ -350,7 +359,7 @@ def empty(case, judge, faulty, candidate, rows, folder):
     if edits and {e.path for e in edits} == {own}:
         text, true = patched(edits).splitlines(), case.path.read_text(encoding="utf-8").splitlines()
         if len(text) == len(true) and all(text[e.line - 1] == true[e.line - 1] for e in edits):
-            return ""  # its lines are the true ones, whatever slips had made them read, or stand in other lines
+            return ""  # the edited lines are correct; other lines may have faults
     with _edited(case, own, edits, folder / "cure.py") as cured:
         pass
     left = {(e.statement, e.old): e.new for e in candidate.edits if e.kind == "left side"}
@@ -367,7 +376,7 @@ def empty(case, judge, faulty, candidate, rows, folder):
                 was[n] = max(was.get(n, 0.0), x)
             side = left.get((place.statement, place.symbol), "")
             if not was and not _read(cured, place.equation, values, place.symbol, side):
-                break  # beside the cured row stands another slip, with which the equation does not run
+                break  # another fault of the equation prevents its evaluation
             into.update(Slopes(cured, place.equation, values).of(place.symbol, side))
             for n, x in _read(case.formula, place.equation, values, place.symbol).items():
                 meant[n] = max(meant.get(n, 0.0), x)
@@ -375,10 +384,11 @@ def empty(case, judge, faulty, candidate, rows, folder):
             continue
         lost = {n for n, x in was.items() if x > 1e-9 and max(now.get(n, 0.0), far.get(n, 0.0)) < 1e-12}
         lost -= set(candidate.dropped)
-        lost -= {n for n, x in meant.items() if x < 1e-12}  # which only the slip had made it read
-        for output in set(candidate.dropped) & set(step.equation.outputs):  # and all that was read only through it
+        lost -= {n for n, x in meant.items() if x < 1e-12}  # symbols that only the fault had introduced
+        # A dropped output also explains the loss of the symbols on which it depends.
+        for output in set(candidate.dropped) & set(step.equation.outputs):
             lost -= {n for n, x in _read(faulty, place.equation, on, output).items() if x}
-        # An equation behind the faulty one may have no value at what that computes: then there was no slope to lose.
+        # An equation after the faulty one may have no value with its outputs: then no slope can be lost.
         if lost or (max(was.values(), default=1.0) > 1e-12 and max(*now.values(), *far.values()) < 1e-12):
             return f"{place.symbol} lost {sorted(lost)}: " + "; ".join(e.text for e in candidate.edits)
         unknown = [n for n in step.equation.outputs if n in now]

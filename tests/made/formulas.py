@@ -1,4 +1,4 @@
-"""Formulas with other equations."""
+"""Formulas with replaced equations."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 
 
 def replaced(formula, equation, function):
-    """The formula with another function for an equation, in every variant."""
+    """Return a formula in which `function` replaces an equation, in every variant."""
     out = {e.name: e for e in formula.equations}
     out[equation] = dataclasses.replace(out[equation], variants=dict.fromkeys(out[equation].variants, function))
     return dataclasses.replace(formula, equations=tuple(out.values()))

@@ -1,4 +1,4 @@
-"""A GLB taken apart, to be changed and put together again: for tests that seed defects."""
+"""Read, edit and write GLB files, for tests that seed defects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 class Glb:
-    """`document`, and the numbers of an accessor as an array that can be written to."""
+    """A GLB file: its JSON `document` and its `binary` chunk, both editable."""
 
     def __init__(self, data: bytes) -> None:
         size = struct.unpack_from("<I", data, 12)[0]
@@ -19,7 +19,7 @@ class Glb:
         self.binary = bytearray(data[28 + size :])
 
     def numbers(self, accessor: int) -> np.ndarray:
-        """Return an accessor as an array (n, width) that writes through."""
+        """Return an accessor as an array (n, width); changes of the array change the file."""
         a = self.document["accessors"][accessor]
         view = self.document["bufferViews"][a["bufferView"]]
         width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[a["type"]]
@@ -35,7 +35,7 @@ class Glb:
         return [n for n in self.document["nodes"] if n.get("extras", {}).get("link")]
 
     def channels(self, path: str) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-        """Yield the channels of all animations that move a property, each with its sampler."""
+        """Yield (channel, sampler) for all animation channels with the target path `path`, such as "rotation"."""
         for animation in self.document["animations"]:
             for c in animation["channels"]:
                 if c["target"]["path"] == path:

@@ -9,7 +9,7 @@ from made import urdf as made
 
 _MIMIC = '<mimic joint="jaw" multiplier="-1"/>'
 
-LINKS = {  # length of its box in m
+LINKS = {  # link: length of its box in m
     "base": 0.05,
     "x": 0.06,
     "y": 0.07,
@@ -21,7 +21,7 @@ LINKS = {  # length of its box in m
     "right": 0.05,
 }
 
-JOINTS = (  # kind, parent, child, origin in m, axis, lower and upper limit in m or rad, effort in N or N m
+JOINTS = (  # name, kind, parent, child, origin in m, axis, lower and upper limit in m or rad, effort in N or N m
     ("q1", "prismatic", "base", "x", "0 0 0.1", "1 0 0", -0.5, 0.5, 20),
     ("q2", "prismatic", "x", "y", "0 0 0.1", "0 1 0", -0.5, 0.5, 20),
     ("q3", "prismatic", "y", "z", "0 0 0.25", "0 0 1", -0.3, 0.3, 20),
@@ -37,7 +37,7 @@ _ROWS = """    return x, y, z - 0.7, yaw, q5, q6
 
 
 def urdf() -> str:
-    """Return the text of the file."""
+    """Return the text of the URDF."""
     links = (made.link(n, 0.02, (0.02, 0.01, length), (0, 0, length / 2)) for n, length in LINKS.items())
     return made.robot("gripper", [*links, *(made.joint(*j) for j in JOINTS)])
 

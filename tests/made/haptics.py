@@ -1,4 +1,4 @@
-"""One hand with a tool among planes, tick by tick, and an energy observer that shares no code with the one of twin."""
+"""Force on one hand whose tool touches planes, and an energy observer that shares no code with that of `twin`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def plane(normal, offset=0.0):
 
 
 class Touch:
-    """The force on a hand whose tool moves as the hand does, times a scale."""
+    """Force on a hand; the tool's displacement is the hand's displacement times `scale`."""
 
     def __init__(self, surface=None, *, bounds=True, scale=1.0, dt=DT):
         law = hand_force(console(), surface or Surface(), FREE, np.array([True]), 1, dt, bounds)
@@ -35,16 +35,16 @@ class Touch:
         self.out, self._compute = attach(law, self.state, *given, self.planes)
 
     def among(self, *planes):
-        """Set the planes."""
+        """Set the planes that the tool can touch; return self."""
         self.planes[:] = rows(planes, np.eye(4))
         return self
 
     def start(self, p):
-        """Begin with the hand at rest."""
+        """Set the hand at rest at p (3,) in m."""
         self.state[3:6] = p
 
     def at(self, p):
-        """Return the force (3,) in N of a tick with the hand at p (3,) in m."""
+        """Make one tick with the hand at p (3,) in m; return the force (3,) in N."""
         self.hand[3:12:4] = p
         self.tool[3:12:4] = self.scale[0] * np.asarray(p)
         self.goal[:] = self.tool
@@ -59,14 +59,18 @@ class Touch:
 
 
 def observed(hands, forces, device_damping, dt=DT):
-    """Return the energy (k,) in J that hand and device have put in: the work against the held forces, and b |v|^2."""
+    """Return the energy (k,) in J that hand and device have put in.
+
+    It is the work of the hand against the forces (k, 3) in N, each constant during its tick, plus the loss of the
+    device's damping in N s/m.
+    """
     way = np.diff(hands, axis=0)
     given = device_damping / dt * np.sum(way * way, axis=1) - np.sum(forces[:-1] * way, axis=1)
     return np.concatenate([[0.0], np.cumsum(given)])
 
 
 def random_hand(rng, ticks, cut_hz, size, dt=DT):
-    """Return positions (ticks, 3) in m of a hand that moves at random up to a frequency, with std `size` in m."""
+    """Return random positions (ticks, 3) in m of a hand, up to `cut_hz`; their standard deviation is `size` in m."""
     spectrum = np.fft.rfft(rng.standard_normal((ticks, 3)), axis=0)
     spectrum[np.fft.rfftfreq(ticks, dt) > cut_hz] = 0
     p = np.fft.irfft(spectrum, ticks, axis=0)

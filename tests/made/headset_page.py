@@ -1,4 +1,4 @@
-"""What the tests of the page of `twin serve` share: a server, a browser, a device, rays and pixels."""
+"""Helpers for tests of the page of `twin serve`: server, browser, emulated headset, rays and pixels."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from witness import environments
 ROOT = Path(__file__).parents[2]
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
 WAIT = 180.0
-"""Seconds that something may take on a busy machine without a graphics card."""
+"""Time limit in s of a wait, for a busy machine without a graphics card."""
 
 FLOAT32 = 2e-6
-"""Worst part of a pose that has gone through float32 and back, of a robot of 2 m that stands some metres away."""
+"""Largest error of a pose entry after rounding to float32, for a robot of 2 m at a distance of some metres."""
 
 
 def until(condition, what, seconds=WAIT):
@@ -38,7 +38,10 @@ def until(condition, what, seconds=WAIT):
 
 
 def npm_environment(name):
-    """Return the folder with the packages of a lock file; without it skip loudly, or fail where it is required."""
+    """Return the folder with the packages of a lock file.
+
+    If it is missing, skip the test with a message, or fail if the environment variable TWIN_WITNESS_REQUIRED is set.
+    """
     try:
         return environments.environment(name).folder
     except environments.NotThereError as error:
@@ -48,7 +51,7 @@ def npm_environment(name):
 
 
 def bundled_emulator(folder):
-    """Bundle the emulator of tests/witness/emulator into a file of a folder, and return it."""
+    """Bundle the emulator of tests/witness/emulator to one file in a folder, and return this file."""
     packages = npm_environment("emulator")
     for name in ("emulator.mjs", "build.mjs"):
         shutil.copy(ROOT / "tests/witness/emulator" / name, folder)
@@ -61,7 +64,7 @@ def bundled_emulator(folder):
 
 
 def chromium():
-    """Yield a browser: the body of a fixture."""
+    """Yield a Chromium browser; used as the body of a fixture."""
     from playwright.sync_api import sync_playwright
 
     program = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
@@ -74,9 +77,10 @@ def chromium():
 
 
 def as_a_user(program, folder):
-    """Return a program that starts `program` without the right to raise its priority, which only root has.
+    """Return a program that starts `program` without root's right to raise its priority.
 
-    With it, Chromium draws at priority -8: without a graphics processor it then takes both processors from the server.
+    With this right, Chromium draws at priority -8. Without a graphics card, it then uses both processors, and none is
+    left for the server.
     """
     if os.geteuid() != 0 or (setpriv := shutil.which("setpriv")) is None:
         return program
@@ -92,7 +96,7 @@ def free_port():
 
 
 class Serving:
-    """`twin serve` as a user starts it, or another module that takes a robot and a port."""
+    """A process of `twin serve`, started from a command line, or of another module with a robot and --port."""
 
     def __init__(self, robot, port=None, *more, command=("twin", "serve", "--no-browser")):
         self.robot, self.port, self.more, self.command = robot, port or free_port(), more, command
@@ -124,7 +128,7 @@ class Serving:
 
 
 class Page:
-    """One page, and what it says of itself by `window.twin`."""
+    """One page, and the state that it provides as `window.twin`; `errors` lists its error messages."""
 
     def __init__(self, browser, url, size=(1280, 800), scripts=()):
         self.errors = []
@@ -143,11 +147,11 @@ class Page:
         return self.page.evaluate(expression)
 
     def until(self, expression, what, seconds=WAIT):
-        # the page's policy forbids eval, which playwright's own waiting uses
+        # playwright's own wait uses eval, which the page's policy forbids
         return until(lambda: self.page.evaluate(expression), what, seconds)
 
     def draws(self, on):
-        """Let the page draw, or only bring its matrices up to date: without a graphics card a picture takes long."""
+        """Let the page draw, or only update its matrices, because drawing is slow without a graphics card."""
         self(
             """((on) => {
               const { renderer } = twin.app.world;
@@ -164,7 +168,7 @@ class Page:
 
     @contextmanager
     def sized(self, width, height):
-        """Give the window another size for a while."""
+        """Change the size of the window in px; the old size is restored at the end of the block."""
         before = self.page.viewport_size
         self.page.set_viewport_size({"width": width, "height": height})
         try:
@@ -185,7 +189,11 @@ class Page:
         return np.asarray(Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")).astype(int)
 
     def state(self):
-        """Return q (n,), link poses in the robot's world and the root (4, 4) in the scene, all of one picture."""
+        """Return (q (n,), link poses, root, poses, flags), all of one picture.
+
+        The link poses (4, 4) are those of the drawn nodes in the robot's world, by name; `root` (4, 4) is the pose of
+        this world in the scene; `poses` (4, 4) are those of the streamed frame, by name.
+        """
         got = self(
             "(() => ({q: [...twin.app.model.frame.q], flags: twin.app.model.frame.flags, links: twin.links(),"
             " root: twin.root(), poses: twin.poses()}))()"
@@ -196,7 +204,7 @@ class Page:
         return np.array(got["q"]), links, root, poses, got["flags"]
 
     def pixel(self, p_scene):
-        """Return where on the page a point (3,) of the scene is seen."""
+        """Return the pixel (x, y) of the page at which a point (3,) of the scene is drawn."""
         c = self("twin.camera()")
         clip = _matrix(c["projection"]) @ _matrix(c["view"]) @ np.append(p_scene, 1.0)
         x, y = clip[:2] / clip[3]
@@ -207,12 +215,12 @@ class Page:
         return (_matrix(self("twin.root()")) @ np.append(p_robot, 1.0))[:3]
 
     def tool(self):
-        """Return the tool's pose (4, 4) in the robot's world, as the links stand."""
+        """Return the tool's pose (4, 4) in the robot's world, from the poses of the drawn links."""
         info = self("({link: twin.app.model.info.tool.link, T: twin.app.model.info.tool.T_link_tool})")
         return self.state()[1][info["link"]] @ _pose(info["T"])
 
     def pixel_of_link(self, link):
-        """Return a pixel of the page at which a link is what the mouse would take."""
+        """Return a pixel (x, y) of the page at which the mouse would grab a link."""
         got = self(
             f"""(() => {{
               const app = twin.app, l = app.robot.links.get('{link}'), at = app.mouse.at;
@@ -240,7 +248,7 @@ class Page:
             mouse.up()
 
     def settled(self):
-        """Wait until the robot stands still."""
+        """Wait until the robot is at rest."""
         last, same = None, 0
         end = time.monotonic() + WAIT
         while same < 4:  # the server may be slow to begin
@@ -257,7 +265,7 @@ class Page:
         self.until("twin.app.xr.frames > 3", "pictures of the session")
 
     def aim(self, target, side="right", kind="controllers", start=None):
-        """Point a controller or hand at a point of the scene, from where it is or from a point."""
+        """Point a controller or hand at the point `target` of the scene, from `start` or (None) from its position."""
         at = np.array(self(f"device.{kind}.{side}.position.array ? [...device.{kind}.{side}.position.array] : "
                            f"[device.{kind}.{side}.position.x, device.{kind}.{side}.position.y, "
                            f"device.{kind}.{side}.position.z]") if start is None else start)  # fmt: skip
@@ -279,7 +287,7 @@ class Page:
         self.pictures(3)
 
     def press(self, control, side="right", kind="controllers"):
-        """Press a control of the floating panel by a ray."""
+        """Press a control of the floating panel with the ray of a controller or hand."""
         where = self(f"(() => {{const p = twin.app.xrPanel, uv = p.whereIs('{control}');"
                      f" return uv ? p.pointAt(uv).toArray() : null}})()")  # fmt: skip
         assert where is not None, f"{control} is not in sight on the panel"
@@ -289,7 +297,7 @@ class Page:
 
 
 def looking(direction):
-    """Return the quaternion xyzw that turns -z into a direction, upright."""
+    """Return the quaternion xyzw that rotates -z to a direction (3,), with x horizontal."""
     z = -np.asarray(direction) / np.linalg.norm(direction)
     x = np.cross([0, 1, 0], z)
     x /= np.linalg.norm(x)
@@ -297,11 +305,11 @@ def looking(direction):
 
 
 def probes(page, mechanism, rng, each=14):
-    """Compare the colours at pixels where links must be seen; return how many are right, how many there are, misses.
+    """Compare the colours of pixels with the links that they must show; return (correct, tested, list of misses).
 
-    Links are painted flat. Which link a pixel must show comes from rays through the CAD meshes at the poses of the
-    frame, by code of this file; pixels that show another link too, or whose neighbours do, are left out: their
-    colours are mixed. No pixel counts twice.
+    Links are painted in flat colours. The link that a pixel must show is computed in this file, by rays through the CAD
+    meshes at the poses of the frame. Pixels at the edge of a link are not tested, because their colours are mixed. No
+    pixel is tested twice.
     """
     colors = {n: np.array([int(c[i : i + 2], 16) for i in (0, 2, 4)]) for n, c in page("twin.paint(true)").items()}
     time.sleep(1.0)
@@ -364,7 +372,7 @@ def probes(page, mechanism, rng, each=14):
 
 @contextmanager
 def shown(browser, url, **options):
-    """Yield a page; close it, and find that it had nothing to complain of."""
+    """Yield a page; at the end, check that it reported no errors, and close it."""
     page = Page(browser, url, **options)
     try:
         yield page
@@ -374,13 +382,13 @@ def shown(browser, url, **options):
 
 
 def ready(page, robot):
-    """Wait for the plan of the protocol; leave the robot at home, standing still."""
+    """Wait for the plan of the protocol, and until the robot is at rest at home."""
     page.until("twin.app.model.state.duration > 0", "the plan")
     page("twin.app.ask('play', {on: false}); twin.app.ask('posture', {name: 'home'})")
     home = robot.mechanism.posture("home")
 
     def there():
-        # a hand of the page before may be let go only now
+        # a hand of the previous page may still hold the robot
         page("twin.app.model.state.phase === null || twin.app.ask('posture', {name: 'home'})")
         return np.allclose(page("[...twin.app.model.frame.q]"), home, atol=1e-6)
 
@@ -389,12 +397,12 @@ def ready(page, robot):
 
 
 def agrees(page, robot):
-    """Check that nodes stand where the stream says, and the stream where the mechanism's loops close; return q (n,)."""
+    """Check that drawn links, streamed poses and reference model agree; return q (n,)."""
     q, links, _, poses, _ = page.state()
     truth = robot.reference().solve(q).link_poses
     for name, T in links.items():
         np.testing.assert_allclose(T, poses[name], atol=FLOAT32, err_msg=name)
-        np.testing.assert_allclose(T, truth[name], atol=1e-5, err_msg=name)  # q too went through float32
+        np.testing.assert_allclose(T, truth[name], atol=1e-5, err_msg=name)  # q was also rounded to float32
     return q
 
 

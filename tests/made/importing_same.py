@@ -1,4 +1,4 @@
-"""Whether two mechanisms are the same one, whatever frames their bodies have: used by the tests of `twin new`."""
+"""Compare two mechanisms independently of the choice of their body frames; used by the tests of `twin new`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.usd.read import read_stage
 
 
 def made(source, name, folder, closures=None, root=None):
-    """Return what was imported and closed, the folder's mechanism, and the mechanism of its USD stage."""
+    """Import a file to a robot folder; return the import with closed loops, and the mechanisms of folder and stage."""
     imported = close(read(source, closures, root, guarded=False))
     write_folder(imported, name, folder, source)
     robot = api.load(folder)
@@ -26,8 +26,9 @@ def made(source, name, folder, closures=None, root=None):
 def assert_same(a, b, tolerance=1e-12):
     """Assert that two mechanisms agree in names, joints in space, limits, drives, masses, frames and points.
 
-    Body frames may differ, so everything is compared in the base, at rest. The joints of a stage's tree lead
-    outwards: one may have its bodies swapped, then its frames have half a turn about x.
+    Body frames may differ, so everything is compared in the base frame, in the rest poses. In a stage, joints of the
+    tree point away from the base. A joint may therefore have exchanged bodies; its frames are then rotated by 180 deg
+    about x.
     """
     assert [x.name for x in a.bodies] == [x.name for x in b.bodies]
     assert {j.name for j in a.loops} == {j.name for j in b.loops}
@@ -75,7 +76,7 @@ def assert_same(a, b, tolerance=1e-12):
         np.testing.assert_allclose(*at, atol=tolerance)
     assert [c.name for c in a.couplings] == [c.name for c in b.couplings]
     for c, d in zip(a.couplings, b.couplings, strict=True):
-        x, y = (dict(zip(e.joints, e.ratios, strict=True)) for e in (c, d))  # a sum has no order
+        x, y = (dict(zip(e.joints, e.ratios, strict=True)) for e in (c, d))  # the order of the joints may differ
         assert x.keys() == y.keys()
         np.testing.assert_allclose([*x.values(), c.total], [*(y[k] for k in x), d.total], rtol=1e-9, atol=1e-12)
 
@@ -86,15 +87,16 @@ def _box(T, vertices):
 
 
 def moved_from_rest(m, state):
-    """Return how every link has moved since rest, (4, 4) in base by body: the same for any choice of body frames."""
+    """Return the motion (4, 4) of each body from its rest pose, in base; it is independent of the body frames."""
     return {b.name: state.link_poses[b.name] @ np.linalg.inv(m.rest[b.name]) for b in m.bodies}
 
 
 def worst_apart(mechanisms, rng, count=10, reach=0.2):
-    """Return how far any link of the others is from the first's at the same joint values, and the worst loop gap.
+    """Return (largest difference of a link's motion from the first mechanism's, largest loop gap in m).
 
-    The joint values are those of the first, closed, its driven joints at random around home. All values are
-    taken over, for a mechanism may have more freedoms than driven joints. At least half must be within reach.
+    The first mechanism is solved at `count` random values of its driven joints around home; at least half of them must
+    be reachable. The other mechanisms get the values of all its joints, because a mechanism may have more degrees of
+    freedom than driven joints. The difference is the largest entry of the difference of two motions (4, 4).
     """
     models = [ReferenceModel(m) for m in mechanisms]
     home = models[0].home()

@@ -1,4 +1,4 @@
-"""Which cases of a table run in the default suite; the others run in the slow lane."""
+"""Select the cases that run in the default suite; the other cases are marked slow."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from twin.core import assets
 
 
 def thinned(cases: Iterable[Any], every: int) -> list[Any]:
-    """Return cases for `parametrize`: one of `every` as it is, the others marked slow. Each is whole in CI."""
+    """Return cases for `parametrize`: one in `every` is unmarked, the others are marked slow. CI runs all cases."""
     return [case if i % every == 0 else pytest.param(case, marks=pytest.mark.slow) for i, case in enumerate(cases)]
 
 
 @cache
 def kind(robot: str) -> tuple[bool, ...]:
-    """Return what sets a built-in robot apart from others, as its description file says.
+    """Return the kind of a built-in robot, from its description file: whether it has each of five features.
 
-    These are: loops, joints that are not hinges or slides, motors that move several joints, a trocar among the joints,
-    and more driven joints than a pose has coordinates.
+    The features: loops; joints other than fixed, revolute and prismatic; actuators, transmissions or couplings; a
+    trocar; more than six driven joints.
     """
     said = tomllib.loads(assets.files(robot).description.read_text(encoding="utf-8"))
     joints = said["joint"]
@@ -36,7 +36,7 @@ def kind(robot: str) -> tuple[bool, ...]:
 
 
 def alike(robots: Iterable[str]) -> set[str]:
-    """Return the robots before which there is one of the same kind."""
+    """Return the robots that are of the same kind as an earlier robot in the list."""
     names = list(robots)
     return {name for i, name in enumerate(names) if kind(name) in map(kind, names[:i])}
 
@@ -48,6 +48,6 @@ def one_of_a_kind(robots: Iterable[str] | None = None) -> list[Any]:
 
 
 def designs() -> list[str]:
-    """Return built-in robots without the mirror images of others: these have the same equations and dimensions."""
+    """Return the built-in robots without mirrored copies, which have the same dimensions file as another robot."""
     drawn = {n: (assets.files(n).description.parent / "dimensions.toml").read_bytes() for n in assets.names()}
     return [n for i, n in enumerate(drawn) if drawn[n] not in list(drawn.values())[:i]]

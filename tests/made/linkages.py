@@ -1,7 +1,7 @@
-"""Linkages with fewer than six freedoms, drawn as STEP assemblies: what a stranger's CAD program would hand over.
+"""Linkages with fewer than six degrees of freedom, drawn as STEP assemblies, like the export of another CAD program.
 
-A body is the seats of its joints: a bore with a shoulder and a flat on the one side, a journal with a flange and a flat
-on the other. Everything is drawn in world coordinates, in mm, and no instance carries a placement.
+A body consists of the seats of its joints: a bore with a shoulder and a flat on the parent side, a journal with a
+flange and a flat on the child side. All parts are drawn in world coordinates in mm; no instance has a placement.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ X, Y, Z = np.eye(3)
 
 @dataclass(frozen=True)
 class Pin:
-    """A revolute joint at a place along an axis, between two bodies."""
+    """A revolute joint between two bodies: position `at` (3,) in mm, direction `axis` (3,)."""
 
     parent: str
     child: str
@@ -30,9 +30,15 @@ class Pin:
 
 @dataclass(frozen=True)
 class Linkage:
-    """What is drawn, which joints (parent, child) are driven, where the tool is, and the equations if it is easy.
+    """A linkage.
 
-    `slide` is a body on two rails along x: (parent, child, place).
+    Attributes:
+        pins: revolute joints.
+        driven: driven joints, as (parent, child).
+        tool: body and position (3,) in mm of the tool.
+        freedoms: degrees of freedom.
+        slide: (parent, child, position in mm) of a body on two rails along x, or None.
+        formula: text of formula.py; "" for a linkage without simple equations.
     """
 
     pins: tuple[Pin, ...]
@@ -44,7 +50,7 @@ class Linkage:
 
 
 def elbow(a, b, la, lb, side):
-    """Return the point at la from a and lb from b, in the plane z = 0."""
+    """Return the point (3,) in the plane z = 0 at distance `la` from a and `lb` from b; `side` (+1, -1) selects one."""
     d = np.linalg.norm(b - a)
     along = (d * d + la * la - lb * lb) / (2 * d)
     u = (b - a) / d
@@ -111,7 +117,11 @@ def forward(q, r, l, zero):
 
 
 def loop(lengths, twists, guess) -> list[Pin]:
-    """Return the pins of a closed chain of so many links (a along x, twist about it), its angles solved for."""
+    """Return the pins of a closed chain of links with Denavit-Hartenberg parameters.
+
+    `lengths` in mm and `twists` in rad are a and alpha of each link. The angles are solved for, starting from `guess`
+    in rad; the first angle is kept.
+    """
     from scipy.optimize import least_squares
 
     n = len(lengths)
@@ -124,7 +134,7 @@ def loop(lengths, twists, guess) -> list[Pin]:
             T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, 0], [0, 0, 0, 1]])
         return out, T
 
-    def open_by(x):  # the first angle stays: the chain is free to move
+    def open_by(x):  # the first angle is fixed, because the chain can move
         T = frames([guess[0], *x])[1] - np.eye(4)
         return np.concatenate([T[:3, 3] / 50, T[:3, :3].ravel()])
 
@@ -141,7 +151,7 @@ def bennett() -> Linkage:
     beta = np.arcsin(b / a * np.sin(alpha))
     # cos and sin of the second angle follow from the first; the solver finds them
     pins = loop([a, b, a, b], [alpha, beta, alpha, beta], [1.2, 2.4, -1.2, -2.4])
-    first, *others = pins  # base to link1 is driven: the pin at which link1 begins
+    first, *others = pins  # `first` connects the last link with base
     pins = (*others[:1], *others[1:], first)
     return Linkage(tuple(pins), (("base", "link1"),), ("link2", pins[1].at + 10 * X), 1)
 
@@ -184,7 +194,7 @@ LINKAGES: dict[str, Callable[[], Linkage]] = {
 
 
 def mechanism(linkage: Linkage, name: str):
-    """Return the mechanism of a linkage without a drawing: the same joints, bodies without shapes."""
+    """Return the mechanism of a linkage without CAD: the same joints, and bodies without shapes."""
     from twin.core import spatial
     from twin.model.body import Body, Frame
     from twin.model.joint import Joint
@@ -209,7 +219,7 @@ def mechanism(linkage: Linkage, name: str):
 
 
 def draw(linkage: Linkage, path: Path) -> None:
-    """Write the STEP assembly of a linkage. Takes seconds: build123d is imported."""
+    """Write the STEP assembly of a linkage; this takes seconds, because build123d is imported."""
     sys.path.insert(0, str(ROOT / "cad"))
     try:
         import drawing
@@ -243,7 +253,10 @@ def draw(linkage: Linkage, path: Path) -> None:
 
 
 def finish(description: Path, linkage: Linkage) -> None:
-    """Edit a skeleton of `twin new` as its user would: joints taken, the driven ones marked, holds deleted."""
+    """Edit the description written by `twin new`, like its user.
+
+    The proposed joints are uncommented, the driven joints are marked, and the temporary fixed joints are deleted.
+    """
     text = description.read_text("utf-8")
     text = re.sub(r"^# (\[\[joint\]\]|(?:name|type|parent|child|on_parent|on_child) = )", r"\1", text, flags=re.M)
     text = re.sub(r"\n\[\[joint\]\]\nname = \"hold_.*?(?=\n\n)", "", text, flags=re.S)

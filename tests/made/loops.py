@@ -10,7 +10,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
 ALONG_X = spatial.pose(spatial.frame_from_axes([1, 0, 0], [0, 0, -1]))
-"""A joint frame whose z is the x of its body."""
+"""Pose (4, 4) of a joint frame whose z axis is the x axis of its body."""
 
 
 def mechanism(*joints, tool, T_tool=None, rest=None, **more):
@@ -27,7 +27,10 @@ def mechanism(*joints, tool, T_tool=None, rest=None, **more):
 
 
 def slider_crank(closure):
-    """Crank of 0.1 about z, coupler of 0.3, block on the x axis; the block's guide closes the loop."""
+    """Return a crank (0.1 m) about z, a coupler (0.3 m) and a block on the x axis; the block's guide closes the loop.
+
+    `closure` is the type of the guide.
+    """
     joints = (
         Joint("crank_joint", "revolute", "base", "crank", active=True),
         Joint("knee", "revolute", "crank", "coupler", spatial.pose(p=[0.1, 0, 0])),
@@ -42,7 +45,10 @@ ROD = 0.5
 
 
 def rod(active="lift"):
-    """A rod between two balls: one on a carriage on the z axis, one on a carriage on the x axis."""
+    """Return a rod between two ball joints, on carriages on the z axis ("lift") and on the x axis ("push").
+
+    `active` is the driven carriage.
+    """
     joints = (
         Joint("lift", "prismatic", "base", "upper", active=active == "lift"),
         Joint("push", "prismatic", "base", "lower", ALONG_X, ALONG_X, active=active == "push"),
@@ -56,7 +62,7 @@ def rod(active="lift"):
 
 
 def two_links(*couplings, **more):
-    """Two links of 0.3 and 0.2 m and a hand, all about z; a belt may keep the hand's direction."""
+    """Return two links (0.3 m, 0.2 m) and a hand, all about z; a coupling can keep the hand's direction."""
     joints = (
         Joint("a", "revolute", "base", "upper", active=True),
         Joint("b", "revolute", "upper", "fore", spatial.pose(p=[0.3, 0, 0]), active=True),
@@ -66,7 +72,7 @@ def two_links(*couplings, **more):
 
 
 def through_a_trocar():
-    """A shaft on a ball at the end of a slide, through a tube that pivots in the base."""
+    """Return a shaft on a ball joint at the end of a slide; the shaft passes through a tube that pivots in the base."""
     joints = (
         Joint("x", "prismatic", "base", "slide", ALONG_X, ALONG_X, active=True),
         Joint("ball", "spherical", "slide", "shaft", spatial.pose(p=[0, 0, 0.5])),

@@ -1,8 +1,8 @@
 """Small closed-loop mechanisms with an exact closed form.
 
-`four_bar`: a planar crank-rocker, tilted in space so that axis and order mistakes show; its loop is closed by
-an excluded revolute joint. `slider`: a crank drives a slider (spherical joint, cylindrical joint) over a
-prismatic guide, so that every joint type occurs.
+`four_bar`: a planar crank-rocker, tilted in space, so that exchanged axes and wrong orders cause errors; a revolute
+joint outside the tree closes its loop. `slider`: a chain with a prismatic, a spherical, a cylindrical and a fixed
+joint.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ CRANK_AT_REST = 70 * DEG
 
 
 T_TILT = spatial.pose(spatial.exp_so3([0.3, -0.2, 0.5]), [0.05, -0.02, 0.4])
-"""T_base_plane (4, 4): the plane of the four-bar in the base frame."""
+"""T_base_plane (4, 4): pose of the plane of the four-bar linkage in base."""
 
 
 H = spatial.pose(np.diag([1.0, -1.0, -1.0]))
 
 
 def box(name: str, center, size, color=(0.7, 0.2, 0.1, 1.0)) -> Mesh:
-    """Return a closed box mesh, outward winding."""
+    """Return the closed mesh of a box with centre and edge lengths in m; its triangles are oriented outwards."""
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) - 0.5
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     triangles = [t for a, b, c, d in quads for t in ([a, b, c], [a, c, d])]
@@ -40,20 +40,20 @@ def box(name: str, center, size, color=(0.7, 0.2, 0.1, 1.0)) -> Mesh:
 
 
 def solid(mass: float, center, size, R=None) -> Inertia:
-    """Return the inertia of a box, turned by R."""
+    """Return the inertia of a solid box: mass in kg, centre and edge lengths in m, rotation R of the box."""
     x, y, z = np.asarray(size, float) ** 2
     R = np.eye(3) if R is None else R
     return Inertia(mass, np.asarray(center, float), R @ np.diag(mass / 12 * np.array([y + z, x + z, x + y])) @ R.T)
 
 
 def bar(name: str, length: float, color) -> Body:
-    """Return a link along x from its own origin."""
+    """Return a link: a bar of a length in m along x from its own origin."""
     center, size = [length / 2, 0, 0], [length + 0.02, 0.02, 0.01]
     return Body(name, (box(f"{name}_visual", center, size, color),), solid(0.2, center, size))
 
 
 def four_bar_angles(crank: float) -> tuple[float, float]:
-    """Return absolute angles (coupler, rocker) in rad in the plane, for an absolute crank angle."""
+    """Return the angles (coupler, rocker) in rad from the x axis of the plane, for the angle of the crank from x."""
     pin = CRANK * np.array([np.cos(crank), np.sin(crank)])
     to = np.array([GROUND, 0.0]) - pin
     d = np.hypot(*to)
@@ -66,7 +66,7 @@ def four_bar_angles(crank: float) -> tuple[float, float]:
 
 
 def four_bar_state(crank: float):
-    """Return (link_poses, q_full) at an absolute crank angle in rad."""
+    """Return (link_poses, q_full) for the angle in rad of the crank from the x axis of the plane."""
     coupler, rocker = four_bar_angles(crank)
     pin = [CRANK * np.cos(crank), CRANK * np.sin(crank), 0]
 
@@ -152,7 +152,11 @@ def four_bar(**changes) -> Mechanism:
 
 
 def slider_state(stroke: float, turn: float, tilt=(0.1, -0.2, 0.3)):
-    """Return (link_poses, q_full) of `slider`; `turn` rad about and along the cylindrical joint."""
+    """Return (link_poses, q_full) of `slider` at a stroke in m.
+
+    The cylindrical joint is rotated by `turn` in rad and displaced by 0.02 m/rad times `turn`; `tilt` (3,) is the
+    rotation vector of the spherical joint in rad.
+    """
     T_cart = T_TILT @ spatial.pose(p=[0, 0, stroke])
     T_ball = T_cart @ spatial.pose(p=[0.1, 0, 0]) @ spatial.pose(spatial.exp_so3(tilt))
     T_rod = T_ball @ spatial.pose(p=[0.05, 0, 0]) @ spatial.pose(spatial.rotation_z(turn), [0, 0, 0.02 * turn])
@@ -185,7 +189,7 @@ def slider() -> Mechanism:
                 drive=Drive(5e3, 300.0, 80.0),
             ),
             Joint("ball_joint", "spherical", "cart", "ball", spatial.pose(p=[0.1, 0, 0]), cone=35 * DEG),
-            # listed from its far side: the tree has to turn it round
+            # parent and child are exchanged: the tree must reverse this joint
             Joint("sleeve", "cylindrical", "rod", "ball", H, spatial.pose(p=[0.05, 0, 0]) @ H),
             Joint("weld", "fixed", "rod", "plate"),
         ),
@@ -196,7 +200,7 @@ def slider() -> Mechanism:
 
 
 def gaps(mechanism: Mechanism, poses) -> dict[str, float]:
-    """Return what each joint lacks to close at these poses, largest matrix entry."""
+    """Return the gap of each joint at body poses: the largest entry of the relative pose in a locked direction."""
     out = {}
     for joint in mechanism.joints:
         A = joint.relative(poses[joint.parent], poses[joint.child])

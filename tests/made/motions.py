@@ -1,4 +1,4 @@
-"""Motions along which other programs read and drive the exports."""
+"""Motions whose exports other programs read and drive in tests."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from twin.cad import description
 
 
 def motions() -> list[tuple[str, str]]:
-    """Return (robot, protocol): each robot's default protocol, and one at another port; `TWIN_ALL_PROTOCOLS=1`: all.
+    """Return (robot, protocol) for each robot's default protocol, and for one protocol with another port.
 
-    A second protocol of a robot moves the same file: it costs a minute and finds nothing that the first does not.
+    If the environment variable TWIN_ALL_PROTOCOLS is set, return all protocols. A second protocol of a robot moves the
+    same exported model: it takes a minute and tests nothing new.
     """
     every = [(r, p) for r in twin.names() for p in twin.load(r).files.protocols()]
     if os.environ.get("TWIN_ALL_PROTOCOLS"):

@@ -1,4 +1,4 @@
-"""Defects of motors and transmissions that are seeded in exports, as `audit_seeds` does of everything else."""
+"""Seeded defects of motors and transmissions in exports; `audit_seeds` has the other defects."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ for name, suffix, change, says in (
 
 
 def usd(change):
-    """Return an edit of the robot's customData: `change` gets actuators and transmissions as dictionaries."""
+    """Return an edit of the robot's customData: `change` edits a dictionary with "actuators" and "transmissions"."""
 
     def edit(folder: Path):
         layer, name = layers(folder)

@@ -1,4 +1,4 @@
-"""Soft bodies of simple shapes, and a rod that pushes them."""
+"""Soft bodies of simple shapes, and rods that push them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RADIUS = 4 * MM
 
 
 def tissue(name, mesh, below, cells=(2, 2, 2), edge=np.inf, **more):
-    """A body held by its nodes at z below a height in m."""
+    """Return the tissue of a mesh; its nodes with z below `below` in m are fixed."""
     numbers = {"young": 5e3, "poisson": 0.4, "damping": 0.05, "density": 1000.0, "friction": 0.1, **more}
     low, high = np.array([-1.0, -1, -1]), np.array([1.0, 1, below])
     return Tissue(
@@ -36,14 +36,14 @@ def tissue(name, mesh, below, cells=(2, 2, 2), edge=np.inf, **more):
 
 
 def block(size=(0.12, 0.1, 0.08), **more):
-    """A block on the floor, z = 0, of edges in m that differ, so that its principal axes are its edges."""
+    """Return a block on the floor, z = 0; its edges in m differ, so that its principal axes are unique."""
     box = trimesh.creation.box(size)
     box.apply_translation([0, 0, size[2] / 2])
     return tissue("block", box, 1e-4, **{"edge": 0.02, **more})
 
 
 def ball(**more):
-    """An ellipsoid on the floor, symmetric about the planes x = 0 and y = 0; its top is at z = 80 mm."""
+    """Return an ellipsoid on the floor, z = 0, symmetric about the planes x = 0 and y = 0; its top is at z = 80 mm."""
     sphere = trimesh.creation.icosphere(3)
     sphere.apply_scale([0.08, 0.06, 0.04])
     sphere.apply_translation([0, 0, 0.04])
@@ -52,7 +52,7 @@ def ball(**more):
 
 @functools.cache
 def rod(length=0.2):
-    """A rod of a length in m whose round end is at its origin; it points down."""
+    """Return a vertical rod with a length in m; its lower round end is at its origin."""
     capsule = trimesh.creation.capsule(length - 2 * RADIUS, RADIUS)
     capsule.apply_translation([0, 0, -capsule.bounds[0][2]])
     return Body("rod", (Mesh("rod", np.array(capsule.vertices), np.array(capsule.faces, np.int32)),))
@@ -60,14 +60,14 @@ def rod(length=0.2):
 
 @functools.cache
 def plate():
-    """A plate of 200 mm by 200 mm by 10 mm whose lower face is at z = 0."""
+    """Return a plate, 200 mm x 200 mm x 10 mm, whose lower face is at z = 0."""
     box = trimesh.creation.box((0.2, 0.2, 0.01))
     box.apply_translation([0, 0, 0.005])
     return Body("plate", (Mesh("plate", np.array(box.vertices), np.array(box.faces, np.int32)),))
 
 
 def at(*p):
-    """A pose without rotation, at a point in m."""
+    """Return the pose (4, 4) without rotation at a point in m."""
     return spatial.pose(p=np.array(p, float))
 
 
@@ -84,14 +84,14 @@ def pushed(organ, body, start, depths, steps=100, hold=60):
 
 @functools.cache
 def abdomen():
-    """The organs of the scene with an anatomy."""
+    """Return the tissues of the scene vsrs."""
     scene = load_scene(ROOT / "cad/vsrs/scene.toml")
     assert scene.anatomy is not None
     return tissue_scene.tissues(scene, read_props(scene.file.parent / scene.anatomy.file))
 
 
 def torn(frame):
-    """Return whether a frame has vertices of several times: they do not follow from any nodes of their organ's grid."""
+    """Return whether a frame mixes vertices of several times: no node positions of the organ's grid give them."""
     for tissue, v in zip(abdomen(), frame.fields, strict=True):
         off = tissue.weights @ (_back(tissue.name) @ v) - v
         if v.shape != tissue.surface.vertices.shape or np.abs(off).max() > 2 * np.ptp(v, axis=0).max() / LEVELS:
@@ -105,11 +105,11 @@ def _back(name):
 
 
 SHORT = 0.08
-"""Length in m of a rod that is in the abdomen and not in its wall."""
+"""Length in m of a rod that fits in the abdomen without contact with its wall."""
 
 
 class Rods:
-    """Rods in the abdomen, one over the middle of each organ and of the wall, that move down together."""
+    """Rods in the abdomen, one above the middle of each organ and of the wall; all move down together."""
 
     def __init__(self, tissues):
         self.tissues = tissues
@@ -127,9 +127,9 @@ class Rods:
 
 
 def wander(seed, seconds, period=8e-3):
-    """Yield poses of three short rods: smooth motion at up to 0.3 m/s in the abdomen, and now and then a jump.
+    """Yield poses of three short rods: smooth motion at up to 0.3 m/s in the abdomen, with rare jumps.
 
-    The rods stay above the middle of the organs, whose lower faces are held.
+    The rods stay above the middle of the organs, because the lower faces of the organs are fixed.
     """
     rng = np.random.default_rng(seed)
     *tissues, wall = abdomen()
@@ -150,7 +150,7 @@ def wander(seed, seconds, period=8e-3):
 
 @functools.cache
 def bends():
-    """A ball that a rod pushes aside, and a block that nothing touches, for 2 s at 60 Hz."""
+    """Return the deformations of a ball that a rod pushes aside, and of an untouched block, for 2 s at 60 Hz."""
     soft, far = ball(), block(size=(0.05, 0.04, 0.03))
     s = np.linspace(0, 1, 60)
     path = np.column_stack([0.02 + 0.02 * s, 0 * s, 0.078 - 0.02 * np.sin(np.pi * s) + 0.01 * (s == 0)])
@@ -163,7 +163,7 @@ def bends():
 
 @functools.cache
 def abdomen_bends():
-    """The organs of the scene and its wall while a rod presses each of them for 2 s at 60 Hz."""
+    """Return the deformations of the organs and the wall of vsrs, each pressed by a rod, for 2 s at 60 Hz."""
     rods = Rods(abdomen())
     poses = [rods.poses(0.02 * np.sin(np.pi * k / 120) ** 2) for k in range(121)]
     tools = [Tool(t.name, rod(SHORT)) for t in rods.tissues]
@@ -174,7 +174,7 @@ def abdomen_bends():
 
 
 def at_time(bend, t):
-    """Return the vertices at a time in s, between two simulated ones by straight lines."""
+    """Return the vertices (n, 3) at a time in s, by linear interpolation between simulated times."""
     s = np.clip(t * 60, 0, len(bend.times) - 1)
     k = min(int(s), len(bend.times) - 2)
     return bend.weights @ (bend.nodes[k] * (k + 1 - s) + bend.nodes[k + 1] * (s - k))

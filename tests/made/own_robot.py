@@ -1,4 +1,4 @@
-"""A robot folder of one's own, outside of the tree, with SILS inside and a short protocol."""
+"""A user's robot folder outside the repository: a copy of SILS with a short protocol."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def folder(parent: Path) -> Path:
-    """Write the folder `my_robot` below a folder and return it; its default protocol is `short`."""
+    """Write the folder `my_robot` to the folder `parent` and return it; its default protocol is `short`."""
     out = parent / "my_robot"
     for part in ("cad", "trajectories"):
         (out / part).mkdir(parents=True)

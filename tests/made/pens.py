@@ -1,4 +1,4 @@
-"""Two pens whose program sends packets to a port of this machine."""
+"""Program of two haptic pens, which sends packets to a port of this machine."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SIDES = ("right", "left")
 
 
 class Pens:
-    """Poses of both pens in {H}, their grippers and pedals; `packet` and `send` count the numbers."""
+    """Poses of both pens in {H}, positions `p` in m; their grip angles in rad; and the pedals."""
 
     def __init__(self, port):
         self.to, self.number = ("127.0.0.1", port), 0
@@ -41,7 +41,7 @@ class Pens:
             self.socket.sendto(data, self.to)
 
     def forces(self):
-        """Return hand and force (3,) of each answer that has come."""
+        """Return (hand, force (3,) in N) of each received answer."""
         found = []
         while True:
             try:
@@ -51,7 +51,7 @@ class Pens:
             found.append((hand, np.array(force)))
 
     def roll(self):
-        """Turn both handles about their axes by 5 deg: this shows that a person holds them."""
+        """Roll both handles about their axes by 5 deg, which shows that a person holds them."""
         for side in SIDES:
             self.R[side] = self.R[side] @ spatial.rotation_z(5 * DEG)
 
@@ -60,7 +60,7 @@ class Pens:
 
 
 class Streaming(Pens):
-    """Pens whose program sends 250 packets a second each, until it is closed."""
+    """Pens that send 250 packets per second each, until `close`."""
 
     def __init__(self, port):
         super().__init__(port)

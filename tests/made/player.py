@@ -1,4 +1,4 @@
-"""A gamepad that is moved in a closed loop: it sees what the page draws, and steers tips to places in the World."""
+"""A simulated gamepad player: it reads the drawn tips from the page, and steers them to positions in the World."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ window.player = {
   },
 };
 """
-"""Script of a page: where a tip is in the World, and the way to a place in the picture: right, up, towards the lens."""
+"""Script of a page: `tip` is a tip's position in the World in m; `off` is the vector from a tip to a position `goal`,
+in the picture's axes (right, up, towards the lens)."""
 
 STEER = (
     PAD
@@ -61,15 +62,15 @@ Object.assign(player, {
 })();
 """
 )
-"""Script of a page: a gamepad whose sticks and depth buttons move the tips to `window.steer`, as a person who looks."""
+"""Script of a page: a gamepad whose sticks and depth buttons move the tips to the positions in `window.steer`."""
 
 _TRIGGER = {"left": 6, "right": 7}
 _NEXT = {"left": 14, "right": 2}
-_SIDES = 8  # of a vessel's prisms, whose rings end with their centre
+_SIDES = 8  # number of corners of a vessel's prisms; the last vertex of each ring is its centre
 
 
 class Player:
-    """What a person sees on the page of a procedure, and does with a gamepad."""
+    """A person at the page of a procedure: reads positions from the page, and acts with a gamepad."""
 
     def __init__(self, page, ports):
         self.page, self.ports, self.tips = page, ports, {}
@@ -88,20 +89,20 @@ class Player:
         return np.vstack([rings[:, 0], rings[-1:, 1]])
 
     def fundus(self, vessel):
-        """Return the vertex (3,) on top of the gallbladder that is farthest from where a vessel begins."""
+        """Return the vertex (3,) in the upper part of the gallbladder that is farthest from the start of a vessel."""
         v = self.vertices("gallbladder")
         high = v[v[:, 2] > np.quantile(v[:, 2], 0.8)]
         return high[np.argmax(np.linalg.norm(high - self.line(vessel)[0], axis=1))]
 
     def place(self, vessel, part):
-        """Return the point (3,) at a part of the length of a vessel."""
+        """Return the point (3,) on the centre line of a vessel at the fraction `part`, 0 to 1, of its segments."""
         line = self.line(vessel)
         k = part * (len(line) - 1)
         i = min(int(k), len(line) - 2)
         return line[i] + (k - i) * (line[i + 1] - line[i])
 
     def marks(self):
-        """Return the middles (k, 3) of the marks of the bed that are still there."""
+        """Return the centres (k, 3) of the marks of the gallbladder bed that still exist."""
         corners = self.vertices("gallbladder_bed").reshape(-1, 6, 3)
         return corners.mean(axis=1)[np.ptp(corners, axis=1).max(axis=1) > 1e-3]
 
@@ -113,7 +114,7 @@ class Player:
         return way / np.linalg.norm(way)
 
     def stages(self):
-        """Return the state of each check, by its title on the page."""
+        """Return the state of each stage of the task, by its title on the page."""
         return {s[0]: s[1] for s in self.page("twin.app.model.console.task.stages")}
 
     def hand(self, side):
@@ -122,7 +123,7 @@ class Player:
     # -- what is done ----------------------------------------------------------------------------------------
 
     def go(self, near=1.5e-3, **to):
-        """Steer tips to places (3,) in the World, all at once."""
+        """Steer tips to positions (3,) in m in the World, all at once, until they are nearer than `near` in m."""
         for side, p in to.items():
             self.page(f"window.steer.{side} = {np.asarray(p).tolist()}")
 
@@ -134,7 +135,7 @@ class Player:
             self.page(f"window.steer.{side} = null")
 
     def approach(self, side, see, before=15e-3):
-        """Go to a place that `see` returns along the shaft; it may move meanwhile."""
+        """Move a tip along the shaft to the position returned by `see`, which may change during the motion."""
         p = see()
         self.go(4e-3, **{side: p - before * self.inwards(side, p)})
         self.go(**{side: see()})
@@ -147,7 +148,7 @@ class Player:
         self.page(f"player.press({button}, {str(on).lower()})")
 
     def pull(self, side):
-        """Pull the trigger, until the server has received it."""
+        """Pull the trigger and wait until the jaws open."""
         self.press(_TRIGGER[side])
         self.page.until(f"twin.app.console.pens.{side}.gripped > 0.6", "the trigger is pulled")
         heard = self.page("twin.app.model.console.heard")
@@ -164,7 +165,10 @@ class Player:
         self.release(side)
 
     def take(self, side, tool, change=0.11):
-        """Draw a tip back to its port, and choose the next tool until it is the wanted one."""
+        """Retract a tip to its port, and select the next tool until it is `tool`.
+
+        `change` in m is the depth below the port up to which tools can be changed.
+        """
         self.back(side)
         port, p = self.ports[side], self.tip(side)
         self.go(4e-3, **{side: port + 0.85 * change * self.inwards(side, p)})

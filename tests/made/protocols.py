@@ -1,4 +1,4 @@
-"""Texts of protocols: a head, tolerances, limits of each kind of phase, waypoints, phases."""
+"""Write texts of protocols: header, tolerances, limits of each type of phase, waypoints, phases."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 Limits = tuple[float, float, float, float]
-"""Speed and acceleration of the tip in mm/s and mm/s2, of rotation in deg/s and deg/s2."""
+"""Maximum speed and acceleration of the tip in mm/s and mm/s2, then of the rotation in deg/s and deg/s2."""
 
 _WHY = 'provenance = "ASSUMED"\nnote = "of a test"\n'
 
 
 def waypoint(name: str, angles_deg: Sequence[float] | None = None, **place: Any) -> str:
-    """Return a waypoint; `place` is position_mm or depth_mm, or joints without angles."""
+    """Return a waypoint; `place` is position_mm or depth_mm, or joint values if `angles_deg` is None."""
     angles = "" if angles_deg is None else f"angles_deg = {[float(a) for a in angles_deg]}\n"
     return f"\n[waypoints.{name}]\n{_lines(place)}{angles}{_WHY}"
 
 
 def limits(kind: str, values: Limits) -> str:
-    """Return the limits of one kind of phase."""
+    """Return the limits of one type of phase."""
     keys = ("tip_speed_mm_s", "tip_acceleration_mm_s2", "rotation_speed_deg_s", "rotation_acceleration_deg_s2")
     return f"\n[limits.{kind}]\n{_lines(dict(zip(keys, values, strict=True)))}{_WHY}"
 
@@ -32,10 +32,10 @@ def text(head: Mapping[str, Any], tables: str, most: Mapping[str, Limits], parts
     """Return a protocol.
 
     Args:
-        head: name, title, robot, start, and whatever else is stated at the top; the frame is `tool` by default, with
-            its z axis along the shaft.
-        tables: of trocars and the patient, as text.
-        most: limits by kind of phase.
+        head: name, title, robot, start, and further keys at the top of the file; the default frame is `tool`, with its
+            z axis along the shaft.
+        tables: text of the tables of trocars and patient.
+        most: limits by type of phase.
         parts: waypoints and phases.
     """
     top = {"source": "a test", "frame": "tool", "shaft_axis": [0, 0, 1], "rotation": "zyx", **head}

@@ -23,7 +23,7 @@ JOINTS = tuple(f"q{j}" for j in range(1, 7))
 
 
 def motion(rate: int = 1000) -> dict[str, np.ndarray]:
-    """Joint and tool curves from rest to rest in every phase (quintic)."""
+    """Return joint and tool curves at `rate` in Hz; each phase is a quintic from rest to rest."""
     t = np.arange(int(12 * rate) + 1) / rate
     rng = np.random.default_rng(7)
     home = np.array([262.5, 474.8, 134.0, -54.8, 295.3, 525.3]) * MM

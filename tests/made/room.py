@@ -1,12 +1,13 @@
-"""A test room, served as `twin serve` serves a scene, with a cloth that hangs beside the robots: python -m made.room.
+"""Serve a robot or a scene with a hanging cloth, like `twin serve`: python -m made.room.
 
-What bends is no part of what is shipped yet; this shows that a page draws it.
+The cloth is a deformable object for tests of the page.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 import twin
 import twin.ui.headset
 from made.cloth import Cloth
-from twin.cad.build import read_mechanism
 from twin.cli import scene as scenes
 from twin.model.scene import load_scene
 from twin.ui.door.gate import Gate
@@ -26,28 +26,23 @@ from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve as viser_server
 
 CLOTH = {"corner": (-0.9, -0.9, 1.7), "edge": 0.7}
-"""Beside the robots of a scene; larger than a robot's hand, so that it is seen."""
+"""Corner and edge length of the cloth in m: beside the robots of a scene, and large enough to be visible."""
 
 
 def room(robot, cloth):
-    """Return what a server needs of a robot or a scene, by name, with a cloth. In an event loop."""
+    """Return the data that a server needs for a robot or a scene with a cloth; call this in an event loop."""
     file = scenes.find(robot)
     if file is None:
         return served.of_robot(twin.load(robot), robot, None, True, cloth)
-    scene, props = _of(file)
-    return served.of_scene(scene, {p.name: twin.load(p.name) for p in scene.places}, props, True, cloth)
-
-
-def _of(file):
-    scene = load_scene(file)
-    return scene, None if scene.props is None else read_mechanism(scene.props, with_mass=False).mechanism
+    return served.of_scene(replace(scenes.load(load_scene(file)), feed=cloth))
 
 
 def viewed(robot, cloth, port):
-    """Return the front of the viewer with a scene and a cloth, ready to run."""
-    scene, props = _of(scenes.find(robot))
-    actors = [Actor(p.name, p.name, Desk(twin.load(p.name)), p.T_world_base, p.protocol) for p in scene.places]
-    return open_page(scene.name, actors, props, viser_server(scene.name, "127.0.0.1", port), feed=cloth)
+    """Return the viewer's front with a scene and a cloth; `run` of the result starts it."""
+    loaded = scenes.load(load_scene(scenes.find(robot)))
+    scene, desks = loaded.scene, {n: Desk(r) for n, r in loaded.robots.items()}
+    actors = [Actor(p.name, p.name, desks[p.name], p.T_world_base, p.protocol) for p in scene.places]
+    return open_page(scene.name, actors, loaded.props, viser_server(scene.name, "127.0.0.1", port), feed=cloth)
 
 
 async def serve(robot, port, cloth):

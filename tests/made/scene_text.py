@@ -1,4 +1,4 @@
-"""Scene files with one wrong value, and what is said of them."""
+"""Scene files with one wrong value, and their error messages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.model.scene import Scene, load_scene
 
 
 def refused(scene: Scene, folder, old: str, new: str) -> str:
-    """Write the file of a scene without props and with one text replaced; return the message that refuses it."""
+    """Write a scene file without props and with `old` replaced by `new`; return the error message of its reader."""
     text = re.sub(r'props = ".*"\n', "", scene.file.read_text(encoding="utf-8"))
     assert old in text
     (folder / "scene.toml").write_text(text.replace(old, new, 1), encoding="utf-8")

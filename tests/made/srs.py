@@ -1,10 +1,10 @@
 """Tip and trocar in closed form, for arms with a spherical shoulder and wrist (S-R-S) and a straight instrument.
 
-Tip and trocar fix the shaft, hence the wrist; what remains free is the swivel of the elbow about the line from shoulder
-to wrist, and eight postures for each swivel: the signs of q2, q4 and q6. Both are chosen for the largest margin. The
-margin is the minimum of all distances to joint limits (relative to half the range), |sin q2| and |sin q6|, which vanish
-where joint axes are in line (|sin q4| does not depend on the choice). A path keeps one swivel, the one whose smallest
-margin along the path is largest, so that a closed path also closes in the joints.
+Tip and trocar determine the shaft, and therefore the wrist. Two choices remain: the swivel of the elbow about the line
+from shoulder to wrist, and for each swivel one of eight postures (the signs of q2, q4 and q6). Both are chosen for the
+largest margin. The margin is the minimum of all distances to joint limits (relative to half the range), |sin q2| and
+|sin q6|. These sines are 0 where joint axes are collinear; |sin q4| does not depend on the choice. A path has one
+swivel, whose smallest margin along the path is the largest; a closed path is therefore also closed in the joints.
 
 Convention: alpha = 0, -90, 90, -90, 90, -90, 90 deg in modified Denavit-Hartenberg form, origin at the shoulder.
 """
@@ -37,8 +37,8 @@ class TrocarPose:
     """An arm with its instrument through a trocar.
 
     Attributes:
-        q: (6,) joints in rad; the seventh turns the instrument about itself and is free.
-        swivel: rad, 0 with the elbow in the vertical plane through shoulder and wrist, above.
+        q: (6,) joints in rad; the seventh joint rotates the instrument about its axis and is free.
+        swivel: angle in rad; 0: the elbow is in the vertical plane through shoulder and wrist, above their line.
         margin: see the module; negative beyond a limit.
         elbow, wrist: (3,) in m, in the frame at the shoulder.
     """
@@ -113,7 +113,7 @@ class SrsArm:
         fits = ca.logic_and(depth < self.hand, gap > self.body)
         lined_up = ca.fmin(ca.fabs(ca.sin(q2)), ca.fabs(ca.sin(q6)))
         rows = []
-        for s2, s4, s6 in product((0, 1), repeat=3):  # another sign of one turns its neighbours by half a turn
+        for s2, s4, s6 in product((0, 1), repeat=3):  # the other sign of a joint turns its neighbours by 180 deg
             q = [q1 + s2 * ca.pi, q2 * (1 - 2 * s2), q3 + (s2 + s4) * ca.pi]
             q += [q4 * (1 - 2 * s4), q5 + (s4 + s6) * ca.pi, q6 * (1 - 2 * s6)]
             margin = lined_up
@@ -136,8 +136,8 @@ class SrsArm:
     def solve(self, tip: ArrayLike, trocar: ArrayLike, swivel: float = 0.0) -> TrocarPose:
         """Return a posture with the tip at `tip` (3,) and the shaft through `trocar` (3,), within the limits.
 
-        It uses the given swivel if this keeps the limits; else the nearest of sixteen swivels around the turn that
-        keeps them; else the swivel with the best margin in a finer scan.
+        The swivel is the given one if this keeps the limits; otherwise the nearest of sixteen evenly spaced swivels
+        that keeps them; otherwise the swivel with the best margin in a finer scan.
 
         Raises:
             KinematicsError: tip and trocar coincide, the trocar is beyond the wrist, the wrist is out of reach, or no
@@ -147,7 +147,7 @@ class SrsArm:
         for turn in _NEAREST:
             z[6] = swivel + turn
             out = self._postures.one(z)
-            if out[6] > 0:  # not where anything is undefined
+            if out[6] > 0:  # also False if the margin is NaN
                 return TrocarPose(out[:6], float(z[6]), float(out[6]), out[7:10], out[10:13])
         return self.best(tip, trocar)
 
@@ -177,7 +177,7 @@ class SrsArm:
         best = float(swivels[choice])
         rows = np.c_[Z, np.full(len(Z), best)]
         every, places = self._every.many(rows)[:, posture], self._postures.many(rows)[:, 7:]
-        qs = np.unwrap(every[:, :6], axis=0)  # a range wider than a turn may be used beyond it
+        qs = np.unwrap(every[:, :6], axis=0)  # a joint range wider than a turn may be used fully
         middle, half = self.limits.mean(axis=1), np.ptp(self.limits, axis=1) / 2
         left = np.where(np.isfinite(half), 1 - np.abs(qs - middle) / np.where(np.isfinite(half), half, 1), 1).min(
             axis=1

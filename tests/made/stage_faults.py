@@ -1,4 +1,4 @@
-"""Faults in USD stages, as text and as calls, with the finding that each must give."""
+"""Faults in USD stages: for each, the edit of the stage, and code and place of the finding that it must cause."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ HALF = Gf.Quatf(0.5, 0, 0, 0)
 
 
 PRINTED = {
-    # the 15 defects of our survey that no public validator names
+    # the defects of our survey that no public validator reports
     "loop": (put(f"{CLOSING}.physics:excludeFromArticulation", False), "stage.loop", CLOSING),
     "anchor": (put(f"{ELBOW}.physics:localPos0", Gf.Vec3f(0.102, 0, 0)), "stage.anchor", ELBOW),
     "axis": (put(f"{ELBOW}.physics:axis", "X"), "stage.axis", ELBOW),

@@ -1,4 +1,4 @@
-"""What the tests of the stream share: a server on a free port, clients that keep what they were sent."""
+"""Helpers for tests of the stream: a server on a free port, and clients that store all messages they receive."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PAGE = {
 
 
 class Planned:
-    """In place of a planner: the protocol is there at once."""
+    """Replacement of a planner; its job is done at once, without a plan."""
 
     playback = None
 
@@ -39,7 +39,7 @@ class Planned:
 
 @asynccontextmanager
 async def serving(robot, host="127.0.0.1", source=None, record=None, plans=True, context=None):
-    """A server on a free port: `.server`, `.port`, `.twin`, `.tokens`."""
+    """Yield a server on a free port, with the attributes `server`, `port`, `twin`, `live`, `tokens` and `gate`."""
     shown = robot() if callable(robot) else served.of_robot(robot, robot.name, None, plans)
     of, recording = shown.live, None
     if record is not None:
@@ -62,7 +62,7 @@ async def serving(robot, host="127.0.0.1", source=None, record=None, plans=True,
 
 
 class Peer:
-    """A client that keeps what it was sent."""
+    """A client that stores all messages it receives: `frames`, `raw`, `documents`, and `times` of the frames in s."""
 
     def __init__(self, ws):
         self.ws, self.frames, self.raw, self.documents = ws, [], [], []
@@ -89,7 +89,7 @@ class Peer:
         return await self.until(lambda: next((d for d in self.documents if d.get("id") == id), None))
 
     async def until(self, what, seconds=8.0):
-        """Return what something gives as soon as it is true."""
+        """Call `what` until its result is true, and return the result; fail after a time limit in s."""
         end = time.monotonic() + seconds
         while not (found := what()):
             assert time.monotonic() < end, (self.documents[-3:], self.frames[-1:])
@@ -118,7 +118,7 @@ async def joined(port, query="", **options):
 
 
 async def http(port, request, host=None):
-    """Return status, headers and body of a raw request."""
+    """Send a raw HTTP request; return (status, headers, body)."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     if isinstance(request, str):
         request = f"{request}\r\nHost: {host or f'127.0.0.1:{port}'}\r\n".encode()

@@ -1,4 +1,4 @@
-"""A small arm with a transmission: a lift that is driven directly, and three joints on cables of three motors."""
+"""A small arm with a transmission: a directly driven lift, and three joints that three motors drive by cables."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator, Transmission
 
 MATRIX = np.array([[0.05, 0.0, 0.0], [-0.02, 0.04, 0.0], [0.01, -0.015, 0.03]])
-"""Rad of joints per rad of motors: cables of outer joints run over the inner ones."""
+"""Joint angles per motor angle (3, 3), in rad/rad: the cables of outer joints run over the inner joints."""
 
 ALONG_Y = spatial.pose(spatial.frame_from_axes([0, 1, 0], [1, 0, 0]))
-"""A joint frame whose z is the y of its body."""
+"""Pose (4, 4) of a joint frame whose z axis is the y axis of its body."""
 
 MOTORS = tuple(
     Actuator(f"m{i + 1}", "angle", (-60.0, 80.0 + i), 10.0 + i, 0.2 + i / 10, 1e-5 * (i + 1), 2.0 + i, 0.02)
@@ -29,7 +29,7 @@ SCREW = Actuator("screw", "angle", (-300.0, 320.0), 80.0, 0.1, 4e-6, 0.3, 0.004)
 
 
 def raven(matrix=MATRIX) -> Mechanism:
-    """Return the arm: a lift along z, a turn about z, then two about y on cables."""
+    """Return the arm: a lift along z, a revolute joint about z, and two about y; cables drive the revolute joints."""
     size = (0.02, 0.02, 0.2)
     bodies = tuple(
         Body(n, (box(f"{n}_box", (0, 0, 0.1), size),), solid(0.3, (0, 0, 0.1), size))
@@ -59,7 +59,7 @@ def raven(matrix=MATRIX) -> Mechanism:
 
 
 def screwed() -> Mechanism:
-    """Return the arm with a lead screw of 2 mm a turn that moves the lift: an angle is led to a length."""
+    """Return the arm with a lead screw (2 mm per turn) that moves the lift: an angle is converted to a length."""
     m = raven()
     return replace(
         m,

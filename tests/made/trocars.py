@@ -1,4 +1,4 @@
-"""Where the trocar of the drawn robots is, and poses of the tool through it."""
+"""Position of the trocar of the drawn robots, and tool poses whose shaft passes through it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ TROCAR = np.array([0.40, 0.0, 0.30])
 
 
 def targets(count, seed, depth, tilt=0.0):
-    """Shaft ends about the trocar, and tools tilted from the shaft by up to `tilt`."""
+    """Return (random generator, shaft ends (count, 3) in m inside, shaft directions (count, 3) outwards).
+
+    `depth` is the (smallest, largest) vertical distance in m of the ends below the trocar.
+    """
     rng = np.random.default_rng(seed)
     inner = TROCAR + np.column_stack([rng.uniform(-0.08, 0.08, (count, 2)), -rng.uniform(*depth, count)])
     u = (TROCAR - inner) / np.linalg.norm(TROCAR - inner, axis=1)[:, None]
@@ -19,7 +22,10 @@ def targets(count, seed, depth, tilt=0.0):
 
 
 def lapbot_poses(count, seed):
-    """As the fact sheet: +-80 mm beside, 60 to 200 mm below the trocar, tool up to 40 deg off the shaft."""
+    """Return tool poses (count, 4, 4) of the lapbot.
+
+    The shaft's end is up to 80 mm beside and 60 to 200 mm below the trocar; the tool is tilted by up to 40 deg.
+    """
     rng, inner, u = targets(count, seed, (0.06, 0.20))
     Ts = np.zeros((count, 4, 4))
     for i in range(count):

@@ -1,7 +1,7 @@
 """A robot with two trocars: two instruments that hold one needle, each through its own trocar, in a plane.
 
-Both shafts turn about their trocars in the abdominal wall and are driven along themselves; their tips are pinned to one
-another. So two slides place the needle, and what the one instrument does the other has to follow.
+Each shaft turns about its trocar in the abdominal wall and is driven along its axis. A revolute joint connects the two
+tips. The two slides therefore position the needle, and each instrument must follow the other.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from twin.model.mechanism import Mechanism
 
 NAME = "two_hands"
 PLACES = {"left": np.array([-0.12, 0.0, 0.30]), "right": np.array([0.12, 0.0, 0.30])}
-"""Trocars in base as drawn, by name."""
+"""Positions (3,) in m of the trocars in base, as drawn, by name."""
 
 NEEDLE = np.array([0.02, 0.0, 0.12])
-"""Where the tips meet as drawn, in base."""
+"""Position (3,) in m in base at which the tips meet, as drawn."""
 
 MOVED = {"left": np.array([-0.115, 0.0, 0.302]), "right": np.array([0.124, 0.0, 0.297])}
-"""Trocars in base of the protocol `moved`."""
+"""Positions (3,) in m of the trocars in base in the protocol `moved`, by name."""
 
 _LENGTH = 0.34
-"""Of the shafts, in m."""
+"""Length of the shafts in m."""
 
 
 def shaft_axis(trocar, tip=NEEDLE):
@@ -38,7 +38,7 @@ def shaft_axis(trocar, tip=NEEDLE):
 
 
 def theta(trocar, tip=NEEDLE):
-    """Return the turn of a shaft about y, in rad: its z axis is (sin, 0, cos)."""
+    """Return the rotation of a shaft about y in rad: its z axis is (sin, 0, cos)."""
     n = shaft_axis(trocar, tip)
     return float(np.arctan2(n[0], n[2]))
 
@@ -49,7 +49,7 @@ def mechanism() -> Mechanism:
     bodies = [Body("base", (wall,), solid(5.0, [0, 0.05, 0.3], [0.4, 0.02, 0.05]))]
     turns, slides = [], []
     for i, (side, p) in enumerate(PLACES.items()):
-        n, y = shaft_axis(p), 0.01 * (2 * i - 1)  # the two shafts lie beside one another
+        n, y = shaft_axis(p), 0.01 * (2 * i - 1)  # the two shafts are side by side
         R = spatial.frame_from_axes(n, [0, 1, 0])
         tube = box(f"tube_{side}_wall", [0, 0, 0], [0.02, 0.008, 0.02])
         rod = box(f"shaft_{side}_rod", [0, 0, 0], [0.004, 0.004, _LENGTH])
@@ -134,13 +134,13 @@ LIMITS = (50, 200, 30, 120)
 
 
 def protocol(name: str = "stitch", places=PLACES, stated=None, about: str = "left") -> str:
-    """Return a protocol that turns the needle's instrument about a trocar, deeper, to the side, and back.
+    """Return a protocol that moves the left instrument about a trocar: deeper, to the side, and back.
 
     Args:
-        name: of the protocol.
-        places: where the trocars are; the poses go through them.
-        stated: what [trocars_mm] says, if that is something else.
-        about: the trocar that the phases name.
+        name: name of the protocol.
+        places: positions (3,) in m of the trocars; the shafts of all poses pass through them.
+        stated: positions in [trocars_mm], if they differ from `places`.
+        about: name of the trocar in the phases.
     """
     first = theta(places["left"])
     depth = float(np.linalg.norm(NEEDLE - places["left"]))

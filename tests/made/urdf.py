@@ -1,4 +1,4 @@
-"""Robots as URDF: links that are boxes, a tool 0.1 m beyond the hand, and a wrist of yaw, pitch and roll."""
+"""Robots as URDF: their links are boxes, the wrist has yaw, pitch and roll, and the tool is 0.1 m from the hand."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def inverse(pose):
     y = hand[1] - 0.05 * np.sin(q5) * np.sin(yaw)
     z = hand[2] - 0.05 * np.cos(q5)
 {rows}'''
-"""Equations of an arm that carries the wrist to x, y, z; `rows` are those of its own joints."""
+"""Equations of an arm that positions the wrist at x, y, z; `rows` compute the joints of the arm from x, y, z, yaw."""
 
 
 def link(name: str, mass: float, size: tuple[float, float, float], at: tuple[float, float, float]) -> str:
-    """Return a solid box of a mass in kg, its sides and its middle in m."""
+    """Return a link that is a solid box: mass in kg, edge lengths `size` and centre `at` in m."""
     (x, y, z), k = size, mass / 12
     place = f'<origin xyz="{at[0]} {at[1]} {at[2]}"/>'
     shape = f'{place}<geometry><box size="{x} {y} {z}"/></geometry>'
@@ -52,7 +52,7 @@ def joint(
     effort: float,
     more: str = "",
 ) -> str:
-    """Return a driven joint; limits in m or rad, the largest effort in N or N m."""
+    """Return a driven joint: origin `at` in m, limits in m or rad, maximum effort in N or N m."""
     return (
         f'<joint name="{name}" type="{kind}"><origin xyz="{at}"/><parent link="{parent}"/><child link="{child}"/>'
         f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" velocity="2" effort="{effort}"/>{more}</joint>'
@@ -60,13 +60,13 @@ def joint(
 
 
 def robot(name: str, parts: Iterable[str]) -> str:
-    """Return the text of a robot whose last link is `hand`."""
+    """Return the URDF of a robot, with a link `tool` that is fixed to the link `hand`."""
     mount = '<joint name="mount" type="fixed"><origin xyz="0 0 0.1"/><parent link="hand"/><child link="tool"/></joint>'
     return "\n".join([f'<robot name="{name}">', *parts, '<link name="tool"/>', mount, "</robot>"])
 
 
 def mechanism(text: str, path: Path) -> Mechanism:
-    """Return the mechanism that a text, written to the path, is read as."""
+    """Write a URDF to a path; return the mechanism read from it."""
     path.write_text(text)
     return close(read(path)).mechanism
 

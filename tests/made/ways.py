@@ -1,4 +1,4 @@
-"""Which ways a tool can go: of a planar arm two, of an arm in space three."""
+"""Directions in which a tool can move: two for a planar arm, three for a spatial arm."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from twin.api.robot import Robot
 def leads(robot: Robot) -> np.ndarray:
     """Return orthonormal directions (3, k) in the base frame in which the tool can move from home.
 
-    They are found by moving each driven joint of the reference model a little.
+    They are computed from small displacements of each driven joint of the reference model.
     """
     model = robot.reference()
     home = model.home()

@@ -1,4 +1,4 @@
-"""Worlds of every kind; run as a program, it prints what came of each, for those who compare processes."""
+"""One World of each kind. Run as a program, it prints a digest of the results of each, to compare processes."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def goal_beside_home(kin, mm=(0.8, -0.5, 0.6), tolerance=50e-6):
 
 
 def sher(device: Block | None = None, hazards: tuple[Hazard, ...] = (), seed=0, mm=(0.3, -0.2, 0.2)) -> World:
-    """SHER under a hand that goes a little beside home, or under another device."""
+    """Return a World with the robot SHER: a scripted hand (or `device`) moves it to a goal near home."""
     kin = sher_equations()
     hand = ScriptedHand("sher", kin, [goal_beside_home(kin, mm)], SCALE, 1 / 200, seed)
     return trial.world(kin, HOME, LIMITS, controller(), device or hand, hazards=hazards)
@@ -63,7 +63,7 @@ def sher(device: Block | None = None, hazards: tuple[Hazard, ...] = (), seed=0, 
 
 @cache
 def actors() -> tuple[scene_play.Actor, ...]:
-    """The three robots of vsrs with their plans."""
+    """Return the three robots of the scene vsrs with their plans."""
     found = []
     for place in load_scene(ROOT / "cad/vsrs/scene.toml").places:
         robot = twin.load(place.name)
@@ -74,12 +74,12 @@ def actors() -> tuple[scene_play.Actor, ...]:
 
 
 def vsrs() -> World:
-    """All robots of the scene, by 20 ms."""
+    """Return a World with all robots of the scene vsrs; one tick is 20 ms."""
     return scene_play.world(actors(), dt=0.02)
 
 
 def cloth(n=5) -> Deformable:
-    """A square of n x n vertices in the hand of a two-link arm."""
+    """Return a square cloth of n x n vertices in the hand of a two-link arm."""
     x, y = (a.ravel() for a in np.meshgrid(np.linspace(0, 0.1, n), np.linspace(0, 0.1, n)))
     corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     triangles = np.concatenate(
@@ -90,12 +90,12 @@ def cloth(n=5) -> Deformable:
 
 
 def wave(rest, t):
-    """Let all but the first row wave."""
+    """Return the vertices at time `t` in s: a wave of all rows except the first."""
     return rest + np.outer(rest[:, 1] * np.sin(20 * t + 30 * rest[:, 0]), [0, 0, 1])
 
 
 class Swing(Block):
-    """A controller of one file: the joints swing."""
+    """A controller that swings the joints."""
 
     def __init__(self):
         self.outputs = {"arm.command": np.zeros(2)}
@@ -105,7 +105,7 @@ class Swing(Block):
 
 
 def waving() -> World:
-    """A two-link arm that stands beside the world's origin, with a cloth in its hand."""
+    """Return a World with a two-link arm, 1 m from the origin, that holds a cloth in its hand."""
     free = np.full(2, np.inf)
     return World(
         robots=[Placed("arm", two_links(), spatial.pose(p=[1.0, 0, 0]))],
@@ -119,7 +119,7 @@ KINDS = {"sher": sher, "vsrs": vsrs, "waving": waving}
 
 
 def happened(world: World, ticks=600) -> str:
-    """Return a digest of all that came of a World: its recording, and its frames before and after."""
+    """Run a World and return a digest of its results: its recording, and its first and last frame."""
     frames = [world.frame()]
     world.step(ticks)
     frames.append(world.frame())

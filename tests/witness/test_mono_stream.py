@@ -8,6 +8,7 @@ import socket
 import struct
 import time
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -248,7 +249,6 @@ async def orders(folder: Path) -> None:
 
 async def a_scene(folder: Path) -> None:
     """`twin serve vsrs` with a field: a client follows one of the robots, holds that one and no other."""
-    import twin
     from twin.cli import scene as scenes
     from twin.model.scene import load_scene
     from twin.ui.door.gate import Gate
@@ -256,10 +256,9 @@ async def a_scene(folder: Path) -> None:
     from twin.ui.headset.server import StreamServer
 
     scene = load_scene(scenes.find("vsrs"))
-    robots = {p.name: twin.load(p.name) for p in scene.places}
     name = scene.places[1].name
     port, cloth = free_port(), Cloth(n=5)
-    shown = served.of_scene(scene, robots, None, False, cloth)
+    shown = served.of_scene(replace(scenes.load(scene), props=None, feed=cloth), False)
     server = StreamServer(shown.live, shown.hello, shown.files, Gate("127.0.0.1", port, False, lambda t: None))
     await server.start("127.0.0.1", port)
     running = asyncio.ensure_future(server.run())
@@ -283,7 +282,7 @@ async def a_scene(folder: Path) -> None:
                 if own.holder is not None:
                     break
                 await asyncio.sleep(0.05)
-            assert [t.holder is not None for t in shown.live.twins.values()] == [n == name for n in robots]
+            assert [t.holder is not None for t in shown.live.twins.values()] == [n == name for n in shown.live.twins]
             seen.order("end")
             await seen.until(lambda s: not s["holding"])
     finally:

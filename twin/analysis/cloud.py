@@ -14,13 +14,16 @@ MOST = 400_000
 
 
 def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
-    """Return positions (k, 3) in m, values (k, 4), and colours (k, 3) uint8 that show the inverse condition numbers."""
+    """Return positions (k, 3) in m, values (k, 4) of `COLUMNS`, and colours (k, 3) uint8.
+
+    The colours show the inverse condition numbers or, without condition numbers, the margins to the joint limits.
+    """
     from matplotlib import colormaps
 
     at = np.flatnonzero(found.reached)
     at = at[:: max(1, -(-len(at) // MOST))]
     values = found.values[at]
-    known = values[:, 1] if values[:, 1].any() else values[:, 2]  # no condition numbers: limit margins
+    known = values[:, 1] if values[:, 1].any() else values[:, 2]
     most = float(np.quantile(known, 0.99)) if len(known) else 1.0
     rgba = colormaps["viridis"](np.clip(known / max(most, 1e-12), 0, 1), bytes=True)
     return found.grid.position(at), values, np.asarray(rgba)[:, :3]

@@ -29,6 +29,8 @@ PATIENCE = "10s"
 def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]:
     """Yield a client of the scheduler at `address`, such as tcp://10.0.0.1:8786; "local" starts local workers.
 
+    `workers` is the number of local workers; None: one for each processor.
+
     Raises:
         TwinError: no scheduler answers at the address, it has no workers, or `distributed` is not installed.
     """

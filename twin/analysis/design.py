@@ -127,7 +127,7 @@ def distance(mechanism: Mechanism, name: str) -> float:
 
 
 def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
-    """Return the mechanism with the distance `name` set to `value` in m; the second joint moves along its line."""
+    """Return the mechanism with the distance `name` set to `value` in m; the second joint moves, the first is fixed."""
     line, joint, side = _between(mechanism, name)
     size = float(np.linalg.norm(line))
     if size < 1e-9:
@@ -161,7 +161,11 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
 def job(
     robot: api.Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]
 ) -> Job:
-    """Return the job; its grid is 20 % larger in each direction than the workspace of the design in the CAD."""
+    """Return the job; its grid is 20 % larger in each direction than the workspace of the design in the CAD.
+
+    Raises:
+        TwinError: an objective does not exist, or depends on none of the factors.
+    """
     from twin.analysis.workspace import box
 
     for name in objectives:
@@ -210,7 +214,7 @@ def _robot(source: str, protocol: str | None) -> api.Robot:
 
 
 def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
-    """Return the objectives of one design; NaN if the design cannot be assembled."""
+    """Return the objectives of one design by name, in the units of `OBJECTIVES`; NaN if it cannot be assembled."""
     robot = _robot(work.source, work.protocol)
     out: dict[str, float] = {}
     named = {f.name: float(v) for f, v in zip(work.factors, design, strict=True)}

@@ -54,7 +54,8 @@ def by_joints(
     low = p.min(axis=0) - margin
     shape = np.ceil((extent + 2 * margin) / step).astype(int) + 1
     if shape.prod() > _CELLS:
-        raise TwinError(f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}")
+        text = f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}: increase --step-mm"
+        raise TwinError(text)
     nx, ny, nz = (int(n) for n in shape)
     grid = Grid(low, step, (nx, ny, nz), np.eye(3))
     cells = grid.positions

@@ -1,8 +1,8 @@
 """Compile one function (kernel) that evaluates poses: reachability, margin to joint limits, conditioning.
 
-Condition numbers come from the eigenvalues of J J^T (J: Jacobian). They are computed by sweeps of Jacobi rotations
-until the off-diagonal entries are rounding errors. The number of sweeps is fixed, so that many poses are computed at
-once.
+Condition numbers come from the eigenvalues of J J^T (J: Jacobian). The eigenvalues are computed by sweeps of Jacobi
+rotations until the off-diagonal entries are rounding errors. Poses that are computed at once get the same number of
+sweeps.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ ROOT = 1.2207440846057596
 """Root of x^4 = x + 1; the fractional parts of i / root^k cover three dimensions more evenly than random numbers."""
 
 _SWEEPS, _BESIDE = 12, 1e-13
+"""Maximum number of Jacobi sweeps, and the relative off-diagonal norm at which they end."""
 
 
 def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:

@@ -13,9 +13,10 @@ from twin.analysis.workspace import workspace as over_grid
 from twin.api import Progress, Robot
 from twin.api.robot import silent
 from twin.core.errors import TwinError
+from twin.core.units import MM
 
 _POSITIONS = 50_000_000
-"""Maximum number of positions; each takes 16 bytes on disk and 16 bytes in memory."""
+"""Maximum number of positions; each takes 16 bytes, in memory or on disk."""
 
 
 def workspace(
@@ -73,8 +74,8 @@ def workspace(
     grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
     if grid.positions > _POSITIONS:
         raise TwinError(
-            f"{grid.positions:.3g} positions; the limit is {_POSITIONS:.0e}. Increase --step-mm; or "
-            "omit it and increase --turns, which reduces the number of positions"
+            f"{grid.positions:.3g} positions; the limit is {_POSITIONS:.0e}. Increase --step-mm or reduce --count; or "
+            "omit --step-mm and increase --turns, which reduces the number of positions"
         )
 
     def kept(shape: tuple[int, int]) -> np.ndarray:
@@ -85,5 +86,11 @@ def workspace(
 
     if scheduler:
         with cluster(scheduler) as client:
-            return over_grid(robot, grid, kept, progress, client=client, source=source, protocol=protocol)
-    return over_grid(robot, grid, kept, progress)
+            found = over_grid(robot, grid, kept, progress, client=client, source=source, protocol=protocol)
+    else:
+        found = over_grid(robot, grid, kept, progress)
+    if not found.reached.any():
+        size = " x ".join(f"{x / MM:.3g}" for x in high - low)
+        text = f"none of {grid.positions} positions, {step / MM:.3g} mm apart, is reached in a box of {size} mm"
+        raise TwinError(f"{robot.name}: {text}: reduce --step-mm")
+    return found

@@ -125,7 +125,8 @@ def sweep(
         vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
         folder: function from a hash of the request to the folder in which each result is stored immediately.
         source: name or path by which workers load the robot.
-        objectives: names in `twin.analysis.design.OBJECTIVES`; default: all objectives that depend on the factors.
+        objectives: names in `twin.analysis.design.OBJECTIVES`; default: "tolerance" if all factors are distances, else
+            "volume" and "conditioning".
         protocol: name of the protocol that sets the trocar positions; default: the robot's default protocol.
         samples: number of designs in a Latin hypercube; not used with `grid`.
         grid: number of levels of each factor; None: Latin hypercube.

@@ -23,7 +23,7 @@ def key_of(work: Job, designs: Array) -> str:
 
 
 class Table:
-    """Stored results of a sweep: `rows.csv` and `job.json` in a folder; a context manager; `add` stores a result.
+    """Stored results of a sweep: `rows.csv` and `job.json` in a folder. Use it as a context manager, then call `add`.
 
     Attributes:
         done: objectives by design number, of designs evaluated so far.
@@ -33,7 +33,7 @@ class Table:
         """Open a folder, and read stored results of the same job.
 
         Raises:
-            TwinError: the folder contains results of another job.
+            TwinError: the folder contains results of another job, or its job.json is damaged.
         """
         self.folder, self._work = folder, work
         key = key_of(work, designs)

@@ -1,9 +1,9 @@
 """Tool error caused by manufacturing and encoder errors: first-order propagation through the loops, and Monte Carlo.
 
 Every joint has two frames, one on each body; each frame has a small error in position and rotation. With these errors,
-the loops are closed again. If they are overconstrained (for example by pins of a planar loop that are no longer
-parallel), they are closed by least squares, which distributes the gaps as clearances would. The first-order result is
-the derivative of the implicit equations. A Monte Carlo simulation with compiled Newton steps checks this result.
+the loops are closed again. Overconstrained loops, for example planar loops whose pins are no longer parallel, are
+closed by least squares, which distributes the gaps as clearances would. The first-order result is the derivative of the
+implicit equations. A Monte Carlo simulation with compiled Newton steps checks this result.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ _CHUNK = 8192
 """Number of Monte Carlo samples in a batch; each sample has a few hundred errors."""
 
 _NEWTON, _LAST = 12, 1e-10
+"""Maximum number of Newton steps, and the step size in m or rad at which they end."""
 
 _ALONG = 12
 """Number of states evaluated along a protocol."""
@@ -86,7 +87,7 @@ class Budget:
 
     @property
     def contributors(self) -> list[tuple[str, float, float]]:
-        """(joint, share of position variance, share of rotation variance), largest position share first."""
+        """(joint or encoder, fraction of position variance, fraction of rotation variance), largest position first."""
         effect = (self.sensitivity * self.sigma) ** 2
         whole = np.array([effect[:3].sum(), effect[3:].sum()])
         out = []
@@ -209,16 +210,16 @@ class Tolerances:
     def _kernel(self) -> Kernel:
         """Compiled function that closes the loops with given errors, by Gauss-Newton from the error-free state."""
         e = self.equations
-        names = [p.name for p in e.passive]
+        keys = [p.key for p in e.passive]
         seed = ca.SX.sym("seed", e.states.numel())
         parts, at = [], 0
         for p in e.passive:
             parts.append(seed[at : at + p.state.numel()])
             at += p.state.numel()
-        stages = [Stage(ca.Function("split", [seed], parts), ("seed",), tuple(names))] if names else []
+        stages = [Stage(ca.Function("split", [seed], parts), ("seed",), tuple(keys))] if keys else []
         arguments = [self.error, e.q, *[p.state for p in e.passive]]
-        takes = ("e", "q", *names)
-        if names and e.residual.numel():
+        takes = ("e", "q", *keys)
+        if keys and e.residual.numel():
             pattern = np.array(ca.DM(e.jacobian.sparsity(), 1).full(), bool)
             step = linear.least_squares(e.jacobian, -e.residual, pattern)
             size = ca.SX(0)
@@ -226,7 +227,7 @@ class Tolerances:
                 size = ca.fmax(size, ca.fabs(x))
             new, at = {}, 0
             for p in e.passive:
-                new[p.name] = p.stepped(step[at : at + p.step.numel()])
+                new[p.key] = p.stepped(step[at : at + p.step.numel()])
                 at += p.step.numel()
             function = ca.Function("step", arguments, [*new.values(), size], {"cse": True})
             stages.append(Stage(function, takes, (*new, "error"), _NEWTON, _LAST))

@@ -6,6 +6,7 @@ position. Collisions are not checked; passive joints are limited only by the equ
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -35,8 +36,9 @@ CHUNK = 1 << 18
 COLUMNS = ("reached", "inverse_condition", "limit_margin", "singularity")
 """Columns of the values for each position.
 
-`reached`: fraction of its orientations that are reached. Over the reached orientations: `inverse_condition`, mean
-inverse condition number; `limit_margin`, largest margin to a joint limit; `singularity`, smallest singularity measure.
+`reached`: fraction of the orientations that are reached at the position. Over these orientations: `inverse_condition`,
+mean inverse condition number; `limit_margin`, largest margin to a joint limit; `singularity`, smallest singularity
+measure.
 """
 
 _START, _FARTHEST = 0.1, 12.8
@@ -69,7 +71,7 @@ class Grid:
     @property
     def positions(self) -> int:
         """Number of positions."""
-        return int(np.prod(self.shape))
+        return math.prod(self.shape)  # without overflow
 
     @property
     def poses(self) -> int:
@@ -352,6 +354,9 @@ def workspace(
         client: client of a cluster; None: this machine.
         source: name or path by which the cluster's workers load the robot.
         protocol: name of the protocol that sets the trocar positions, or None.
+
+    Raises:
+        KinematicsError: the equations have no closed-form inverse.
     """
     values = store((grid.positions, len(COLUMNS)))
     if client is not None:

@@ -141,8 +141,7 @@ class ConsoleSession(Result):
         """Measures of a task with rings; None for another task."""
         if self.task is None or not self.task.transfers:
             return None
-        table = console_scene.console_of(self.scene)
-        robots = [n for hand in HANDS for n in getattr(table, hand)]
+        robots = [*console_scene.hands_of(self.scene)]
         return rings.measure(self.ran.kept, self.task, self.scene.objects, self.pegs, robots)
 
     @cached_property

@@ -204,7 +204,8 @@ def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Are
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
     """Run the experiments of the second paper (sections 3.1 and 3.2.1), see `twin.simulation.hazards.trends`.
 
-    They are the deviation of machine and model at each motion scale, and a motor command that is stuck every 8 s.
+    The experiments measure the deviation of the model from the machine: at each motion scale, and with a motor command
+    that is stuck every 8 s.
 
     Args:
         robot: a robot with machine.toml.
@@ -230,7 +231,7 @@ def campaign_file(robot: Robot, campaign: str | Path) -> Path:
         return Path(campaign)
     path = robot.files.cad / "campaigns" / f"{campaign}.toml"
     known: dict[str, Any] = {}
-    with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign names the mistake
+    with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign reports the error
         known = tomllib.loads(path.read_text(encoding="utf-8"))
     other = known.get("same_as") if len(known) == 1 else None
     return (path.parent / other).resolve() if isinstance(other, str) else path

@@ -17,8 +17,8 @@ from twin.validation.ranks import Ranks, Users, compare_users
 def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progress = silent) -> Ranks:
     """Compare groups of sessions of one task, such as first and last sessions, or sessions with and without haptics.
 
-    `groups` gives the files of each group, in the order of the sessions. A file is a session, which
-    is replayed, or the session.json of `twin session --out` or `twin operate`.
+    `groups` gives the files of each group, in the order of the sessions. Each file is a session, which is replayed, or
+    the session.json of `twin session --out` or `twin operate`.
 
     Raises:
         DescriptionError: there are fewer than two groups, a file is not a session, or tasks differ.
@@ -39,7 +39,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
         tasks.setdefault(task, path)
         if len(tasks) > 1:
             (a, first), (b, other) = tasks.items()
-            raise DescriptionError(f"{first} is a session of {a}, {other} is a session of {b}: all must be of one task")
+            raise DescriptionError(f"{first} is a session of {a}, {other} is a session of {b}: the tasks must be equal")
         rows.append((group, float(number), measures(found)))
     names = [n for n in rows[0][2] if all(n in row for _, _, row in rows)]
     table = {n: [row[n] for _, _, row in rows] for n in names}
@@ -48,7 +48,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
 
 
 def measures(content: Mapping[str, Any]) -> dict[str, float]:
-    """Return the measures of a session that are compared, by name with unit, from its plain data."""
+    """Return the compared measures of a session, {name with unit: value}, from the session's plain data."""
     out = {"time_s": content["time_s"]}
     out |= {f"{name}_path_mm": hand["path_mm"] for hand in content["hands"] for name in [hand["robot"]]}
     out |= {n: content[n] for n in ("clutches", "camera_moves")}

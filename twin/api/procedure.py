@@ -16,7 +16,6 @@ from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, warning
 from twin.core.result import Part, Result, Table
-from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.model.procedure import ProcedureTable
@@ -67,8 +66,8 @@ class ProcedureSession(Result):
         if self.measures.done or self.verdict != "disagree":
             return "The replay gives different bytes" if self.ran.difference is not None else super().word
         if failed := sum(c.lost for c in checks):
-            return f"{failed} of {len(checks)} checks {'is' if failed == 1 else 'are'} failed"
-        return f"Not finished: {sum(c.done for c in checks)} of {len(checks)} checks are passed"
+            return f"{failed} of {len(checks)} checks failed"
+        return f"Not finished: {sum(c.done for c in checks)} of {len(checks)} checks passed"
 
     @property
     def procedure(self) -> ProcedureTable:
@@ -78,8 +77,7 @@ class ProcedureSession(Result):
     @cached_property
     def measures(self) -> ProcedureMeasures:
         """The checks and measures, from the signals of the World."""
-        ports: list[Array] = [operating_scene.port_of(p) for p in operating_scene.robots_of(self.scene, self.procedure)]
-        return procedure_checks.measure(self.ran.kept, self.procedure, self.organ, self.scene.vessels, ports)
+        return procedure_checks.measure(self.ran.kept, self.scene, self.procedure, self.organ)
 
     @property
     def findings(self) -> Sequence[Finding]:

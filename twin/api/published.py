@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -241,8 +241,11 @@ def masses(robot: Robot, progress: Progress = silent) -> Masses:
     if robot.files is None:
         sources.append(collect.of_mechanism(robot.mechanism, "stage"))
     else:
-        weighed = robot.weighed().mechanism
-        sources.append(collect.of_mechanism(weighed, "computed from the CAD"))
+        cad = robot.weighed().cad
+        weighed = cad.mechanism
+        computed = collect.of_mechanism(weighed, "computed from the CAD")
+        reasons = tuple(f for f in cad.findings if f.code in ("cad.open_mesh", "cad.no_material"))
+        sources.append(replace(computed, findings=(*computed.findings, *reasons)))
         if robot.files.stage.is_file():
             from twin.usd.read import read_stage
 
@@ -317,7 +320,7 @@ def equations_of_motion(robot: Robot, states: int = 200, seed: int = 0) -> Publi
     form = robot.formula.motion if robot.formula is not None else None
     if form is None or robot.files is None:
         raise TwinError(
-            f"{robot.name} has no published equations of motion; of the built-in robots, only raven_left has them"
+            f"{robot.name} has no published equations of motion; of the built-in robots, raven_left and raven_right do"
         )
     dynamics = arm(robot.mechanism, inertia.of_robot(robot.files.cad)).dynamics()
     return PublishedMotion(robot.name, form.source, states, judge(form, dynamics, states, seed))

@@ -245,7 +245,7 @@ class Robot:
         Without an inverse equation, each pose is solved from the previous solution, the first pose from `seed` (n,).
 
         Raises:
-            KinematicsError: a pose is out of reach; the message names the index of the pose.
+            KinematicsError: a pose is out of reach; for several poses, the message names the index of the first one.
         """
         kin, T = self.kinematics(variant), np.asarray(T_base_tool, float)
         return kin.inverse(T, seed) if T.ndim == 2 else kin.inverse_of_all(T, seed)
@@ -253,8 +253,10 @@ class Robot:
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
 
+        Rows of q (k, n) without a solution give NaN.
+
         Raises:
-            KinematicsError: there is no assembly, or no assembly on that branch.
+            KinematicsError: for q (n,), there is no assembly, or no assembly on that branch.
         """
         kin, q = self.kinematics(variant), np.asarray(q, float)
         return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
@@ -345,7 +347,7 @@ class Robot:
         """Return the robot with another matrix between motors and joints, chosen by name from its description.
 
         Raises:
-            MechanismError: the description has no such matrix.
+            MechanismError: the description has no such matrix, or the matrix cannot be inverted.
         """
         from twin.cad.motors import transmissions
 

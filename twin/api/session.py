@@ -230,7 +230,7 @@ def _aligned(
         seen += camera_task.surfaces(props.name, props.bodies, ReferenceModel(props).home().link_poses)
     for name, other in arms.items():
         poses = {link: other.place.T_world_base @ Ts[-1] for link, Ts in other.links.items()}
-        own = frame.body if name == camera.robot else ""  # the lens does not see the link that it is in
+        own = frame.body if name == camera.robot else ""  # the lens does not see its own link
         seen += camera_task.surfaces(name, [b for b in other.mechanism.bodies if b.name != own], poses)
     sight = Sight(seen, Ts_world_camera[-1])
     view = camera.view_deg * DEG

@@ -1,4 +1,4 @@
-"""Obstacles around a robot in a scene: props, and the other robots in their rest poses or in given ones."""
+"""Obstacles around a robot in a scene: props, and the other robots in their rest poses or in given poses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def standing(
 def obstacles(read: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in the world frame.
 
-    `names` are the names of the robots that are no obstacles; the names of their bodies in `Still.touches` are those of
+    `names` are the names of the robots that are not obstacles. `Still.touches` contains the names of their bodies in
     `twin.model.joined`. `load` returns the robot with a name.
     """
     return _loaded(read, {name: f"{name}_" for name in names}, spatial.pose(), load, {})

@@ -37,13 +37,14 @@ class _Arm:
         if others:
             raise ProtocolError(
                 f"{self.name}: phase '{others[0].name}' ({others[0].type}) of protocol {protocol.name} follows a given "
-                "path, which leaves no choice beside another arm; leave only phases joints, positioning, home and free"
+                "path, which cannot avoid another arm; use only phases of type joints, positioning, home or free"
             )
         for p in protocol.phases:
             if isinstance(p, Free) and (p.samples or p.cost != "length"):
                 raise ProtocolError(
                     f"{self.name}: phase '{p.name}' of protocol {protocol.name} sets cost or samples, which a plan of "
-                    "several robots does not use (it takes the first path found, by its duration); remove these keys"
+                    "several robots does not use (it minimises the length, and takes the first path found); remove "
+                    "these keys"
                 )
         robot = robot.bound(protocol)
         self.mechanism, self.kinematics = robot.mechanism, robot.path_kinematics()
@@ -52,11 +53,11 @@ class _Arm:
         self.waypoints = [protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))]
 
     def at(self, phase: int) -> int:
-        """Return the row of the start of a phase; after its last phase, the arm stays."""
+        """Return the row of `q` at the start of a phase; after its last phase, the arm stays."""
         return min(phase, len(self.q) - 1)
 
     def ends(self, phase: int) -> tuple[Array, Array]:
-        """Return joint values (n,) at the ends of a phase."""
+        """Return the joint values (n,) at the start and at the end of a phase."""
         return self.q[self.at(phase)], self.q[self.at(phase + 1)]
 
     def named(self, phase: int) -> str:
@@ -76,7 +77,10 @@ class _Arm:
         return said(self.kinematics, margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor))
 
     def keep(self, phase: int) -> Keep:
-        """Return the test of states in a phase: T_world_tool (k, 4, 4), q (k, ...) of all arms, this one last."""
+        """Return the test of states in a phase.
+
+        Its arguments are T_world_tool (k, 4, 4) of this arm, and q (k, ...) of all arms up to this arm, which is last.
+        """
         from twin.planning.feasible import Anchor
         from twin.planning.freeing import kept
 
@@ -96,23 +100,24 @@ def plan_together(
     """Return a common plan of several robots of a scene, by priority.
 
     The first phases of all protocols begin together and end together, then the second ones, and so on. The first arm
-    goes around what is at rest; each further arm also goes around those before it while they move, and they may wait
-    for it. If no path is found, the opposite order is tried. Each arm keeps the limits that `plan` keeps for one robot:
-    joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and working mode. The
-    samples of each arm are checked as by `plan`.
+    avoids the obstacles at rest. Each further arm also avoids the moving arms before it; these may wait for it. If no
+    path is found, the opposite order is tried. Each arm keeps the limits that `plan` keeps for one robot: joints and
+    motors, speed, acceleration and jerk of the moved frame, reach, singularities and working mode. The samples of each
+    arm are checked as by `plan`.
 
     Args:
         scene: name or path of the scene.
         arms: robot and protocol of each arm, by its name in the scene or of the robot, in the order of priority.
-        clearance: minimum distance in m.
+        clearance: minimum distance between bodies in m.
         seed: seed of the random searches.
-        progress: called with a description and a fraction.
-        cancelled: asked every few milliseconds, in the same thread; once it is true, planning ends. None: never.
+        progress: see `Progress`.
+        cancelled: called every few milliseconds, in the same thread; planning ends when it returns True. None: planning
+            is not cancelled.
 
     Raises:
-        CancelledError: `cancelled` was true.
-        TwinError: the scene or a robot in it does not exist, or another robot stands there.
-        ProtocolError: a protocol has other phases than those around obstacles, a waypoint exceeds a limit or has too
+        CancelledError: `cancelled` returned True.
+        TwinError: the scene or a robot in it does not exist, or the robot in the scene is of another kind.
+        ProtocolError: a phase is not of type joints, positioning, home or free, a waypoint exceeds a limit or has too
             little clearance, no arm moves in a phase, or no path was found.
         TimingError: no timing within the limits was found.
     """
@@ -157,7 +162,7 @@ def _scene(scene: str) -> Scene:
 
 
 def _place(read: Scene, name: str, taken: set[str]) -> Place:
-    """Return the place of a robot, by its name in the scene or its kind; those of `taken` are left out."""
+    """Return the place of a robot, by its name in the scene or its kind; an error if there is none outside `taken`."""
     place = next((p for k in ("name", "robot") for p in read.places if getattr(p, k) == name), None)
     if place is None or place.name in taken:
         left = ", ".join(p.name for p in read.places if p.name not in taken)
@@ -183,7 +188,10 @@ class _Plan:
         self.spaces = [self._space(k).interruptible(check) for k in range(1, len(arms) + 1)]
 
     def _space(self, count: int) -> JointSpace:
-        """Return the space of the first arms; those after them are left out, all other robots are obstacles."""
+        """Return the joint space of the first `count` arms.
+
+        The arms after these are left out; all other robots of the scene are obstacles.
+        """
         from twin.api.standing import obstacles
         from twin.model.joined import joined, owners
         from twin.reference import ReferenceModel
@@ -278,7 +286,7 @@ class _Plan:
 
 
 class _Course:
-    """The path of one arm on a common path; each evaluation asks whether planning is cancelled."""
+    """The path of one arm, taken from the common path; each evaluation first checks whether planning is cancelled."""
 
     def __init__(self, path: Path, columns: slice, check: Callable[[], None]) -> None:
         self._path, self._columns, self._check = path, columns, check

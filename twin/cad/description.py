@@ -79,7 +79,7 @@ class FrameSpec(Table):
         turned = [self.x_towards, self.y_towards, self.x_along]
         if self.position_mm is not None:
             if self.origin or self.at or self.z or self.offset_mm or any(turned):
-                raise at("position_mm", "a frame is either measured (`origin`, `z`, ...) or given, not both")
+                raise at("position_mm", "a frame is either measured (`origin`, `z`, ...) or given (`position_mm`)")
         elif self.origin is None or (self.z is None and self.angles_deg is None):
             raise at((), "a measured frame needs `origin` and `z` (or `angles_deg`); a given frame needs `position_mm`")
         elif sum(t is not None for t in (*turned, self.angles_deg)) != 1:

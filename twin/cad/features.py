@@ -143,14 +143,16 @@ def centre(names: str | list[str], features: Mapping[str, Measured], at: str | N
     if other.kind == "plane":
         slope = d @ other.direction
         if abs(slope) < 0.1:
-            raise CadError(f"the axis of '{names}' does not meet the plane '{at}': they are parallel")
+            raise CadError(
+                f"the axis of '{names}' does not meet the plane '{at}', because they are parallel; name another `at`"
+            )
         return face.point + d * ((other.point - face.point) @ other.direction) / slope
     if other.kind == "sphere":
         return face.point + d * (d @ (other.point - face.point))
     e = other.direction
     across = e - d * (d @ e)
     if np.linalg.norm(across) < 0.1:
-        raise CadError(f"the axes of '{names}' and '{at}' are parallel: they have no nearest points")
+        raise CadError(f"the axes of '{names}' and '{at}' are parallel: no point is nearest; name another `at`")
     # Nearest point to a second line: move along d until the connecting vector is perpendicular to both lines.
     w = other.point - face.point
     return face.point + d * ((w @ d) - (w @ e) * (d @ e)) / (1 - (d @ e) ** 2)
@@ -205,7 +207,9 @@ def _turned(spec: FrameSpec, along: str | list[str], p: Array, given: Array, fea
             x = given[:, 0]
         return spatial.frame_from_axes(z, x)
     except ValueError:
-        raise CadError(f"the frame at {spec.origin!r}: its x or y direction is parallel to z") from None
+        raise CadError(
+            f"the frame at {spec.origin!r}: its x or y direction is parallel to z; name another feature for it"
+        ) from None
 
 
 def _get(name: str, features: Mapping[str, Measured]) -> Measured:

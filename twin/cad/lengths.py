@@ -53,7 +53,9 @@ def _distance(body: str, a: Measured, b: Measured) -> float:
         aligned = a.face.kind == b.face.kind  # two axes, or two normals; otherwise an axis and a plane
         sine = float(np.linalg.norm(np.cross(a.direction, b.direction)))
         if (sine if aligned else abs(float(a.direction @ b.direction))) > _PARALLEL:
-            raise CadError(f"length on '{body}': '{a.name}' and '{b.name}' are not parallel")
+            raise CadError(
+                f"length on '{body}': '{a.name}' and '{b.name}' are not parallel, so that their distance is undefined"
+            )
     if a.face.kind == "plane":
         return abs(float(offset @ a.direction))
     if a.face.kind == "sphere" and b.face.kind == "sphere":

@@ -67,9 +67,9 @@ def load_mesh(
     except Exception as error:  # foreign readers raise any exception on damaged files
         raise CadError(f"{path}: cannot be read as {path.suffix[1:].upper()} ({error})") from error
     if len(triangles) == 0:
-        raise CadError(f"{path}: it has no triangles")
+        raise CadError(f"{path}: the file has no triangles")
     if stated is not None and UNITS[stated] != LENGTH[unit]:
-        raise CadError(f"{path}: unit '{unit}' is declared, but the file states {stated}")
+        raise CadError(f"{path}: unit '{unit}' is declared, but the file states {stated}; declare the unit of the file")
     vertices, triangles = weld(vertices * LENGTH[unit] @ _UP[up].T, triangles)
     findings = []
     extent = float(np.ptp(vertices, axis=0).max())

@@ -19,7 +19,7 @@ def transmissions(d: Description, variant: str = "") -> tuple[Transmission, ...]
     """Return the transmissions of a description; those that have a matrix named `variant` use this matrix.
 
     Raises:
-        MechanismError: no transmission has this variant, or its matrix cannot be inverted.
+        MechanismError: no transmission has this variant.
     """
     known = sorted({name for t in d.transmission for name in t.variants})
     if variant and variant not in known:

@@ -6,16 +6,21 @@ The exit code is 0 for agreement or success, 1 for a disagreement, 2 if the chec
 from __future__ import annotations
 
 import argparse
+import contextlib
 import io
 import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from twin.cli.interrupt import after_imports
 from twin.cli.parser import UsageError, parser
 from twin.core.errors import TwinError
 
 # Other modules are imported where they are used, so that `twin --help` takes 46 ms of processor time instead of 64 ms.
+
+
+_SERVERS = ("serve", "view", "follow")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -53,7 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         _settle(args)
         scene.refuse(args)
-        code = int(import_module(f"twin.cli.commands.{args.command}").run(args))
+        # asyncio, which serves pages, replaces only Python's own handler of Ctrl-C.
+        with contextlib.nullcontext() if args.command in _SERVERS else after_imports():
+            code = int(import_module(f"twin.cli.commands.{args.command}").run(args))
         sys.stdout.flush()  # raises a broken pipe here, where it is handled
         return code
     except TwinError as error:

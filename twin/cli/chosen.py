@@ -1,4 +1,4 @@
-"""What the options --protocol, --all-protocols and --variant choose."""
+"""Evaluate the options --protocol, --all-protocols and --variant."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
     """
     bare = [t for t in texts if "=" not in t]
     if bare and len(texts) > 1:
-        raise TwinError("--variant: give either one variant name or EQ=NAME pairs, not both")
+        raise TwinError("--variant: give one variant name alone, or only EQ=NAME pairs")
     if bare:
         return bare[0]
     pairs = dict(t.split("=", 1) for t in texts)

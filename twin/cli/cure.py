@@ -38,7 +38,7 @@ class _LateError(BaseException):
 
 
 class Cures:
-    """Cache of the fixes of a robot, which do not depend on the protocol."""
+    """Cache of the fixes of a robot's equations: of a protocol, a fix depends only on the positions of the trocars."""
 
     def __init__(self, robot: api.Robot, seconds: float = SECONDS) -> None:
         self.robot, self.seconds = robot, seconds

@@ -1,18 +1,17 @@
-"""The option --machine: connect to machines of a scene that run already, and start the others."""
+"""The option --machine: connect to machines of a scene that are already running, and start the others."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
-    from twin.api.machine import Machines
-    from twin.api.robot import Robot
-    from twin.model.scene import Scene
     from twin.simulation.machine.link import Address
+    from twin.ui.session.loaded_scene import LoadedScene
 
 
 def running(given: Sequence[str] | None) -> dict[str, Address]:
@@ -35,8 +34,8 @@ def running(given: Sequence[str] | None) -> dict[str, Address]:
     return out
 
 
-def of_scene(scene: Scene, robots: Mapping[str, Robot], given: Sequence[str] | None) -> Machines | None:
-    """Connect to the machines of a scene, and start those that are not in `given`; None for a scene without machines.
+def connected(loaded: LoadedScene, given: Sequence[str] | None) -> LoadedScene:
+    """Return a scene connected to its machines; those that are not in `given` are started.
 
     `given` contains the values of the option --machine.
 
@@ -45,12 +44,12 @@ def of_scene(scene: Scene, robots: Mapping[str, Robot], given: Sequence[str] | N
     """
     from twin.api.session import machines_of
 
-    where = running(given)
+    where, scene = running(given), loaded.scene
     if scene.trainer is None:
         if where:
             raise TwinError(f"--machine: scene '{scene.name}' has no machines: add a section [trainer] to its file")
-        return None
+        return loaded
     started = [n for n in scene.trainer.robots if n not in where]
     if started:
         print(f"twin: starting the machine of {', '.join(started)}", file=sys.stderr, flush=True)
-    return machines_of(scene, robots, where)
+    return replace(loaded, machines=machines_of(scene, loaded.robots, where))

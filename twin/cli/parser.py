@@ -1,4 +1,4 @@
-"""The parser of the command line, and the arguments that several commands have; those of one are in its file."""
+"""The parser of the command line, and the arguments of several commands; those of a single command are in its file."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ class Command(_Parser):
         self.flag("--no-browser", "do not open a browser")
 
     def machines(self) -> None:
-        """Add the option for machines that run already."""
+        """Add the option for machines that are already running."""
         text = (
             "robot of the scene whose `twin machine` is already running, with its host, UDP port of packets and TCP "
             "port of states; this command starts the other machines"

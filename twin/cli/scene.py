@@ -1,11 +1,11 @@
-"""Commands for scenes: `twin run` plays all robots together and measures distances; `twin info` shows a scene."""
+"""Scenes on the command line: read their parts, refuse them for commands on robots, and play them (`twin run`)."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from twin import api
 from twin.api.about import scene_commands
@@ -13,13 +13,12 @@ from twin.api.act import anatomy_of, props_of, robots_at
 from twin.cli import show
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
+from twin.ui.session.loaded_scene import LoadedScene
 
 if TYPE_CHECKING:
-    from twin.model.mechanism import Mechanism
     from twin.model.scene import Scene
     from twin.model.task import Task
     from twin.model.tissue import Tissue
-    from twin.ui.session.organs import OrganFeed
 
 names, find = assets.scenes, assets.scene_file
 
@@ -50,9 +49,9 @@ def refuse(args: argparse.Namespace) -> None:
     )
 
 
-def content(scene: Scene) -> tuple[dict[str, api.Robot], Mechanism | None]:
-    """Return (robots by name in the scene, props or None) of a scene; each robot folder is read once."""
-    return robots_at(scene.places), props_of(scene)
+def load(scene: Scene) -> LoadedScene:
+    """Return a scene with its robots and props; each robot folder is read once."""
+    return LoadedScene(scene, robots_at(scene.places), props_of(scene))
 
 
 def tissues(scene: Scene) -> tuple[Tissue, ...]:
@@ -64,30 +63,25 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
     return tissue_scene.tissues(scene, drawn)
 
 
-def organs(scene: Scene, robots: Mapping[str, api.Robot]) -> OrganFeed | None:
-    """Return the soft organs of a scene for a page without a World; None: the scene has no organs."""
-    if not (found := tissues(scene)):
-        return None
+def with_organs(loaded: LoadedScene, task: Task | None = None) -> LoadedScene:
+    """Return a scene with its soft organs; in a procedure, the World simulates them, otherwise `feed` does."""
+    found = tissues(loaded.scene)
+    if task is not None and task.procedure is not None:
+        return replace(loaded, organs=found)
+    if not found:
+        return loaded
     from twin.simulation import tissue_scene
     from twin.ui.session.organs import OrganFeed
 
-    links = {
-        name: [robots[name].mechanism.body(b) for b in bodies] for name, bodies in tissue_scene.touching(scene).items()
-    }
-    return OrganFeed(found, links)
-
-
-def bending(scene: Scene, robots: Mapping[str, api.Robot], task: Task | None) -> dict[str, Any]:
-    """Return the arguments `feed` and `organs` of a page with a console; in a procedure, the World has the organs."""
-    if task is not None and task.procedure is not None:
-        return {"feed": None, "organs": tissues(scene)}
-    return {"feed": organs(scene, robots), "organs": ()}
+    touching = tissue_scene.touching(loaded.scene).items()
+    links = {name: [loaded.robots[name].mechanism.body(b) for b in bodies] for name, bodies in touching}
+    return replace(loaded, feed=OrganFeed(found, links))
 
 
 def run(file: Path, args: argparse.Namespace) -> int:
     """Plan and play the protocols of all robots together; write stage, table and picture.
 
-    The exit code is 1 if robots collide.
+    The exit code is 1 if bodies are nearer than the required clearance, or a trocar is not at its port.
     """
     scene = api.load_scene(file)
     root = show.folder(args, scene.name)

@@ -10,7 +10,7 @@ import sys
 import threading
 import webbrowser
 from collections import ChainMap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,10 +23,8 @@ from twin.core import assets
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
-    from twin.api import Robot
-    from twin.model.mechanism import Mechanism
-    from twin.model.scene import Scene
     from twin.ui.headset.served import Served
+    from twin.ui.session.loaded_scene import LoadedScene
 
 _ADVICE = "a headset allows AR only over https (--cert and --key) or by a USB cable; see twin serve --help"
 
@@ -38,7 +36,7 @@ def serve(args: argparse.Namespace) -> int:
     _require_compatible(args)
     for file in (args.record, args.session):
         if file is not None:
-            assets.require_writable(Path(file).parent)
+            assets.require_writable_file(Path(file))
     if args.machine and scenes.find(args.robot) is None:
         raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     name, make = _what(args)
@@ -63,27 +61,27 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     from twin.model.scene import load_scene
 
     scene = load_scene(file)
-    robots, props = scenes.content(scene)
+    loaded = scenes.load(scene)
     if scene.console is not None and not args.protocols:
-        return scene.name, _at_console(args, scene, robots, props)
+        return scene.name, _at_console(args, loaded)
     scene.require_protocols()
     if args.protocols:
         _refuse(args, _CONSOLE, "and --protocols cannot be combined: robots that play protocols have no console")
     lacking = f"scene '{scene.name}' has no console: add a section [console] to {file.name}"
     _refuse(args, _CONSOLE, f"requires a console; {lacking}")
-    return scene.name, lambda: served.of_scene(scene, robots, props, plans, scenes.organs(scene, robots))
+    return scene.name, lambda: served.of_scene(scenes.with_organs(loaded), plans)
 
 
-def _at_console(
-    args: argparse.Namespace, scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None
-) -> Callable[[], Served]:
+def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], Served]:
     """Return the function that starts the console of a scene; raise `TwinError` for wrong arguments."""
     from twin.cli.commands.session import report
     from twin.simulation.console_scene import console_of
     from twin.simulation.session.condition import Condition, randomised
     from twin.simulation.session.run import task_of
     from twin.ui.headset import served
+    from twin.ui.session.exercise import Exercise
 
+    scene = loaded.scene
     task = None if args.task is None else task_of(scene, args.task)
     session = None if args.session is None else Path(args.session)
     condition = None if args.haptics is None else Condition(haptics=args.haptics == "on")
@@ -92,21 +90,11 @@ def _at_console(
     if args.fulcrum is not None and not console_of(scene).instrument_mm:
         key = f"the key instrument_mm to the section [console] of {scene.file.name}"
         raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
-    connections = (args.packets, args.mqtt, args.mqtt_topic)
-    more = {"fulcrum": args.fulcrum or "compensated", **scenes.bending(scene, robots, task)}
+    exercise = Exercise(task, session, report, condition, args.fulcrum or "compensated")
+    loaded = scenes.with_organs(loaded, task)
     machines.running(args.machine)
-    return lambda: served.of_console(
-        scene,
-        robots,
-        props,
-        session,
-        *connections,
-        task,
-        report,
-        condition,
-        **more,
-        machines=machines.of_scene(scene, robots, args.machine),
-    )
+    connections = (args.packets, args.mqtt, args.mqtt_topic)
+    return lambda: served.of_console(machines.connected(loaded, args.machine), exercise, *connections)
 
 
 _CONNECTIONS = ("packets", "mqtt", "mqtt_topic")
@@ -135,7 +123,7 @@ def _require_compatible(args: argparse.Namespace) -> None:
     if (args.participant is None) != (args.run is None):
         raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
     if args.participant is not None and args.haptics is not None:
-        raise TwinError("--haptics and --participant cannot be combined: the number of the participant sets the order")
+        raise TwinError("--haptics and --participant cannot be combined: --participant determines which run has forces")
     if args.participant is not None and args.session is None:
         raise TwinError("--participant requires --session FILE, which records the condition")
 

@@ -35,10 +35,10 @@ _ADVICE = "every connected client can move and load robots, but cannot write to 
 
 def view(args: argparse.Namespace) -> int:
     """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and exit."""
-    port = free_port(args.host, args.port)
+    port = free_port(args.host, 0 if args.html is not None else args.port)  # a recording needs no certain port
     title, load = _what(args)
     if args.html is not None:
-        assets.require_writable(Path(args.html).parent)
+        assets.require_writable_file(Path(args.html))
         return _write(load, title, port, args)
 
     def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> Page:
@@ -67,7 +67,8 @@ def show_page(
         title: name of the shown robot or scene.
         port: the port.
         advice: sentence on the rights of connected clients.
-        open_page: opens the page on a server, with an event that ends it, and whether only this computer can connect.
+        open_page: function of (server, event that ends the page, whether only this computer can connect); it opens the
+            page.
     """
     from twin.ui.door.gate import Gate
     from twin.ui.viewer.server import serve, stop
@@ -167,20 +168,18 @@ def _what(
         from twin.ui.viewer.front import Actor
         from twin.ui.viewer.page import open_page
 
-        robots, props = scenes.content(scene)
-        actors = [Actor(p.name, p.robot, Desk(robots[p.name]), p.T_world_base, p.protocol) for p in scene.places]
-        return open_page(f"twin · {scene.name}", actors, props, server, feed=scenes.organs(scene, robots), **more)
+        loaded = scenes.with_organs(scenes.load(scene))
+        actors = [Actor(p.name, p.robot, Desk(loaded.robots[p.name]), p.T_world_base, p.protocol) for p in scene.places]
+        return open_page(f"twin · {scene.name}", actors, loaded.props, server, feed=loaded.feed, **more)
 
     def of_console(server: viser.ViserServer, more: dict[str, Any]) -> ConsoleFront:
         from twin.cli.commands.session import report
+        from twin.ui.session.exercise import Exercise
         from twin.ui.viewer.console import ConsoleFront
 
-        robots, props = scenes.content(scene)
-        stopping, bending = more["stopping"], scenes.bending(scene, robots, task)
-        fulcrum = args.fulcrum or "compensated"
-        title, linked = f"twin · {scene.name}", machines.of_scene(scene, robots, args.machine)
-        more = {**bending, "machines": linked}
-        return ConsoleFront(title, scene, robots, props, server, stopping, task, report, fulcrum, **more)
+        loaded = machines.connected(scenes.with_organs(scenes.load(scene), task), args.machine)
+        exercise = Exercise(task, report=report, fulcrum=args.fulcrum or "compensated")
+        return ConsoleFront(f"twin · {scene.name}", loaded, server, exercise, more["stopping"])
 
     if args.watch is not None:
         return scene.name, lambda server, more: _spectator(scene, server, more["stopping"], args.watch)
@@ -191,7 +190,7 @@ def _plays(scene: Scene, args: argparse.Namespace) -> bool:
     """Return whether the robots of a scene play their protocols, because no hand moves them.
 
     Raises:
-        TwinError: they have no protocols, or --fulcrum does not apply.
+        TwinError: a robot has no protocol to play, or --fulcrum does not apply.
     """
     plays = scene.console is None or args.html is not None or args.protocols
     if plays:
@@ -206,8 +205,7 @@ def _spectator(scene: Scene, server: viser.ViserServer, stopping: threading.Even
     from twin.ui.viewer.watch import WatchFront
 
     stream = Watched(port, scene.name)
-    robots, props = scenes.content(scene)
-    return WatchFront(f"twin · {scene.name}", scene, robots, props, server, stream, stopping)
+    return WatchFront(f"twin · {scene.name}", scenes.load(scene), server, stream, stopping)
 
 
 def _page(front: Front, path: Path, quiet: bool) -> int:

@@ -92,7 +92,8 @@ class Kernel:
             out: float64 arrays (c, k) to fill and return, which saves allocations; None: new arrays.
 
         Raises:
-            ValueError: an array has a wrong shape, or an array of `out` is not contiguous float64.
+            ValueError: an array has a wrong shape, an array of `out` is not contiguous float64, or `carry` is missing
+                or has a wrong size.
         """
         if len(arrays) != len(self.inputs):
             raise ValueError(f"{len(arrays)} arrays given, expected one for each of {', '.join(self.inputs)}")
@@ -212,10 +213,17 @@ class Kernel:
         self._call(*left.popleft(), ins, outs, None)
         each = time.perf_counter() - first
 
-        def work() -> None:  # ctypes releases Python's lock, so that threads run in parallel
-            with contextlib.suppress(IndexError):
+        # ctypes releases Python's lock, so that threads run in parallel. After a Ctrl-C in this thread, another one
+        # still computes its chunk: it keeps the arrays.
+        def work(_alive: object = (given, results)) -> None:
+            try:
                 while True:
                     self._call(*left.popleft(), ins, outs, None)
+            except IndexError:
+                return
+            except BaseException:
+                left.clear()
+                raise
 
         _share(work, threads or len(left), each * len(left))
 

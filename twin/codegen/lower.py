@@ -35,7 +35,7 @@ _LOST = 6.123233995736765886130e-17
 
 @cache
 def lowered() -> dict[int, ca.Function]:
-    """Return the replacements: a function of the same arguments for each CasADi operation."""
+    """Return the replacements: a function of the same arguments for each CasADi operation without an instruction."""
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     other = ca.sqrt((1 - a) * (1 + a))  # NaN for |a| > 1, as required
     return {

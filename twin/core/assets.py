@@ -11,13 +11,14 @@ from pathlib import Path
 
 from twin.core.atomic import atomic_folder as atomic_folder
 from twin.core.atomic import require_writable as require_writable
+from twin.core.atomic import require_writable_file as require_writable_file
 from twin.core.atomic import settle
 from twin.core.errors import KinematicsError, TwinError, unknown
 from twin.core.foreign.once import Once
 from twin.core.foreign.text import read_text
 
 _BESIDE = ("dimensions", "inertia", "machine", "exhibit", "scene")
-"""Names, without suffix, of TOML files in a robot's cad/ folder that are not the description."""
+"""Names, without suffix, of TOML files in a robot's cad/ folder that are not its description."""
 
 NO_EQUATIONS = "FORMULA = None"
 """Line in formula.py that marks the empty template."""

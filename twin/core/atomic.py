@@ -41,8 +41,8 @@ _COMMIT, _UNDO = "commit", "undo"
 def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder; move its files into `target` when the block ends without an error.
 
-    Files that the block does not write stay unchanged. On any error `target` stays unchanged. `replacing` has files of
-    the target that are removed in the same step, unless they are written again.
+    Files that the block does not write stay unchanged. On any error `target` stays unchanged. `replacing` has paths,
+    relative to the target, of old files: a file that the block does not write again is removed in the same step.
 
     Raises:
         OutputError: the target cannot be written (read-only, full, a file with the name of a folder).
@@ -75,13 +75,24 @@ class _ProbeError(Exception):
 
 
 def require_writable(target: Path) -> None:
-    """Raise an error if `atomic_folder` could not write to the target; to be called before a long computation.
+    """Raise an error if `atomic_folder` could not write to the target; call this before a long computation.
 
     Raises:
         OutputError: the target cannot be written (read-only, full, a file with the name of a folder).
     """
     with contextlib.suppress(_ProbeError), atomic_folder(target):
         raise _ProbeError
+
+
+def require_writable_file(path: Path) -> None:
+    """Raise an error if no file could be written at this path; to be called before a long computation.
+
+    Raises:
+        OutputError: there is a folder at the path, or its folder cannot be written.
+    """
+    if path.is_dir():
+        raise OutputError(f"cannot write to {path}: it is a folder; give the name of a file, as in {path / 'name'}")
+    require_writable(path.parent)
 
 
 class Scratch(tempfile.TemporaryDirectory):
@@ -227,10 +238,10 @@ def _back(base: Path, own: Path) -> None:
 
 
 def _inside(base: Path, name: str) -> Path:
-    """Return the path of a file in a journal, if it is inside `base`; another user may have written the journal.
+    """Return the path of a file named in a journal, which another user may have written.
 
     Raises:
-        ValueError: the path is outside the folder.
+        ValueError: the path is outside `base`.
     """
     path = base / name
     if not path.parent.resolve().is_relative_to(base.resolve()) or ".." in Path(name).parts:

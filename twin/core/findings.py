@@ -65,8 +65,8 @@ def finding(
 
     The functions `info`, `warning`, `disagreement` and `error` call this function with their severity. `what` is the
     subject and its fault, without the number; a plain number as `limit` is in the unit of `size`. `word` is the word
-    before the limit in the message ("required", "CAD"); "" if `what` contains all numbers. For the other arguments see
-    `Finding`.
+    before the limit in the message ("required", "CAD"). If `word` is "", the message is `what` alone, which then
+    contains all numbers. For the other arguments see `Finding`.
     """
     if limit is not None and not isinstance(limit, Quantity):
         limit = Quantity(limit, size.unit if size is not None else "")

@@ -41,7 +41,10 @@ def quantity(value: float | None, unit: str, digits: int | None = None) -> str:
 
 
 def shown(value: float | None, unit: str, digits: int = 4) -> str:
-    """Return a number as text in its own unit, without conversion: `shown(0.5, "um")` is "0.5 µm"."""
+    """Return a number as text in its own unit: `shown(0.5, "um")` is "0.5 µm".
+
+    Only lengths below 0.001 mm or 0.001 µm are converted to a smaller unit: `shown(0.0005, "um")` is "500 pm".
+    """
     missing = _missing(value)
     if missing is not None or value is None:
         return missing or NONE

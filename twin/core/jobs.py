@@ -110,7 +110,7 @@ class Stream(Generic[Piece]):
             self._say(job)
 
     def poll(self) -> tuple[list[Piece], str | None]:
-        """Return (new pieces, state); the state is None (running), "" (done) or the text of the error."""
+        """Return (new pieces, end): once at the end of a job, `end` is "" (done) or an error text; otherwise None."""
         with self._lock:
             new: list[Piece] = []
             with suppress(queue.Empty):

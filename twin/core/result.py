@@ -48,7 +48,7 @@ class Result(ABC):
     kind: ClassVar[str]
     judges: ClassVar[bool] = True
 
-    if TYPE_CHECKING:  # subclasses may declare a dataclass field, for which this would be a default value at run time
+    if TYPE_CHECKING:  # at run time, the property would be the default value of a dataclass field in a subclass
 
         @property
         def findings(self) -> Sequence[Finding]:

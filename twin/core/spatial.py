@@ -1,7 +1,7 @@
 """SE(3) and SO(3) with NumPy, and the distance from a point to a line.
 
 Poses are float64 (..., 4, 4); `T_a_b` is the pose of b in a. Rotation vectors are axis times angle in rad. In twists,
-the linear rows are first. All functions accept leading batch axes, except if their docstring excludes them.
+the linear rows are first. In the shapes, `...` stands for any leading batch axes.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
 
 
 def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) -> Array:
-    """Return the cubic at s in 0..1 between a (s = 0) and b (s = 1), with end derivatives d/ds slope_a and slope_b."""
+    """Return the cubic at s in 0..1 from a (s = 0) to b (s = 1); its derivatives there are slope_a and slope_b."""
     return a + s * (slope_a + s * (3 * (b - a) - 2 * slope_a - slope_b + s * (2 * (a - b) + slope_a + slope_b)))
 
 

@@ -8,7 +8,7 @@ UM = 1e-6
 DEG = pi / 180
 
 ROUNDING = 1e-9
-"""Amount in m or rad that counts as rounding in comparisons: a path that ends at a limit is rounded there too."""
+"""Excess over a limit, in m or rad, that counts as rounding: a path may end exactly at a limit."""
 
 SI = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "g": 1e-3, "kPa": 1e3, "N mm": MM}
 SI |= {"N/mm": 1 / MM, "N s/mm": 1 / MM}
@@ -43,5 +43,5 @@ def hex_digits(color_rgba: Sequence[float]) -> str:
 
 
 def decimals(difference: float) -> int:
-    """Return the number of decimals, 3 to 9, that shows a difference with three significant digits."""
+    """Return the number of decimals (at least 3, at most 9) that shows a difference with three significant digits."""
     return min(max(2 - floor(log10(abs(difference))), 3), 9) if difference else 3

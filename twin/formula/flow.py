@@ -26,7 +26,7 @@ _SQUARE = re.compile(r"not square but (\d+)x(\d+)")
 """Pattern in CasADi's error message for a matrix that is not square."""
 
 _MANY = 20_000
-"""Number of rows above which a compiled kernel is used."""
+"""Number of rows from which a compiled kernel is used."""
 
 _REGULAR, _ROUNDING = 1e8, 1e-15
 """(condition number below which numeric matrices are inverted, size below which entries are rounded to zero)."""

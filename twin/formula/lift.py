@@ -48,7 +48,7 @@ def scope(home: dict[str, Any]) -> dict[str, Any]:
 
 
 def lifted(value: Any) -> Any:
-    """Return the version for symbols of NumPy, math, or one of their functions; return other values unchanged."""
+    """Return NumPy, math or one of their functions as a version that accepts symbols; return other values unchanged."""
     if isinstance(value, ModuleType):
         return _MODULES.get(value.__name__, value)
     if isinstance(value, np.ufunc) or getattr(value, "__module__", "") in ("numpy", "numpy.linalg"):

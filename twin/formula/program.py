@@ -1,4 +1,4 @@
-"""The compiled functions of one formula, and their input symbols; each function is compiled when first used."""
+"""The compiled functions of one formula, and their input symbols; most functions are compiled at first use."""
 
 from __future__ import annotations
 

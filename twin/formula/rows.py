@@ -128,7 +128,7 @@ class PlainRows(ABC):
         return KinematicsError(f"{self.path}:{line or self.end}: {text}.")
 
     def located(self, error: BaseException) -> KinematicsError:
-        """Return `error` with the number of the last line of this file in its traceback."""
+        """Return a `KinematicsError` for `error`, with the last line of this file in its traceback."""
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(self.path)]
         return self.error(f"{self.name}(): {reason(error)}", lines[-1] if lines else self.line)
 

@@ -122,7 +122,7 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     best, error, _, signs = _newton(kin, q, result.T)
     if error <= FORWARD_TOL and (signs == label).all():
         return best
-    if kin.formula.branches is not None:  # no path was found: q may leave the workspace
+    if kin.formula.branches is not None:  # the straight path of q from the seed may leave the workspace
         others = [T for T in branches(kin, q) if _signs(kin, T, label)]
         if others:
             return min(others, key=lambda T: _distance(T, seed, kin.characteristic_length))
@@ -150,7 +150,8 @@ def _cold(kin: Compiled, q: Array) -> Array:
         if result.residual < residual:
             best, residual = result.T, result.residual
     raise KinematicsError(
-        f"{kin.formula.name}: found no assembly on the branch {kin.preferred_branch} at q = {_text(kin, q)}.",
+        f"{kin.formula.name}: no assembly was found on the branch {kin.preferred_branch} at q = {_text(kin, q)}. "
+        "Check q, or give a seed pose.",
         best=best,
         residual=residual,
     )

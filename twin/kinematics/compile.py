@@ -70,7 +70,8 @@ class Kinematics(Compiled):
         if not misfit <= POSE_TOL:
             raise KinematicsError(
                 f"{self.formula.name}: no values of {', '.join(self.formula.coordinates.names)} give this pose "
-                f"(norm of the difference of the matrices {misfit:.3g}). Check that the pose is rigid and in metres.",
+                f"(norm of the difference of the matrices {misfit:.3g}, limit {POSE_TOL:g}). Check that the pose is "
+                "rigid and in metres.",
                 best=q,
             )
         if not math.isfinite(q.dot(q)):  # faster than a test of each joint

@@ -150,7 +150,7 @@ class Compiled(ABC):
         """Return the derivatives (k, 6, n) of the tool's twist with respect to q; NaN at singularities."""
         if self.closed_forward:
             return self.program.forward_jacobian.many(
-                self._joints(qs) if qs is not None else self.inverse_many(_need(Ts, "poses"))
+                self._joints(qs) if qs is not None else self.inverse_many(_given(Ts))
             )
         return singularity.invert_many(self.program.inverse_jacobian.many(self._states(Ts, qs)))
 
@@ -199,14 +199,14 @@ class Compiled(ABC):
         return singularity.condition_many(J)
 
     def why(self, T: Array) -> str:
-        """Return a text that names the line of a formula file that gives NaN or infinity at a pose (4, 4), and why.
+        """Return a text with the line of a formula file that gives NaN or infinity at a pose (4, 4), and the reason.
 
         The file has functions `inverse` or `forward` (see `twin.formula.plain`). "": no line was found.
         """
         return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
 
     def takes(self, Ts: ArrayLike) -> bool:
-        """Return whether the equations prove that the robot has the degrees of freedom for the poses (k, 4, 4).
+        """Return whether the equations prove that the robot has the degrees of freedom that poses (k, 4, 4) require.
 
         One of three proofs is sufficient: the robot has six degrees of freedom; the inverse has a solution and gives
         NaN for poses that the robot cannot have; or the forward equations reproduce the poses. False: not proved.
@@ -240,8 +240,8 @@ class Compiled(ABC):
     def _states(self, Ts: ArrayLike | None, qs: ArrayLike | None) -> Array:
         """Return the input of the compiled functions: poses (k, 16), or joints (k, n)."""
         if self.closed_inverse:
-            return (poses(Ts) if Ts is not None else self.forward_many(_need(qs, "joints"))).reshape(-1, 16)
-        return self._joints(qs) if qs is not None else self.inverse_many(_need(Ts, "poses"))
+            return (poses(Ts) if Ts is not None else self.forward_many(_given(qs))).reshape(-1, 16)
+        return self._joints(qs) if qs is not None else self.inverse_many(_given(Ts))
 
     def _joints(self, q: ArrayLike, batch: bool = True) -> Array:
         q = np.asarray(q, float)
@@ -261,9 +261,9 @@ class Compiled(ABC):
         return T
 
 
-def _need(value: ArrayLike | None, what: str) -> ArrayLike:
+def _given(value: ArrayLike | None) -> ArrayLike:
     if value is None:
-        raise KinematicsError(f"give {what}.")
+        raise KinematicsError("give poses (T or Ts) or joint values (q or qs); both are missing.")
     return value
 
 

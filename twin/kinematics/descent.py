@@ -91,10 +91,11 @@ class Iteration:
         self._evaluator = Evaluator("iteration", z, ca.cse(ca.vertcat(after, ca.sum1(free))))
 
     def run(self, start: Array, inputs: Array, goal: float) -> tuple[Array, float, int]:
-        """Iterate until the cost is at most goal**2; return (state, norm of the task's residual, steps tried).
+        """Iterate from `start`; return (state, norm of the task's residual, steps tried).
 
         `inputs` are the arguments of the terms, weights of the residuals, unit size of each unknown, then scale, lower
-        and upper limit of each joint. The iteration stops if the norm of the residual is below `goal`.
+        and upper limit of each joint. The iteration stops when the norm of the residual, with the residual of exceeded
+        limits, is at most `goal`, or when it makes no more progress.
         """
         k, z = self.state, np.zeros(self.memory + len(inputs))
         z[:k], z[self.memory :] = start, inputs

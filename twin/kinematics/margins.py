@@ -66,7 +66,7 @@ class Margins:
         self.preferred = (*(0 for _ in f.reach), *(0 for _ in f.measures), *(a.preferred for a in f.aspects))
 
     def values(self, s: States, larger: float = 1.0) -> Array:
-        """Return the values (k, names) of all rows at states; `larger` scales all lengths of the robot."""
+        """Return the values (k, rows) at states; `larger` is a factor of all lengths of robot and states."""
         kin = self._kin
         numbers = {**kin.parameters, **self._lengths(larger)}
         z = [

@@ -54,7 +54,6 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
         mask: six flags; an error whose flag is 0 is ignored. The errors are x, y, z of the position, then x, y, z of
             the rotation vector, in the axes of the target. (1, 1, 1, 1, 1, 0) leaves the rotation about the target's z
             axis free.
-
     """
     T = np.asarray(T_base_tool, float)
     if not spatial.is_pose(T, 1e-6) or T.shape != (4, 4):

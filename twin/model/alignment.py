@@ -27,7 +27,7 @@ RECTANGLE = "target_rectangle"
 
 _PLATE_RGBA = (0.08, 0.085, 0.09, 1.0)
 _THICK, _BEFORE = 2e-3, 1e-4
-"""Thickness of the plate, and distance of the rectangle in front of it, in m; the distance keeps the plate hidden."""
+"""Thickness of the plate, and distance of the rectangle in front of the plate, in m; the rectangle covers the plate."""
 
 
 class AlignTable(Table):
@@ -77,7 +77,8 @@ class Alignment:
         color_rgba: colour of the rectangle, linear, 0..1.
         line: length of the line in the middle of the picture, divided by the height of the picture.
         tolerance: maximum angle in rad between line and upper side at the end of the task.
-        off: maximum distance of an end of the upper side from an end of the line, divided by the length of the line.
+        off: maximum distance of each end of the upper side from the end of the line on that side, divided by the length
+            of the line.
     """
 
     T_world_plate: Array

@@ -63,10 +63,11 @@ class ConsoleTable(Sourced):
     """A surgeon's console: the robots that each hand can control, and the camera of the picture.
 
     A tap on the clutch selects the next robot in `right` or `left`. `scale` is the tool displacement divided by the
-    hand displacement. `tip` names the frame of these robots that must touch targets and whose path length is measured;
-    default: the tool frame. `instrument_mm` is the length of a robot's instrument from its tip to its outer end; if it
-    is given, the hand can control either end. `through` names the robots without a mechanical RCM: the controller keeps
-    their shaft, the z axis of the tool, in the port. `camera_range` replaces the range of the da Vinci's endoscope.
+    hand displacement. `tip` is the name of a frame that each of these robots has: its origin must touch the targets,
+    and its path length is measured; default: the tool frame. `instrument_mm` is the length of a robot's instrument from
+    its tip to its outer end; with this length, the hand can control either end. `through` names the robots without a
+    mechanical RCM: the controller keeps their shaft, the z axis of the tool, in the port. `camera_range` replaces the
+    range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)
@@ -89,9 +90,9 @@ class ConsoleTable(Sourced):
 class HapticsTable(Sourced):
     """Forces on the hands: stiffness and damping of all surfaces, and the maximum force `largest_n`.
 
-    `device_damping_ns_m` is the damping of the haptic device together with the fingers that hold it. It must be large
-    enough that a surface, whose force is computed at sample times only, adds no energy to the hand (passivity). `on`:
-    whether the forces are switched on at the start.
+    `device_damping_ns_m` is the damping of the haptic device together with the fingers that hold it. The force of a
+    surface is computed at sample times only; with too little damping, the surface would therefore add energy to the
+    hand (no passivity). `on`: whether the forces are switched on at the start.
     """
 
     stiffness_n_m: float = Field(gt=0, le=10_000)

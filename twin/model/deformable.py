@@ -34,7 +34,7 @@ class Deformable:
 
     @property
     def signal(self) -> str:
-        """Name of its signal in the World, `<name>.vertices` or `<name>.nodes`, which contains their positions in m."""
+        """Name of the World signal with the positions in m: `<name>.vertices` or, with weights, `<name>.nodes`."""
         return f"{self.name}.vertices" if self.weights is None else f"{self.name}.nodes"
 
     @property

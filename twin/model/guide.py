@@ -24,11 +24,11 @@ class AllowedTable(Table):
 class GuideTable(Table):
     """A ring that is picked up, handed over, and guided along a wire; then both instruments leave the dome.
 
-    `ring` names the object, `dome` the solid body around it. The arm of hand `first` picks the ring up, which is done
-    when its centre is `lifted_mm` from where it was; the arm of the other hand guides it. The wire consists of all
-    parts (at least two) of solid bodies whose names begin with `wire`; the file of the props must list them in order,
-    the part with the free end first. The ring has passed the wire when it is within `end_mm` of its other end. A tool
-    has left the dome when it is `outside_mm` outside the convex hull of the dome.
+    `ring` names the object, `dome` the solid body around it. The arm of hand `first` picks the ring up: the centre of
+    the ring must move by `lifted_mm`. The arm of the other hand then guides the ring. The wire consists of all parts
+    (at least two) of solid bodies whose names begin with `wire`; the file of the props must list them in order, the
+    part with the free end first. The ring has passed the wire when it is within `end_mm` of the other end of the wire.
+    A tool has left the dome when it is `outside_mm` outside the convex hull of the dome.
     """
 
     ring: Identifier

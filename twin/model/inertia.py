@@ -51,7 +51,7 @@ class Inertia:
         """Return the pseudo-inertia (4, 4) about the origin of the frame: [[Sigma, h], [h^T, m]].
 
         Sigma (kg m2) contains the second moments of mass, tr(I) / 2 - I about the origin; h (kg m) is the first moment.
-        The matrix is positive definite exactly for physically possible mass distributions.
+        The matrix is positive definite if, and only if, a mass distribution with these values exists.
 
         Source: P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial
         parameter identification, IEEE Robotics and Automation Letters 3 (2018) 60-67.

@@ -1,4 +1,4 @@
-"""Several mechanisms as one, in which each name begins with the name of its arm."""
+"""Combine the mechanisms of several arms into one; each name then begins with the name of the arm."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WORLD = "world"
 
 
 def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
-    """Return one mechanism with all arms, whose active joints are those of the arms in order.
+    """Return one mechanism with all arms; its active joints are those of the first arm, then of the next arms.
 
     Motors are left out: the joints count as driven directly. The tool is that of the last arm.
 
@@ -59,5 +59,5 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
 
 
 def owners(arms: Mapping[str, tuple[Mechanism, Array]]) -> dict[str, str]:
-    """Return the name of the arm of each body of `joined(arms)`, by the name of the body there."""
+    """Return {body: arm}: for the name of each body in `joined(arms)`, the name of the arm to which it belongs."""
     return {f"{name}_{body.name}": name for name, (mechanism, _) in arms.items() for body in mechanism.bodies}

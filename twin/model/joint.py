@@ -48,7 +48,7 @@ class Joint:
         cone: maximum angle in rad between the two z axes of a spherical joint, or None.
         max_speed, max_acceleration, max_jerk: limits of the coordinate in m or rad per s, s2 and s3, or None.
         drive: the position drive of an active joint that is driven directly, or None; see `Actuator`.
-        mating: names of the two meshes that touch in this joint (pin and bore); they are not checked for contact.
+        mating: names of the two meshes that touch in this joint (pin and bore); contact between them is not checked.
     """
 
     name: str

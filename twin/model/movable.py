@@ -75,7 +75,7 @@ def together(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
     bodies = [Body(name), *(Body(o.name, (o.mesh(),), o.inertia()) for o in objects)]
     joints = [Joint(f"free_{o.name}", "free", name, o.name, T_parent_joint=o.T_world_object) for o in objects]
     rest = {name: np.eye(4)} | {o.name: o.T_world_object for o in objects}
-    frames = (Frame(TOOL, name, np.eye(4)),)  # the solvers of loops require one
+    frames = (Frame(TOOL, name, np.eye(4)),)  # the solvers of loops require a tool frame
     return Mechanism(name, name, tuple(bodies), tuple(joints), frames, rest=rest)
 
 

@@ -139,7 +139,7 @@ class Scene:
 
     @property
     def models(self) -> tuple[Place, ...]:
-        """The `Place` of each machine's model (see `TrainerTable`): it differs from the machine's only in the name."""
+        """The `Place` of each machine's model (see `twin.model.trainer`): that of the machine, with another name."""
         machines = [] if self.trainer is None else self.trainer.robots
         return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 
@@ -152,7 +152,7 @@ class Scene:
         if not self.plays:
             lacking = ", ".join(p.name for p in self.places if not p.protocol)
             raise TwinError(
-                f"scene '{self.name}' cannot be played: {lacking} have no protocol in {self.file.name}. "
+                f"scene '{self.name}' cannot be played: {self.file.name} has no protocol for {lacking}. "
                 f"Operate it from its console: `twin serve {self.name}` or `twin view {self.name}`"
             )
 

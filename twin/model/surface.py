@@ -65,7 +65,7 @@ def volume(vertices: Array, triangles: Index) -> float:
 def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
     """Return for each point (k, 3) whether it is inside a closed surface, by its winding number.
 
-    The solid angle of a triangle is that of A. van Oosterom and J. Strackee, doi:10.1109/TBME.1983.325207.
+    Formula for the solid angle of a triangle: A. van Oosterom and J. Strackee, doi:10.1109/TBME.1983.325207.
     """
     points = np.asarray(points, float).reshape(-1, 3)
     out = np.zeros(len(points), bool)
@@ -114,7 +114,7 @@ def _sides(triangles: Index) -> Index:
 
 
 def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
-    """Raise unless each side belongs to two triangles, which pass it in opposite directions."""
+    """Raise an error for a side that does not belong to exactly two triangles, or has the same direction in both."""
     sides = _sides(triangles).reshape(-1, 2)
     _, index = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     index = index.reshape(-1)
@@ -123,17 +123,18 @@ def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
     wrong = (count != 2)[index]
     if not wrong.any() and not balance.any():
         return
-    what = "is open" if wrong.any() else "has triangles of both orientations"
     bad = sides[wrong if wrong.any() else (balance != 0)[index]]
     x, y, z = (vertices[bad[0]].mean(axis=0) / MM).tolist()
-    raise TwinError(
-        f"surface '{name}' {what}: {len(np.unique(np.sort(bad, axis=1), axis=0))} sides do not join two triangles, "
-        f"one of them at ({x:.1f}, {y:.1f}, {z:.1f}) mm; a deformable needs a closed surface"
-    )
+    count = len(np.unique(np.sort(bad, axis=1), axis=0))
+    what, why = f"is open: {count} sides do not join two triangles", "a deformable needs a closed surface"
+    if not wrong.any():
+        what = f"has triangles of both orientations: {count} sides join two triangles of different orientation"
+        why = "list the corners of all triangles counter-clockwise, seen from outside"
+    raise TwinError(f"surface '{name}' {what}, one of them at ({x:.1f}, {y:.1f}, {z:.1f}) mm; {why}")
 
 
 def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
-    """Return the surface with a new vertex in the middle of each side longer than `edge`; None: there is none."""
+    """Return the surface with a new vertex in the middle of each side longer than `edge` in m; None: no such side."""
     if not np.isfinite(edge):
         return None
     sides = np.sort(_sides(f).reshape(-1, 2), axis=1)
@@ -144,7 +145,7 @@ def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
     middle = np.full(len(unique), -1)
     middle[long] = len(v) + np.arange(int(long.sum()))
     m = middle[index.reshape(-1, 3)]
-    # turn each triangle so that its first side is halved; of two halved sides they are the first and the second
+    # rotate the corners of each triangle so that its halved sides come first
     count = (m >= 0).sum(axis=1)
     turn = np.where(count == 1, np.argmax(m >= 0, axis=1), np.where(count == 2, (np.argmin(m, axis=1) + 1) % 3, 0))
     order = (turn[:, None] + np.arange(3)) % 3
@@ -163,7 +164,7 @@ def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
 def nearest(p: Array, vertices: Array, triangles: Index) -> tuple[Array, int, Array]:
     """Return the point (3,) of a surface nearest to p (3,), its triangle, and its barycentric coordinates (3,) there.
 
-    The regions around a triangle are those of C. Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
+    The case distinction is that of C. Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
     """
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     ab, ac, ap = b - a, c - a, p - a

@@ -63,7 +63,7 @@ class Tissue:
         if self.upright:
             return spatial.pose(p=v.min(axis=0))
         axes = np.linalg.svd(v - v.mean(axis=0), full_matrices=False)[2]
-        # the sign of a principal axis is arbitrary: its largest component is positive
+        # the sign of a principal axis is arbitrary; it is chosen so that the largest component is positive
         axes *= np.sign(np.take_along_axis(axes, np.argmax(np.abs(axes), axis=1)[:, None], 1))
         axes[2] = np.cross(axes[0], axes[1])
         T = spatial.pose(axes.T)

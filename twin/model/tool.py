@@ -28,7 +28,7 @@ DOES: dict[Kind, str] = {
     "scalpel": "cuts along the path of its blade",
     "cautery": "separates tissue by heat and stops bleeding",
 }
-"""Function of the tools of each kind."""
+"""What a tool of each kind does, as text for pages."""
 
 
 class ToolTable(Sourced):
@@ -38,8 +38,8 @@ class ToolTable(Sourced):
 
     Its jaws, clip legs or blades are `jaw_mm` long, parallel to the shaft, and end at the tip of the instrument.
     `open_mm` is the gap between the open jaws, or the width of a scalpel's cut. A grasper pinches with `pinch_n`;
-    grasped tissue slips if it pulls with more than 2 `friction` `pinch_n`. Cautery heats tissue within `jaw_mm` of its
-    tip with the power `power_w`.
+    grasped tissue slips if it pulls with more than 2 * `friction` * `pinch_n`. Cautery heats tissue within `jaw_mm` of
+    its tip with the power `power_w`.
     """
 
     title: str = Field(min_length=1)

@@ -27,8 +27,8 @@ _NotNegative = Annotated[float, Field(ge=0)]
 class CueTable(Table):
     """Cue: a force on the hand, computed from distance and relative velocity of the tips of a machine and its model.
 
-    With the reading "corrected", the force is 0 up to a distance of `tol_mm`; above it, the gains `kp_n_mm` and
-    `kd_ns_mm` determine the force, which is at most `largest_n`, and which grows from 0 over `blend_mm`. The reading
+    With the reading "corrected", the force is 0 up to a distance of `tol_mm`. Above this distance, the gains `kp_n_mm`
+    and `kd_ns_mm` determine the force: it grows from 0 over `blend_mm` and is at most `largest_n`. The reading
     "printed" is the paper's equation; see `twin.simulation.controllers.cue`.
     """
 

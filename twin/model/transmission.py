@@ -110,9 +110,9 @@ def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tu
 
 
 def condition(matrix: Array) -> float:
-    """Return the condition number of the matrix without units: rows, then columns are divided by their largest entry.
+    """Return the condition number of a matrix after scaling, so that units have no effect; infinite for a zero row.
 
-    Infinite if a row or column is zero.
+    First each row, then each column is divided by its largest absolute entry. A zero column also gives infinity.
     """
     M = np.abs(matrix)
     if not (M.max(axis=0).all() and M.max(axis=1).all()):

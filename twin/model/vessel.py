@@ -108,7 +108,7 @@ class Vessel:
         """The deformable of the World: one closed prism for each segment, with the signal `<name>.nodes`."""
         turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
         c, s = np.cos(turn), np.sin(turn)
-        ring = np.column_stack([1 - c - s, c, s])  # of the centre and the ends of the two radii
+        ring = np.column_stack([1 - c - s, c, s])  # weights of the centre and of the ends of the two radii
         ring = np.vstack([ring, [1.0, 0.0, 0.0]])
         n, m = self.segments, _SIDES + 1
         weights = np.zeros((2 * n * m, 6 * n))

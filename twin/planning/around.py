@@ -73,7 +73,7 @@ def around(
         cancelled: asked every few milliseconds, in the same thread; once it is true, the search ends. None: never.
         cost: what the search minimises; None: the length of the path.
         straight: whether a free straight path is returned without a search; False if its cost may not be the smallest.
-        samples: number of samples up to which the first path found is improved; 0: it is not.
+        samples: maximum number of samples by which the first path found is improved; 0: it is returned as found.
         grown: called after each search with its tree; not called if the straight path is free.
         ended: called after each round, which is a search or an improvement; not called if the straight path is free.
 

@@ -15,7 +15,7 @@ from twin.planning.protocol import Protocol, RotationOrder, Waypoint, trocar_of
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 OVER = 1e-3
-"""Fraction by which a sample may exceed a limit of speed or acceleration."""
+"""Fraction by which a sample may exceed a limit of speed, acceleration or jerk."""
 
 AGAIN = "plan the protocol again: these samples differ from the planned ones"
 """Suggestion for samples that differ from the planned ones."""
@@ -163,22 +163,29 @@ def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         ):
             norms = np.linalg.norm(values, axis=1)
             k = int(np.argmax(norms))
-            what = f"{trajectory.frame} in phase '{span.name}'"
-            out += _over(trajectory, code, trajectory.frame, what, rows.start + k, si(norms[k], unit), si(limit, unit))
+            what, size = f"{trajectory.frame} in phase '{span.name}'", si(norms[k], unit)
+            way = f"plan the protocol again with the limits of the phase, or raise them in [limits.{span.type}]"
+            out += _over(trajectory, code, trajectory.frame, what, rows.start + k, size, si(limit, unit), way)
     return out
 
 
 def _over(
-    trajectory: Trajectory, code: str, where: str, what: str, sample: int, size: Quantity, limit: Quantity
+    trajectory: Trajectory,
+    code: str,
+    where: str,
+    what: str,
+    sample: int,
+    size: Quantity,
+    limit: Quantity,
+    way: str = "lower the limits of the phase, or raise the limit of the robot",
 ) -> list[Finding]:
     if size.value <= limit.value * (1 + OVER):
         return []
-    way = "lower the limit of the phase, or raise the limit of the robot"
     return [disagreement(code, where, f"{what} exceeds its limit", size, limit, way, when=_when(trajectory, sample))]
 
 
 def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
-    """Check that the stated joint speeds agree with the changes of the positions, given the accelerations."""
+    """Check joint speeds against slopes of the positions, within the maximum acceleration times one time step."""
     dt = float(trajectory.t[1] - trajectory.t[0])
     slope = (trajectory.q[2:] - trajectory.q[:-2]) / (2 * dt)
     error = np.abs(slope - trajectory.qd[1:-1]) / (dt * kinematics.max_acceleration * (1 + OVER))
@@ -287,7 +294,7 @@ def _depth(trajectory: Trajectory, sample: int) -> float:
 
 
 def _rotation(angles: Array, order: RotationOrder) -> Array:
-    """Return R (3, 3) for angles (3,) in rad, computed independently of the path."""
+    """Return R (3, 3) for angles (3,) in rad, computed by other code than in the planned path."""
     if order == "xyz":  # Rx(a) Ry(b) Rz(c) is the inverse of Rz(-c) Ry(-b) Rx(-a)
         return _rotation(-angles[::-1], "zyx").T
     (cz, cy, cx), (sz, sy, sx) = np.cos(angles), np.sin(angles)

@@ -1,15 +1,15 @@
 """Costs of straight connections for a search: length, acceleration, both weighted, and clearance.
 
 The Raven paper's eq. (1) is eta1 c(path) + eta2 (integral of |tip acceleration|^2 dt), with eta1 = 0.1 and eta2 = 0.5.
-It gives no time law, without which a path with corners has no finite acceleration. ASSUMED: each connection is passed
-from rest to rest at a constant acceleration a and the same deceleration, in the time 2 sqrt(l / a) for a length l, so
-that the integral is 2 a^(3/2) sqrt(l); l is the weighted length in joint space. Both terms obey the triangle
-inequality. With this law, ever shorter connections cost ever more in total: the second term does not converge as the
-number of samples grows.
+It gives no time law, but a corner that is passed without stopping has an infinite acceleration. ASSUMED: each
+connection begins and ends at rest, with a constant acceleration a and the same deceleration. A connection of length l,
+the weighted length in joint space, then takes 2 sqrt(l / a), and its integral is 2 a^(3/2) sqrt(l). Both terms obey the
+triangle inequality. If a path is divided into more connections, its second term grows: the term does not converge as
+the number of samples grows.
 
 The cost for clearance is the length, in which parts near other bodies count more: at a distance d, a length counts
 1 + 9 max(0, 1 - d / 20 mm) times (both numbers are ASSUMED: a path may be ten times as long to avoid a contact, and
-beyond 20 mm distance does not matter).
+distances above 20 mm do not matter).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from twin.core.units import MM
 from twin.planning.space import Space
 
 Cost = Callable[[Array, Array], Array]
-"""Function of joint values a (k, n) and b (k, n): the cost (k,) of the straight connections, at least 0."""
+"""Function of joint values a (k, n) and b (k, n): cost (k,), at least 0, of the straight connections from a to b."""
 
 ACCELERATION = 0.24
 """Acceleration in m/s2 of a connection; ASSUMED, the limit of the tip in the protocol of the dome."""
@@ -41,7 +41,7 @@ def length(weights: Array) -> Cost:
 
 
 def acceleration(weights: Array, most: float = ACCELERATION) -> Cost:
-    """Return the cost that is the integral of the squared acceleration in m2/s3, from rest to rest."""
+    """Return the cost that is the integral of the squared acceleration in m2/s3; `most`: acceleration in m/s2."""
     way = length(weights)
     return lambda a, b: 2 * most**1.5 * np.sqrt(way(a, b))
 
@@ -53,7 +53,7 @@ def weighted(weights: Array, eta1: float = 0.1, eta2: float = 0.5, most: float =
 
 
 _WIDE, _MORE = 20 * MM, 9.0
-"""Distance in m from which a connection counts its length only; additional cost per length at distance 0 (ASSUMED)."""
+"""Distance in m above which only the length counts; additional cost per length at distance 0 (ASSUMED)."""
 
 _STEP = 20 * MM
 """Largest weighted length in m between two states of a connection at which its distances are computed."""

@@ -64,7 +64,8 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
 def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
     """Return the margins of poses Ts (k, 4, 4) with joint values q (k, n).
 
-    A margin (k,) in m or rad is the distance from a limit; it is negative where the pose is beyond the limit.
+    A margin (k,) in m or rad is the distance from a limit; it is negative where the pose is beyond the limit. The
+    margin "inverse" is -1 where the inverse kinematics has no solution, else 0.
     """
     out: Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
     solved = np.all(np.isfinite(q), axis=1)

@@ -1,4 +1,4 @@
-"""Paths that the mechanism determines: paths of its driven joints, or lines in its free directions.
+"""Paths that the mechanism determines: paths of its driven joints, or lines of its tool in the controlled directions.
 
 A robot with fewer than six degrees of freedom cannot reach every pose, and cannot follow every straight line between
 two poses. Therefore the number of controlled directions equals the number of degrees of freedom, and positions have
@@ -342,7 +342,7 @@ def freed(
             try:
                 X, _ = carrier.carry(line(drawn, q[0])(np.linspace(0.0, 1.0, _STATIONS)), x)
             except AssemblyError as error:
-                raise ProtocolError(f"{where}: its start cannot be reached from the CAD pose: {error}") from error
+                raise ProtocolError(f"{where}: its start cannot be reached from the drawn pose: {error}") from error
             path, _ = carried(path, course, carrier, X[-1], where)
         out.append(path)
     return tuple(out)

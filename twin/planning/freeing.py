@@ -22,7 +22,7 @@ Searched = Callable[[str, Rounds], None]
 
 
 def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
-    """Return a test of states: whether each is within all limits, and in working mode and signs of `anchor`."""
+    """Return a test whether states are within all limits, in the working mode of `anchor` and with its signs."""
 
     def keep(Ts: Array, q: Array) -> np.ndarray:
         return np.all([m >= -ROUNDING for m in margins_at(kinematics, Ts, q, anchor).values()], axis=0)
@@ -79,7 +79,7 @@ def way(
             seed=phase.seed,
             progress=report,
             cost=None if plain else COSTS[phase.cost](space),
-            straight=phase.cost != "clearance",  # of all others, no path costs less than the straight one
+            straight=phase.cost != "clearance",  # every other cost is smallest on the straight path
             samples=phase.samples,
             ended=rounds.append,
         )

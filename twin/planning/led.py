@@ -44,7 +44,7 @@ class Led:
     def carrier(self) -> Carrier:
         """The mechanism."""
         if self.kinematics.carrier is None:
-            raise ProtocolError(f"{self.name}: to plan several arms at once, each needs a mechanism")
+            raise ProtocolError(f"{self.name} has no mechanism; to plan several arms at once, each arm needs one")
         return self.kinematics.carrier
 
 

@@ -57,8 +57,8 @@ class PhasePath(Course):
             j = int(np.argmax(series.tail))
             raise ProtocolError(
                 f"{where}: joint {kinematics.joint_names[j]} is not a smooth function of the path (a kink or "
-                f"jump of about {series.tail[j]:.2g} m or rad): it passes close to a singularity, or the inverse "
-                "changes its branch"
+                f"jump of about {series.tail[j]:.2g} m or rad): the path passes close to a singularity, or the "
+                "inverse kinematics changes the working mode"
             )
         return series
 
@@ -96,7 +96,8 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         guide: moves the mechanism along each phase; None: the tool follows every phase exactly in all directions.
 
     Raises:
-        ProtocolError: a phase has no length, retracts beyond its depth, or has joint values without a guide.
+        ProtocolError: a phase has no length, retracts beyond its depth, or has joint values without a guide; or the
+            shaft misses the RCM or the trocar.
     """
     n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
     angles, tip = (

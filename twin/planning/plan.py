@@ -26,7 +26,7 @@ from twin.planning.timing import Timing
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 _LOOKED = 9
-"""Number of poses per phase for which `plan` tests first whether they are within the robot's degrees of freedom."""
+"""Number of poses per phase at which `plan` tests whether the robot has the degrees of freedom to assume them."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
         raise TimingError(f"{where}: {error}") from error
     found = []
     if timing.solver != "passes":
-        text = f"the optimal rate was found by {timing.solver}, because the built-in solver failed"
+        text = f"the optimal timing was found by {timing.solver}, because the built-in solver failed"
         found.append(info("trajectory.timing", "", text, when=f"phase '{path.phase.name}'"))
     return sampled(path, joints, timing, kinematics), [*certified, *found]
 

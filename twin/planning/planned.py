@@ -46,7 +46,7 @@ class Planned(Result):
         return self.trajectory.as_dict(arrays=False)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON; times of searches are here only, because files are the same each time."""
+        """Return plain data for JSON, with search times; the files omit these, because they differ between runs."""
         return {**super().as_dict(), "search_times": {name: r.times() for name, r in self.rounds.items()}}
 
     def text(self) -> Iterator[Part]:

@@ -27,8 +27,8 @@ class CommonPhase:
         name: names of the arms' phases.
         t0, t1: times in s of its start and its end.
         seen: distance between bodies of the arms and of the scene along the whole phase.
-        rounds: rounds of the search for each arm's path, by name of the arm; none where the straight path is free. For
-            an arm beside others, the length in which the search measures a path includes the progress of the others.
+        rounds: rounds of the search for each arm's path, by name of the arm; none where the straight path is free. The
+            length of the path of a later arm includes the progress of the arms that were planned before it.
     """
 
     name: str
@@ -97,7 +97,7 @@ class PlannedTogether(Result):
         }
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON; times of searches are here only, because files are the same each time."""
+        """Return plain data for JSON, with search times; the files omit these, because they differ between runs."""
         return {**super().as_dict(), "search_times": {name: r.times() for name, r in self.rounds.items()}}
 
     def text(self) -> Iterator[Part]:

@@ -1,8 +1,8 @@
 """Algorithm 1 of the Raven paper as printed, with four errors that can be kept or corrected one by one.
 
 Symbols are those of the paper: z the current node, theta its neighbours, V the samples, J the cost to come. Line 11
-takes the open neighbours of theta from N_theta, which line 10 has just computed; the text that was available for this
-reading has Theta_near there, in which no open node can be. `fmt.Search` is the algorithm that twin uses.
+takes the open neighbours of theta from N_theta, which line 10 has just computed; the available text of the paper has
+Theta_near there, which contains no open node. `fmt.Search` is the algorithm that twin uses.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from twin.planning.costs import Cost
 Slip = Literal["goal", "open", "closed", "next"]
 """An error of the printed algorithm.
 
-goal: line 2 leaves theta_goal out of the samples; open: line 22 takes theta out of V_open, not z; closed: line 22 puts
-theta into V_closed, not z; next: line 27 chooses the next theta, not the next z.
+goal: line 2 leaves theta_goal out of the samples; open: line 22 removes theta instead of z from V_open; closed: line 22
+adds theta instead of z to V_closed; next: line 27 chooses the next theta instead of the next z.
 """
 
 SLIPS: tuple[Slip, ...] = get_args(Slip)
@@ -34,7 +34,7 @@ class Outcome:
         path: rows of the samples from start to goal; None if it failed.
         reason: why it failed; "" if it did not.
         overlap: number of passes after which a node was open and closed at once.
-        lost: nodes of the tree that were open, and are neither open nor closed.
+        lost: nodes of the tree that were open, and were then neither open nor closed.
         cost: J of the goal.
     """
 
@@ -56,7 +56,7 @@ def algorithm1(
 
     Args:
         q: the samples; theta_goal is among them even if `slips` has "goal", which leaves it out of V.
-        near: neighbours of each sample.
+        near: rows of the neighbours of each sample.
         cost: cost of a connection.
         free: test of connections.
         slips: the errors to keep; () is the corrected algorithm.

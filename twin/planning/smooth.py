@@ -1,4 +1,4 @@
-"""Joint coordinates along a phase as Chebyshev series, which have derivatives without step sizes.
+"""Joint coordinates along a phase as Chebyshev series, whose derivatives need no step size.
 
 Along a phase, q(s) is analytic, so that a few dozen coefficients represent it to rounding accuracy. Differences of
 samples would lose half of the digits; the derivative of the series keeps nearly all of them.

@@ -26,12 +26,12 @@ class Certificate(Interface):
 
     @property
     def s(self) -> float:
-        """Value of s at which this distance was found."""
+        """Value of s at which the distance is `found`."""
         ...
 
     @property
     def bodies(self) -> tuple[str, str]:
-        """Names of the two bodies with this distance; "" if there are none."""
+        """Names of the two bodies at the distance `found`; "" if there are none."""
         ...
 
 
@@ -43,7 +43,7 @@ class Space(Interface):
     """
 
     def interruptible(self, check: Callable[[], None]) -> Space:
-        """Return the same space, whose tests call `check` every few milliseconds; its exception ends them."""
+        """Return the same space with tests that call `check` every few milliseconds; its exceptions end a test."""
         ...
 
     @property
@@ -58,11 +58,11 @@ class Space(Interface):
 
     @property
     def leads(self) -> np.ndarray:
-        """(n,) bool: whether each joint can move the tool; others stay where they are if start and goal agree."""
+        """(n,) bool: whether each joint can move the tool; others rest if their values at start and goal are equal."""
         ...
 
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
-        """Return (k,) bool: whether joint values q (k, n) are free of collisions; not `exact`: whether they seem so."""
+        """Return (k,) bool: whether joint values q (k, n) are free; not `exact`: by a fast test that may err."""
         ...
 
     def clearances(self, q: Array, most: float) -> Array:

@@ -54,7 +54,7 @@ _SLOWEST = 1e3
 """Maximum slowdown factor in the search for a motion within the jerk limit."""
 
 _GROWTH = 64
-"""Maximum factor between two windows that are tried in the search for a sufficient one."""
+"""Maximum factor from one averaging window to the next in the search for a sufficient one."""
 
 
 @dataclass(frozen=True)
@@ -106,9 +106,10 @@ def time_path(
         max_acceleration: (m,) acceleration limits in units of the coordinates per s2, in the same order.
         extra: derivatives of m - n further limited coordinates (for example, the arc length of the tip).
         dt: sampling time in s; the duration is rounded up to a multiple of it.
-        load: additional limits, such as limits of vector norms; None: only those of the m coordinates.
-        jerk: function that returns the relative jerk; the rate is then averaged over the shortest sufficient window.
-            None: the jerk is not limited.
+        load: function by which samples are checked; it must cover the limits of the m coordinates, and may add others,
+            such as those of vector norms. None: only the limits of the m coordinates are checked.
+        jerk: function that returns the relative jerk; the motion is then averaged over the shortest sufficient time
+            window. None: the jerk is not limited.
         knots: initial number of grid points.
         finest: maximum number of grid points.
 
@@ -158,7 +159,7 @@ def time_path(
 
 
 def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> Samples:
-    """Return samples averaged over the shortest window within the jerk limit; slower if no window is sufficient."""
+    """Return samples averaged over the shortest window within the jerk limit, slowed down if no window suffices."""
     while slower < _SLOWEST:
         low, high, least, longest = 0, 1, np.inf, int(2 * slower * steps)
         while low < longest:
@@ -184,7 +185,8 @@ def _shortest(
         found: (sufficient window, its samples, their jerk divided by the limit).
     """
     high, samples, excess = found
-    # In turn: just below and above the window at which an inversely proportional jerk is at its limit, and the middle.
+    # Try in turn: just below and just above the window at which the jerk, if it is inversely proportional to the
+    # window, is at its limit; then the middle.
     turns = itertools.cycle((0.99, 1.01, None))
     while high - low > max(1, high // 50):
         part = next(turns)

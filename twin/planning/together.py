@@ -1,10 +1,10 @@
-"""Several arms at once, by priority: each further arm moves while those before it follow their common path.
+"""Several arms at once, by priority: each further arm moves while the earlier arms follow their common path.
 
 M. Erdmann, T. Lozano-Perez, "On multiple moving objects", Algorithmica 2, 1987: the arms are planned one after the
-other, and time is a coordinate of each search after the first. Here, the coordinate is the part u from 0 to 1 of the
-path of the arms before, which must not decrease: they may wait for the new arm, but they do not leave their path. The
-result is one path of all arms. Bodies of all arms are tested along this whole path, so that it is free of collisions
-with any timing.
+other, and time is a coordinate of each search after the first. Here, the coordinate is u, the fraction (0 to 1) of
+their path that the earlier arms have covered. It must not decrease: the earlier arms may wait for the new arm, but they
+neither leave their path nor go back. The result is one path of all arms. Bodies of all arms are tested along this whole
+path, so that it is free of collisions with any timing.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from twin.planning.smooth import line
 from twin.planning.space import Certificate, Space
 
 _SHORTEST = 0.05
-"""Smallest length in m of the path of the arms before, in the length of a connection: a shorter path counts as this."""
+"""Smallest length in m with which the path of the earlier arms counts in the length of a connection."""
 
 _PARTS = 8
-"""Number of straight parts that replace a connection in a search, if the path of the arms before is not straight."""
+"""Number of straight parts that replace a connection in a search, if the path of the earlier arms is not straight."""
 
 _SAMPLES = 513
 
 
 class Composed:
-    """Path q(s) of all arms: `first` of the arms before at u(s), followed by the joint values of the new arm.
+    """Path q(s) of all arms: the path `first` of the earlier arms at u(s), then the joint values of the new arm.
 
-    `path` has the joint values of the new arm, then u.
+    `path` returns the joint values of the new arm, then u.
     """
 
     def __init__(self, first: Path, path: Path) -> None:
@@ -73,14 +73,14 @@ class _Part:
 
 
 class Behind(Space):
-    """Space of a new arm: its joint values, then the part u of the path of the arms before it."""
+    """Space of a new arm: its joint values, then u, the covered fraction of the path of the earlier arms."""
 
     def __init__(self, whole: Space, first: Path) -> None:
         """Define the space.
 
         Args:
-            whole: the space of all arms, those before the new arm first.
-            first: path of the arms before.
+            whole: the space of all arms: the earlier arms, then the new arm.
+            first: path of the earlier arms.
         """
         self.whole, self.first = whole, first
         ends = first(np.linspace(0.0, 1.0, _SAMPLES))
@@ -90,7 +90,7 @@ class Behind(Space):
         self._straight = bool(np.abs(first(np.linspace(0.0, 1.0, 9), 2)).max(initial=0.0) < 1e-9)
 
     def interruptible(self, check: Callable[[], None]) -> Behind:
-        """Return the same space, whose tests call `check` every few milliseconds; its exception ends them."""
+        """Return the same space with tests that call `check` every few milliseconds; its exceptions end a test."""
         return Behind(self.whole.interruptible(check), self.first)
 
     @property
@@ -110,7 +110,7 @@ class Behind(Space):
 
     @property
     def cost(self) -> Cost:
-        """The length of a connection; infinite if the arms before would move backwards."""
+        """The length of a connection; infinite if the earlier arms would move backwards."""
         way = length(self.weights)
         return lambda a, b: np.where(b[:, -1] >= a[:, -1], way(a, b), np.inf)
 
@@ -144,7 +144,7 @@ class Behind(Space):
         return self.free_along(self.steer(a, b))
 
     def free_along(self, path: Path) -> bool:
-        """Return whether a path is free of collisions, and the arms before never move backwards on it."""
+        """Return whether a path is free of collisions, and the earlier arms never move backwards on it."""
         if np.diff(path(np.linspace(0.0, 1.0, _SAMPLES))[:, -1]).min() < -ROUNDING:
             return False
         return all(self.whole.free_along(part) for part in self._parts(path))
@@ -158,9 +158,9 @@ class Behind(Space):
         return replace(seen[k], proven=proven, s=parts[k].at(seen[k].s))  # pyright: ignore
 
     def _parts(self, path: Path) -> list[_Part]:
-        """Return parts of the path of all arms, so short that u does not grow faster on them than a parameter.
+        """Return parts of the path of all arms, so short that u grows by at most 1 per unit of the parameter of a part.
 
-        The tests of paths assume that speeds change little in 1/512 of a path, as on `first`.
+        The tests of paths assume that speeds change little within 1/512 of a path, as they do on the path `first`.
         """
         fastest = np.abs(path(np.linspace(0.0, 1.0, _SAMPLES), 1)[:, -1]).max()
         at = np.linspace(0.0, 1.0, max(int(np.ceil(fastest - 1e-9)), 1) + 1)
@@ -190,14 +190,14 @@ def beside(
     """Return a common path of all arms, on which a new arm moves from start to goal while the others follow `first`.
 
     Args:
-        whole: the space of all arms, those of `first` before the new one.
-        first: path of the arms before; they are at its start with the new arm at its start, and so at the ends.
+        whole: the space of all arms: those of `first`, then the new one.
+        first: path of the earlier arms; it begins and ends together with the path of the new arm.
         start: (n,) joint values of the new arm at the start.
         goal: (n,) joint values of the new arm at the goal.
         seed: seed of the random samples.
         progress: called with the fraction done of the current search.
-        cancelled: as of `around`.
-        ended: as of `around`.
+        cancelled: as in `around`.
+        ended: as in `around`.
 
     Raises:
         CancelledError: `cancelled` was true.

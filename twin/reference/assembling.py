@@ -41,7 +41,7 @@ def assemble(model: ReferenceModel) -> Assembly:
 
 
 def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
-    """Return the smallest possible gap (m, rad) of one loop, without all other loops and with all joints free."""
+    """Return the smallest possible gap (m, rad) of one loop if all other loops are removed and all joints are free."""
     others = {j.name for j in mechanism.loops} - {loop}
     alone = replace(mechanism, joints=tuple(j for j in mechanism.joints if j.name not in others), couplings=())
     model = ReferenceModel(alone)

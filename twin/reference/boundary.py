@@ -30,6 +30,7 @@ _STARTS = 12
 """Number of states at which walks start."""
 
 _LARGER = 1.25
+"""Factor by which all lengths are multiplied, to test the dimension of a row."""
 
 _FLAT = 1e-2
 """Relative slope per radian of a margin below which the margin counts as being at its minimum."""
@@ -68,7 +69,7 @@ class Stated(Protocol):
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the r reach margins (k, r) in m at tool poses, from the equations alone."""
+        """Return the r reach margins (k, r) in m at tool poses, from the equations alone; negative: out of reach."""
         ...
 
     def fails(self, s: Run) -> Array:
@@ -175,7 +176,7 @@ class Boundary:
         if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
             what = "length" if s.kinds[i] == "reach" else "dimensionless number"
             much, usual = (f"{x / scale:.4g} {unit}".rstrip() for x in (large[k], v[k]))
-            text = f"the row is not a {what}: {_LARGER:g} times the lengths change it from {usual} to {much}"
+            text = f"the row is not a {what}: multiplying all lengths by {_LARGER:g} changes it from {usual} to {much}"
             return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
         return None
 

@@ -1,10 +1,10 @@
 """Bounds of the distance between two surfaces from balls and a grid of distances, for many poses at once.
 
 One surface is covered by balls; of the other, lower bounds of the distance are stored on a grid in its own frame. The
-distance of the surfaces is at least the smallest stored value at a ball's centre minus the ball's radius, and at most
-this value plus both errors, because each ball contains a part of its surface. A look-up (`lookup`) takes nanoseconds;
-computing the distance of two meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept
-on disk.
+distance of the surfaces is at least the minimum, over the balls, of the stored value at the centre minus the radius. As
+each ball contains a part of its surface, the distance is at most the stored value plus its error plus the radius, for
+any ball. A look-up (`lookup`) takes nanoseconds; computing the distance of two meshes takes up to a millisecond. Grids
+and balls depend on the surface only and are kept on disk.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.core.units import MM
 from twin.reference.lookup import BALL, GRID, PAIR, look_up
 
 _NODES = 400_000
-"""Number of grid nodes in the bounding box of a surface, on which the edge of a cell depends."""
+"""Approximate number of grid nodes in the bounding box of a surface; it determines the edge of a cell."""
 
 _CELL = (0.15 * MM, 6 * MM)
 """Smallest and largest edge of a grid cell in m."""
@@ -40,13 +40,13 @@ _SMALL = 1 / 250
 """Radius of the smallest balls, relative to the extent of the surface."""
 
 _PIECES = 1_500_000
-"""Maximum number of triangles after division; beyond, they stay larger and the bounds are wider, but valid."""
+"""Maximum number of triangles after division. If more are needed, they stay larger; the bounds are then less tight."""
 
 _KEPT = 512
 """Maximum number of files in the cache; the oldest files are removed first."""
 
 _VERSION = 3
-"""Number of the method by which grids and balls are made; files in the cache that have another number are not used."""
+"""Version of the method that makes grids and balls; cached files of another version are not used."""
 
 
 def divided(triangles: Array, edge: float) -> Array:
@@ -70,7 +70,7 @@ def divided(triangles: Array, edge: float) -> Array:
 
 
 def _radius(triangles: Array) -> float:
-    """Return about the radius in m of the smallest balls of the surface of triangles (k, 3, 3)."""
+    """Return the approximate radius in m of the smallest balls of the surface of triangles (k, 3, 3)."""
     sides = triangles[:, 1:] - triangles[:, :1]
     area = float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
     return float(np.sqrt(area / 2**_DEPTH))
@@ -85,12 +85,12 @@ def _cell(triangles: Array) -> float:
 def balls(triangles: Array) -> Array:
     """Return balls (n, 5) that cover the surface of triangles (k, 3, 3); each ball contains a part of the surface.
 
-    A ball's part of the surface is halved for two smaller balls. The rows are in the order of a depth-first search:
-    centre (3) in m, radius in m, number of the row that follows the ball and all balls of its part.
+    A ball's part of the surface is halved for two smaller balls. The rows are in the order of a depth-first search. A
+    row contains: centre (3) in m, radius in m, index of the first row after the ball and its smaller balls.
     """
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     small = max(extent * _SMALL, 0.1 * MM)
-    pieces = divided(triangles, max(2 * small, _radius(triangles)))  # not smaller than the balls can be
+    pieces = divided(triangles, max(2 * small, _radius(triangles)))  # smaller pieces would have no effect
     number, made = np.ones(len(pieces), np.int64), {}
     for depth in range(_DEPTH + 1):
         order = np.argsort(number, kind="stable")
@@ -109,7 +109,7 @@ def balls(triangles: Array) -> Array:
         places = np.take_along_axis(pieces.mean(axis=1), axis[of][:, None], axis=1)[:, 0]
         least, most = np.minimum.reduceat(places, first), np.maximum.reduceat(places, first)
         side = places > ((least + most) / 2)[of]
-        even = (least == most)[of]  # all in one place: halved by number
+        even = (least == most)[of]  # all centres in one place: halved by index
         side[even] = (np.arange(len(pieces)) - first[of] >= (sizes[of] + 1) // 2)[even]
         pieces, number = pieces[open_], (2 * number + side)[open_]
     rows: list[tuple[float, ...]] = []
@@ -166,9 +166,9 @@ class Grid:
         marked = np.ones(shape, bool)
         marked[tuple(np.rint((middles - start) / cell).astype(np.intp).T)] = False
         steps = np.asarray(distance_transform_edt(marked), float)
-        # a middle is within half a diagonal of its marked node, and a point of the surface within `spread` of a middle
+        # a piece's centre is within half a cell's diagonal of its marked node; its points are within `spread` of it
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
-        # near the surface: at most the distance of the nearest middle, which is a point of the surface, less `spread`
+        # near the surface: distance from the nearest centre minus `spread`; the centre is a point of the surface
         near = np.argwhere(steps <= _BAND)
         tree = cKDTree(middles, balanced_tree=False, compact_nodes=False)
         values[tuple(near.T)] = np.maximum(tree.query(start + near * cell, workers=1)[0] - spread, 0.0)
@@ -228,7 +228,8 @@ class Bounds:
     def __init__(self, triangles: Sequence[Array], pairs: np.ndarray) -> None:
         """Define the pairs; grids and balls are made, or loaded from the cache, when they are required.
 
-        Of each pair, that shape has the grid for which the cells and the balls of the other are smaller.
+        In each pair, one shape has the grid and the other the balls: the choice with the smaller sum of half a cell
+        and the radius of a ball.
 
         Args:
             triangles: (k, 3, 3) of each shape, in its own frame.
@@ -280,7 +281,7 @@ class Bounds:
         reject: Array | None = None,
         fine: float = 0.0,
     ) -> tuple[Array, Array]:
-        """Return bounds (n,) from below and (n,) from above in m of distances of `pairs` (n,) in `states` (n,).
+        """Return (lower bounds (n,), upper bounds (n,)) in m of the distances of `pairs` (n,) in `states` (n,).
 
         Args:
             poses: (k, shapes, 4, 4) T_base_shape in each state.
@@ -289,7 +290,7 @@ class Bounds:
             enough: (n,) in m; the search for a larger lower bound ends at this value, and the upper bound may then be
                 infinite.
             reject: (n,) in m; where the upper bound is below this value, the lower bound is 0. None: 0.
-            fine: in m; balls with this radius are not replaced by smaller ones.
+            fine: in m; balls with at most this radius are not replaced by smaller ones.
         """
         if not self._ready[pairs].all():
             self.load(pairs)

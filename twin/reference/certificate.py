@@ -1,8 +1,8 @@
-"""A proven lower bound of the distance between bodies along a whole path, by exact distances only.
+"""A proven lower bound of the distance between bodies along a whole path.
 
 In an interval of s, the distance of a pair is at least its distance in the middle minus the largest possible approach
-(`travel`) in half of the interval. Intervals are halved until this bound is not much less than the smallest distance
-found.
+(`travel`) in half of the interval. Intervals are halved until this bound is at most `within` below the smallest
+distance found.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Certificate:
     Attributes:
         proven: lower bound in m of the distance along the whole path.
         found: smallest distance in m at the tested values of s.
-        s: value of s at which this distance was found.
+        s: path parameter, 0 to 1, at which this distance was found.
         bodies: names of the two bodies with this distance; "" if there are none.
     """
 
@@ -64,13 +64,13 @@ def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, chec
         ahead = ways[row, pair]
         bound = pairs.gaps(poses, row, pair)
         near = np.flatnonzero(bound - ahead < least - within)
-        # what is needed to leave a pair out; a first guess, as nothing is found yet, is a large distance
+        # the distance that excludes a pair; while no exact distance is known, `_FAR` replaces it
         wanted = np.minimum(least, _FAR) - within + ahead[near]
-        bound[near] = np.maximum(bound[near], pairs.bounds(poses, row[near], pair[near], wanted)[0])
+        bound[near] = np.maximum(bound[near], pairs.bounds.at(poses, row[near], pair[near], wanted)[0])
         for i in np.argsort(bound - ahead, kind="stable"):
             if bound[i] - ahead[i] < least - within:
                 check()
-                # beyond this distance, the pair is left out and is not the nearest
+                # a pair beyond this distance is excluded and is not the nearest
                 most = least + max(float(ahead[i]) - within, 0.0)
                 bound[i] = pairs.distance(int(pair[i]), poses[row[i]], most)
                 if bound[i] < least:

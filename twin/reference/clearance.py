@@ -40,7 +40,7 @@ class Shape:
 
     Attributes:
         triangles: (k, 3, 3) corners of its triangles in m, in the frame of the body.
-        corners: (8, 3) corners of its bounding box in m, which limit the mesh's motion.
+        corners: (8, 3) corners of its bounding box in m; no point of the mesh moves farther than the farthest corner.
     """
 
     def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:
@@ -90,7 +90,7 @@ def clearance(
     """Return the minimum clearances between the meshes of a mechanism.
 
     A measured distance minus the subsequent motion of both bodies is a lower bound of their distance. A pair is
-    measured again only if this bound allows that the pair is the nearest.
+    measured again only if this bound is below the smallest distance at the sample.
 
     Args:
         mechanism: the mechanism, with the meshes of its bodies.
@@ -222,9 +222,8 @@ def _first_bound(a: Shape, b: Shape, link_poses: Mapping[str, Array]) -> float:
 def distance_between(a: Shape, b: Shape, Ta: Array, Tb: Array, most: float = np.inf) -> float:
     """Return the distance in m between two meshes at poses (4, 4), but at most `most`; 0 if they collide.
 
-    coal leaves out all parts that are not nearer than the smallest distance known, which is `most` at first. With a
-    small `most`, this is faster than coal's collision test with a margin, which is slow for meshes that are close
-    everywhere.
+    coal skips all parts that are farther apart than the smallest known distance, which is `most` at first. With a small
+    `most`, this is faster than coal's collision test with a margin, which is slow for meshes that are close everywhere.
     """
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     result.min_distance = min(most, result.min_distance)

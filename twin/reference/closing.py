@@ -1,10 +1,10 @@
-"""States of a mechanism at given driven joint values, for searches: many at once, in the mode of the rest poses.
+"""States of a mechanism at given driven joint values, for searches: many at once, in the rest poses' assembly mode.
 
 Belts, gears and cables are linear couplings, so that a matrix gives the passive coordinates. Other loops are closed by
 Newton's method for all states together, from the nearest states that are known. The determinant of the loop equations
 changes its sign at a singularity: a state whose determinant has another sign than in the rest poses is in another
-assembly mode. Loops that share no coordinate have a determinant each. Mode changes without a change of these signs are
-found by following the path in small steps.
+assembly mode. Groups of loops that share no coordinate have separate determinants. Mode changes without a change of
+these signs are found by following the path in small steps.
 """
 
 from __future__ import annotations
@@ -142,9 +142,10 @@ class Closing:
         return None if row is None else self._x[row]
 
     def _walk(self, known: np.ndarray, q1: Array, steps: int, *, small: bool) -> tuple[Array, np.ndarray]:
-        """Return (configurations (k, nq) at q1, (k,) bool: closed in the mode) from rows (k,) of the known states.
+        """Return (configurations (k, nq) at q1, (k,) bool: whether the loops close without a change of the mode).
 
-        With `small`, no coordinate may change by more than `_JUMP` in one of the steps.
+        `known` (k,) are the rows of the known states from which the walk starts. With `small`, no coordinate may change
+        by more than `_JUMP` in one of the steps.
         """
         rows, of = np.unique(known, return_inverse=True)
         gain, sign = self.rates(self._x[rows])[of], self._signs(self._x[rows])[of]
@@ -257,8 +258,8 @@ class Closing:
     def along(self, path: Callable[..., Array], x: Array, s: Array, check: Callable[[], None]) -> Array | None:
         """Return configurations (k, nq) of a path at stations s (k,) from the configuration x at s[0].
 
-        None if the loops open, or if a coordinate changes by more than it can in one mode between two stations.
-        `check` is called between the steps.
+        None if the loops open, or if the assembly mode changes (a coordinate changes by more than `_JUMP` between two
+        stations). `check` is called between the steps.
         """
         for ahead in (_COARSE, len(s) - 1)[: 1 + (len(s) - 1 > _COARSE)]:
             if (X := self._along(path(s), x, ahead, check)) is not None:

@@ -1,7 +1,7 @@
 """Degenerate states of a mechanism, at which it can move with its driven joints or its tool at rest.
 
-A state moves along the null space of the loop Jacobian. Driven and passive joints are treated equally, so that the
-motion passes singularities as smoothly as other states. At a degenerate state, some motion leaves the driven joints
+The mechanism moves along the null space of the loop Jacobian. Driven and passive joints are treated equally, so that
+the motion passes singularities as smoothly as other states. At a degenerate state, some motion leaves the driven joints
 (type II) or the tool (type I) at rest, or the null space has additional dimensions.
 """
 
@@ -72,11 +72,14 @@ class Degeneracy:
         return np.stack(columns, axis=1)
 
     def motions(self, states: Array) -> Array:
-        """Return tangent steps (k, nv, freedom) that keep the loops closed, in rad; lengths in `LENGTH_SCALE`."""
+        """Return tangent steps (k, nv, freedom) in rad and m that keep the loops closed.
+
+        Divided by `scale`, the steps of a state are orthonormal.
+        """
         return self._raw(states, motions_only=True)[0]
 
     def tool(self, states: Array) -> Array:
-        """Return tool twists (k, 6, freedom) in base for `motions`, linear part first, in units of `LENGTH_SCALE`."""
+        """Return tool twists (k, 6, freedom) in base for `motions`: linear in `LENGTH_SCALE`, then angular in rad."""
         return self._jacobians(states)[1][:, :6] @ (self.motions(states) / self.scale[:, None])
 
     def moved(self, states: Array, steps: Array) -> tuple[Array, NDArray[np.bool_]]:

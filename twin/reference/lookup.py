@@ -19,15 +19,15 @@ from twin.core.machine import compiled
 from twin.core.spatial import Array
 
 BALL = 5
-"""Count of numbers that describe a ball: centre (3), radius, number of the first ball after its smaller balls."""
+"""Count of numbers that describe a ball: centre (3), radius, index of the first ball after its smaller balls."""
 
 GRID = 20
-"""Count of numbers that describe a grid: first node (3), cell, 1/cell, number of the last node (3), strides (2), place
+"""Count of numbers that describe a grid: first node (3), cell, 1/cell, index of the last node (3), strides (2), index
 of the first value, box of the surface (6), error, known, far (see `bounds.Grid`)."""
 
 PAIR = 6
-"""Count of numbers that describe a pair: number of all shapes, indices of the shape with the grid, of the shape with
-the balls, of the grid, of the first ball, and of the last ball + 1."""
+"""Count of numbers that describe a pair: count of all shapes, indices of the shape with the grid, of the shape with the
+balls, of the grid, of the first ball, and of the last ball + 1."""
 
 _ROUGH = 0.75
 """Fraction of the upper bound at which a lower bound is sufficient in a search."""
@@ -113,7 +113,7 @@ def _text() -> str:
     values = w.shifted(data["values"], b.fptosi(values, _INT), 1, _FLOAT)
     box_low, box_high = numbers[11:14], numbers[14:17]
     error, known, far = numbers[17:20]
-    # without all of the smallest balls, a bound need not be the best either
+    # with `fine`, bounds are coarse anyway: a lower bound close to the upper bound is sufficient
     enough, reject, small = (w.at(data[name], i) for name in ("enough", "reject", "fine"))
     kept_part = b.select(b.fcmp_ordered(">", small, _number(0.0)), _number(_ROUGH), _number(1.0))
     b.branch(ball)
@@ -122,7 +122,7 @@ def _text() -> str:
     n, low, high = b.phi(_INT), b.phi(_DOUBLE), b.phi(_DOUBLE)
     for phi, value in ((n, first), (low, _number(np.inf)), (high, _number(np.inf))):
         phi.add_incoming(value, body)
-    # a surface that is nearer than `reject` in any case needs no further search
+    # the search ends if the upper bound is below `reject`
     going = b.and_(b.icmp_signed("<", n, last), b.fcmp_ordered(">=", high, reject))
     b.cbranch(going, opened, stored)
 
@@ -156,7 +156,7 @@ def _text() -> str:
     b.branch(ball)
 
     def upper(value: ir.Value, way: ir.Value) -> ir.Value:
-        """Return an upper bound of the ball's distance from a node with a stored distance, and its own distance."""
+        """Return an upper bound of the distance of the ball's part, from `value` stored at a node at distance `way`."""
         off = b.select(b.fcmp_ordered("<", value, known), error, far)
         return b.fadd(b.fadd(b.fadd(value, way), radius), off)
 
@@ -226,7 +226,7 @@ def look_up(
         states: (n,) row of `poses` of each item.
         pairs: (n,) row of `table` of each item.
         enough: (n,) in m; a larger lower bound is not required.
-        reject: (n,) in m; if the upper bound is below it, the lower bound is 0, and no better one is searched.
+        reject: (n,) in m; if the upper bound is below this value, the search ends and the lower bound is 0.
         fine: (n,) in m; balls with at most this radius are not replaced by their smaller balls.
         table: (pairs, PAIR) int64.
         grids: (grids, GRID) float64.

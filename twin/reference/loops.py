@@ -20,7 +20,11 @@ AXES = ("offset x", "offset y", "offset z", "turn x", "turn y", "turn z", "sum")
 
 @dataclass(frozen=True)
 class Coupled:
-    """A linear coupling of tree joints: indices in the configuration (`places`) and in the velocity (`columns`)."""
+    """A linear coupling of tree joints: the sum of `ratios` times joint values equals `total`, in rad or m.
+
+    `places` and `columns` are the indices of the joints in the configuration and in the velocity. `angle`: whether the
+    first joint is an angle.
+    """
 
     name: str
     places: Index

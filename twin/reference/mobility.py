@@ -13,7 +13,7 @@ _FLAT = 1e-9
 """Singular values below this fraction of the largest one of all constraints count as zero."""
 
 _SHARE = 1e-6
-"""Norm of a row's coefficients in the linear dependencies of the constraint rows above which it counts as repeated."""
+"""A constraint row is repeated if the norm of its coefficients in the rows' linear dependencies exceeds this value."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Mobility:
         redundancy: number of redundant constraint rows (rows of the loop Jacobian).
         redundant: number of redundant rows by loop: rows that depend on other rows of this loop or of earlier loops.
         repeated: directions of each loop that other constraints also lock, so that one of these constraints could be
-            omitted. "offset z" is along, "turn x" is about an axis of the joint's frame on its parent body.
+            omitted. "offset z": along z, "turn x": about x of the joint's frame on its parent body.
         internal: degrees of freedom that remain if all active joints are locked (a rod that spins between two ball
             joints).
     """

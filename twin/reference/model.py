@@ -265,8 +265,10 @@ class ReferenceModel:
         if not (misfit < GAP_TOLERANCE).all():
             k = int(np.argmin(misfit < GAP_TOLERANCE))
             best = self.state(run.x[k])
-            gap = f"smallest gap of the loops {best.worst_gap / MM:.3g} mm"
-            raise AssemblyError(f"at sample {k}: {self.mechanism.name}: out of reach, {gap}", best, best.worst_gap)
+            left = f"largest loop gap {best.worst_gap / MM:.3g} mm"
+            if Ts is not None:
+                left += f", tool {np.linalg.norm(best.T_base_tool[:3, 3] - Ts[k, :3, 3]) / MM:.3g} mm from its target"
+            raise AssemblyError(f"at sample {k}: {self.mechanism.name}: out of reach, {left}", best, best.worst_gap)
         return run
 
     def _start(self, seed: Assembly | None) -> Array:

@@ -44,8 +44,8 @@ def minimise(
     """Return (configurations (k, nq) near X that minimise the residual, (k,) bool: whether each converged).
 
     X (k, nq) are the start configurations; only the velocity indices `columns` change. Samples that need more
-    iterations do not converge. `integrate` replaces `tree.integrate`; `enough` is the sum of squares of a residual
-    that need not be smaller.
+    iterations do not converge. `integrate` replaces `tree.integrate`; the iteration of a sample ends if the sum of
+    squares of its residual is below `enough`.
     """
     integrate = integrate or tree.integrate
     X = X.copy()

@@ -55,6 +55,7 @@ class Pairs:
         shapes: the bodies' shapes; obstacles last.
         rows: (pairs, 2) indices of the two shapes.
         required: (pairs,) required distances in m.
+        bounds: bounds of the distances of pairs at shape poses (k, shapes, 4, 4).
     """
 
     def __init__(
@@ -71,8 +72,8 @@ class Pairs:
             stills: the obstacles.
             clearance: required distance in m; for two bodies of the mechanism at most half of their distance in the
                 rest poses.
-            arms: name of the arm of each body, for a mechanism that is `twin.model.joined`: for two bodies of different
-                arms, their rest poses do not matter.
+            arms: name of the arm of each body, for a mechanism that is `twin.model.joined`. Two bodies of different
+                arms must have the full clearance, even if they are nearer in the rest poses.
         """
         self._tree, self._clearance = model.tree, clearance
         own: dict[str, Shape] = {}
@@ -117,8 +118,8 @@ class Pairs:
         self._half = np.array([s.corners[-1] - s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
         self._middle = np.array([s.corners[-1] + s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
         self._radii = np.linalg.norm(self._half, axis=1)
-        self._bounds = Bounds([s.triangles for s in self.shapes], self.rows)
-        # pairs whose relative pose depends on few turns: (velocity indices, edges of a cell in rad)
+        self.bounds = Bounds([s.triangles for s in self.shapes], self.rows)
+        # pairs whose relative pose depends on few rotations: (velocity indices, edges of a cell in rad)
         self._turns: dict[int, tuple[np.ndarray, Array]] = {}
         self._cells: dict[tuple[int, ...], bool] = {}
         nv = self._tree.model.nv
@@ -134,8 +135,8 @@ class Pairs:
         return len(self.rows)
 
     def load(self) -> None:
-        """Make all that the tests of distances use; otherwise, each test makes what it uses first."""
-        self._bounds.load(np.arange(len(self)))
+        """Make grids, balls and hulls of all shapes now, not at their first use in a test."""
+        self.bounds.load(np.arange(len(self)))
         for shape in {*self.rows.ravel().tolist()}:
             _ = self.shapes[shape].hull
 
@@ -172,27 +173,12 @@ class Pairs:
     def gaps(self, poses: Array, states: np.ndarray, pairs: np.ndarray) -> Array:
         """Return lower bounds (n,) in m of the distances of `pairs` (n,) at rows `states` (n,) of poses.
 
-        They are the distances of boxes along the axes of base.
+        The bounds are the distances of boxes along the axes of base.
         """
         c, h = self._boxes(poses)
         a, b = self.rows[pairs].T
         way = np.maximum(np.abs(c[a, :, states] - c[b, :, states]) - h[a, :, states] - h[b, :, states], 0.0)
         return np.sqrt((way * way).sum(axis=1))
-
-    def bounds(
-        self,
-        poses: Array,
-        states: np.ndarray,
-        pairs: np.ndarray,
-        enough: Array,
-        reject: Array | None = None,
-        fine: float = 0.0,
-    ) -> tuple[Array, Array]:
-        """Return lower and upper bounds (n,) in m of the distances of `pairs` (n,) at rows `states` (n,) of poses.
-
-        See `Bounds.at` for `enough`, `reject` and `fine`.
-        """
-        return self._bounds.at(poses, states, pairs, enough, reject, fine)
 
     def hulls_apart(self, pair: int, poses: Array) -> float:
         """Return the distance in m of a pair's convex hulls, a lower bound, at shape poses (shapes, 4, 4)."""
@@ -250,10 +236,10 @@ class Pairs:
     ) -> np.ndarray:
         """Return (n,) bool: whether `pairs` (n,) in `states` (n,) seem nearer than required, for a search.
 
-        The mean of the bounds `low` and `high` (n,) decides. But pairs whose bounds do not exclude a collision may
-        collide although their mean exceeds the required distance, because the balls of large bodies are large: unless
-        their required distance is less than the clearance, the exact distance decides. It is computed only in states
-        that `matter` (k,), and in each of these only until one pair is near.
+        A pair seems near if the mean of the bounds `low` and `high` (n,) is below its required distance. For large
+        bodies, which have large balls, the mean may be too large. Therefore, if `low` is 0 and the required distance is
+        the full clearance, the exact distance decides. It is computed only in the states marked by `matter` (k,), and
+        in each of them only until one pair is near.
         """
         required = self.required[pairs]
         out = (low + high) / 2 < required
@@ -279,7 +265,7 @@ class Pairs:
         close = self.gaps(poses, states, pairs) < self.required[pairs]
         states, pairs = states[close], pairs[close]
         required = self.required[pairs]
-        low, high = self.bounds(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
+        low, high = self.bounds.at(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
         out[states[high < required]] = True
         if not exact:
             out[states[self.seem_near(X, poses, states, pairs, low, high, ~out)]] = True

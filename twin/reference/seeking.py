@@ -17,7 +17,7 @@ Values = Callable[[Array], Array]
 Mask = NDArray[np.bool_]
 
 Valid = Callable[[Array], Mask]
-"""Function of states (k, nq): (k,) bool, whether the functions that are searched (`Values`) are valid in each."""
+"""Test of states (k, nq) -> (k,) bool: whether the functions `Values` are valid in each state."""
 
 _ITERATIONS = 40
 _STRIDE, _STRIDE_LONGEST = 0.1, 0.5
@@ -70,8 +70,8 @@ def seek(
 ) -> Walks:
     """Walk from states (w, nq) to zeros of the functions `row` (w,).
 
-    Each walk except the first of a row has its own random metric, so that the walks take different paths and do not all
-    stop at the same state.
+    The walks to one function have different random metrics (weights of the coordinates), except the first. They
+    therefore take different paths and do not all stop at the same state.
 
     Args:
         motions: motions of the mechanism.
@@ -176,7 +176,10 @@ def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index
 
 
 def wander(motions: Degeneracy, valid: Valid, starts: Array, steps: int = 10, seed: int = 0) -> Array:
-    """Return states at some distance from the starts, by random walks that change direction when blocked."""
+    """Return states (m, nq) reached from starts (w, nq) by random walks, which change direction when blocked.
+
+    A walk visits only states that are `valid` and have closed loops.
+    """
     rng = np.random.default_rng(seed)
     X = starts.copy()
     nv = motions.model.tree.model.nv

@@ -1,12 +1,11 @@
 """The joint space of a mechanism: joint limits, and joint values at which its bodies do not collide.
 
 A path q(s) is checked as a whole, not at sampled points. In the middle of an interval of s, the distance of a pair of
-bodies is computed. Two bodies cannot collide in the interval if this distance exceeds the possible approach of the two
+bodies is tested. Two bodies cannot collide in the interval if this distance exceeds the possible approach of the two
 bodies in half of the interval (`travel`); otherwise the interval is halved.
 
-For most intervals, the distance of the convex hulls, a lower bound, is sufficient. Where it is not, and the remaining
-motion is small, coal tests whether the meshes are nearer than the motion. This is much faster than computing their
-distance.
+For most intervals, bounds of the distance are sufficient (`pairs`). If they are not and the remaining motion is small,
+coal tests whether the meshes are nearer than the motion. This is much faster than computing their distance.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _STATION = {True: 0.1, False: 0.02}
 """Motion of a driven joint (rad if an angle, else m) between two stations (states with closed, tested loops)."""
 
 _FINE = 512
-"""Number of intervals of a path; in each, the speed is taken as the larger speed of both ends, times `_BETWEEN`."""
+"""Number of intervals of a path. The assumed speed in an interval is the larger speed of its ends times `_BETWEEN`."""
 
 _BETWEEN = 1.05
 """Safety factor: in a corner rounded over 1/80 of a path (six intervals), the speed within an interval exceeds the
@@ -53,7 +52,7 @@ _NARROW = 3.0
 """Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
 
 _SEARCH = 6 * MM
-"""Motion in m of two bodies from the nearest tested state that a search accepts; paths found are tested whole."""
+"""Largest motion in m of two bodies from the nearest tested state, in a search; a found path is tested completely."""
 
 _BLOCK = 2048
 """Number of states whose distances are computed together."""
@@ -101,7 +100,7 @@ class JointSpace:
         self._check: Callable[[], None] = _nothing
 
     def load(self) -> JointSpace:
-        """Make all that the tests use now, not at their first use; return this space."""
+        """Make shapes, grids and balls now, not at their first use in a test; return this space."""
         self._pairs.load()
         return self
 
@@ -172,8 +171,9 @@ class JointSpace:
         return limits, np.array([_ANGLE if j.is_angle else 1.0 for j in active])
 
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
-        """Return (k,) bool: whether joint values q (k, n) are within limits, with closed loops and the clearance.
+        """Return (k,) bool: whether joint values q (k, n) are free.
 
+        That is: they are within limits, the loops close, `keep` allows the state, and all required distances are kept.
         If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
         """
         self._check()
@@ -200,7 +200,7 @@ class JointSpace:
             states, pair = np.repeat(np.arange(len(X)), len(pairs)), np.tile(pairs, len(X))
             near = self._pairs.gaps(poses, states, pair) < most
             states, pair = states[near], pair[near]
-            low, _ = self._pairs.bounds(poses, states, pair, np.full(len(pair), most), fine=SEARCHED)
+            low, _ = self._pairs.bounds.at(poses, states, pair, np.full(len(pair), most), fine=SEARCHED)
             np.minimum.at(out, k + states, low)
             out[k : k + _BLOCK][~closed] = 0.0
         return out
@@ -303,7 +303,7 @@ class JointSpace:
         return self._closing.placed(q)
 
     def _count(self, path: Callable[..., Array]) -> int:
-        """Return the number of stations of a path, so that no driven joint moves farther than `_STATION` between."""
+        """Return the number of stations of a path; between two of them, no driven joint moves more than `_STATION`."""
         coarse = path(np.linspace(0.0, 1.0, 65))
         return max(int(np.ceil(64 * (np.abs(np.diff(coarse, axis=0)) / self._steps).max(initial=0.0))) + 1, 2)
 
@@ -392,7 +392,7 @@ class JointSpace:
             required, way = pairs.required[pair], ways[row, pair]
             margin = np.maximum(required, required / 2 + way)
             left = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
-            least, most = pairs.bounds(
+            least, most = pairs.bounds.at(
                 *(poses, row[left], pair[left], margin[left], required[left]),
                 0.0 if exact else SEARCHED,
             )

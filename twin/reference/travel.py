@@ -2,9 +2,9 @@
 
 Only coordinates that move exactly one of the two bodies count. A slide by dx moves a body by dx. A rotation by dx moves
 any point of the body by at most rho dx, where rho is the largest possible distance of the body's points from the axis.
-At any joint values, rho is at most the sum of four terms. Let the axis be that of joint 1, followed by joints 2, 3, ...
-up to the body: the distance of the origin of joint 2 from the axis; the lengths of the offsets from joint 2 to joint 3
-and so on; the largest distance of the body's points from the origin of its last joint; the extensions of sliding
+Let the axis be that of joint 1, and let joints 2, 3, ... follow up to the body. At any joint values, rho is at most the
+sum of four terms: the distance of the origin of joint 2 from the axis; the lengths of the offsets from joint 2 to joint
+3 and so on; the largest distance of the body's points from the origin of its last joint; the extensions of sliding
 joints between axis and body. Let L(s0, s1) be the path length of a coordinate along q(s): two points of the pair
 approach each other by at most the sum of rho L(s0, s1).
 """
@@ -143,7 +143,7 @@ class Levers:
         off = centres[self._bodies] - place[self._joints, :, 1]
         along = (off * place[self._joints, :, 0]).sum(axis=1)
         for n in np.flatnonzero(self._balls):
-            # the sum, not the norm: the turns may follow each other
+            # the sum, not the norm: the rotations about the three axes may follow each other
             steps[n] = moved[:, self._columns[n] : self._columns[n] + 3].sum(axis=1)
             along[self._joints == n] = 0.0
         rho = np.sqrt(np.maximum((off * off).sum(axis=1) - along**2, 0.0)) + radii[self._bodies, None]

@@ -40,7 +40,8 @@ class Tree:
     Attributes:
         model, data: Pinocchio's model and data.
         joint_id: Pinocchio's joint number, by joint name; fixed joints are missing.
-        coordinate: index in the velocity of each joint with a single coordinate, by joint name.
+        coordinate, configuration: index of each joint with a single coordinate in the velocity and in the
+            configuration, by joint name.
         quaternions: configuration index of the first of the four numbers of each quaternion.
         active, passive: velocity indices of the active joints, in the order of q, and of all others.
     """
@@ -151,8 +152,7 @@ class Tree:
     def update(self, X: Array, *, closing_only: bool = False) -> tuple[Array, Array]:
         """Compute joint poses and Jacobians at configurations X (k, nq).
 
-        With `closing_only`, only the poses used by loops, named points and tool are
-        computed (half the time).
+        With `closing_only`, only the poses used by loops, named points and tool are computed (half the time).
 
         Returns:
             Poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv). Each column of a
@@ -171,9 +171,9 @@ class Tree:
         return poses, J
 
     def place(self, X: Array) -> Array:
-        """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq), for many at once.
+        """Return the poses (k, joints, 4, 4) of all joint frames in base at configurations X (k, nq).
 
-        NumPy computes them for all configurations at once; `update` calls Pinocchio for one configuration at a time.
+        NumPy computes all configurations at once; `update` calls Pinocchio for one configuration at a time.
         """
         poses = np.zeros((len(X), self.model.njoints, 4, 4))
         poses[:, 0] = np.eye(4)

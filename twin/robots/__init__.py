@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 _FOLDER = Path(__file__).resolve().parent
 _said: set[Path] = set()
 
+FORMULA_MODULE = "_twin_formula_"
+"""Beginning of the module name of a formula file outside this package."""
+
 NO_CODE = "TWIN_NO_CODE"
 """Environment variable; if it is set, no Python code of a robot folder is run, not even in child processes."""
 
@@ -53,7 +56,7 @@ def load_formula(
         name: name of the robot, for a plain formula; default: the name of its folder.
         driven: function called for a plain formula. It returns ((name, is_angle) of each active joint in order, a tool
             pose (4, 4), q at this pose or None); solvers start at this pose.
-        trial: whether the file is a copy of a file that was run before; else a notice that its code is run is logged.
+        trial: whether the file is a copy of a file that was run before; if not, a notice is logged that its code runs.
         read: function that returns the bytes of a file outside this package.
 
     Raises:
@@ -93,7 +96,7 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
         if name in sys.modules:
             return sys.modules[name]
     else:
-        name = f"_twin_formula_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+        name = f"{FORMULA_MODULE}{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
         if os.environ.get(NO_CODE):
             raise CodeRefusedError(
                 f"{path}: reading these equations runs this file, which --no-code (or {NO_CODE} in the environment) "

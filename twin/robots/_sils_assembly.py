@@ -20,7 +20,7 @@ _SIGMA = np.array([1.0, -1.0, 1.0])
 
 
 def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> list[Array]:
-    """Return the poses (4, 4) of all assemblies at q (6,) for a rigid platform, unsorted, without Newton steps.
+    """Return the poses (4, 4) of all assemblies at q (6,) for a rigid platform, unsorted, not refined by Newton steps.
 
     Assemblies with a bar that leans inwards beyond its pivot (rho < l_0) are omitted, because they are unreachable.
     """

@@ -43,7 +43,7 @@ def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: t
     for item in error.errors(include_url=False):
         keys, value = _raw_keys(item, data)
         if keys in found:
-            continue  # another branch of a union at the same keys; the first one's message covers all branches
+            continue  # another branch of a union at the same keys; the message of the first branch covers all branches
         if item["type"] == "extra_forbidden":
             text, meant = _unknown_key(keys, _nodes(schema, data, keys[:-1]))
             if meant:

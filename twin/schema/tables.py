@@ -128,7 +128,7 @@ def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
         line = nearest_line(key_lines(text), keys)
         raise DescriptionError(f"{name}:{line}: {spell(keys)}: dates are not supported; put text in quotes")
     try:
-        # JSON mode converts arrays to tuples, but not numbers, text and booleans
+        # JSON mode converts arrays to tuples, but does not convert numbers, text or booleans to each other
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
         raise DescriptionError(explain(error, data, key_lines(text), model, name)) from error

@@ -112,7 +112,7 @@ def world(
         task: a task; if it has rings, the instruments touch objects and the solid bodies of the props. In a procedure,
             the grippers of the hands close the jaws of tools, which act on the organs.
         props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.
-        haptics: whether the forces on the hands are on at the start; None: the World has none. With forces, the
+        haptics: whether the forces on the hands are on at the start; None: the World has no such forces. With them, the
             instruments touch the solid bodies and each other in every task.
         organs: the organs of the scene; only needed for a procedure.
         parts: compiled parts of the machines of the scene, by the names of their places. `device` also writes their
@@ -154,7 +154,7 @@ def world(
     objects = scene.objects if task is not None and task.grasps else ()
     felt = _felt(scene, props, haptics)
     if objects or felt:
-        arms = {n: (places[n], members[n].mechanism, members[n].kin) for hand in HANDS for n in getattr(table, hand)}
+        arms = {n: (places[n], members[n].mechanism, members[n].kin) for n in hands_of(scene)}
         plants.append(contact_scene.contact(scene, props, arms, q, objects, felt, task))
     operated = None
     if task is not None and task.procedure is not None:
@@ -197,7 +197,7 @@ def _operated(
 ) -> tuple[operating_scene.Field, list[Block]]:
     """Return organs, vessels and objects of a procedure, and the blocks by which grippers close the jaws of tools."""
     procedure = operating_scene.procedure_of(scene, task)
-    hands = {n: hand for hand in HANDS for n in getattr(console_of(scene), hand)}
+    hands = hands_of(scene)
     if without := [n for n in procedure.start if n not in hands]:
         raise TwinError(f"{scene.file}: task '{task.name}': no hand of [console] moves {', '.join(without)}")
     return operating_scene.field(scene, task, mechanisms, q, organs, ORGANS), [
@@ -216,13 +216,22 @@ def console_of(scene: Scene) -> ConsoleTable:
     return scene.console
 
 
+def hands_of(scene: Scene) -> dict[str, str]:
+    """Return the hand that moves each robot of a console, by robot: first those of the right hand.
+
+    Raises:
+        TwinError: the scene has no console.
+    """
+    return {n: hand for hand in HANDS for n in getattr(console_of(scene), hand)}
+
+
 def port_in_base(place: Place) -> Array:
     """Return the position (3,) in m of a robot's first port, in the frame of its base."""
     return (spatial.inverse(place.T_world_base) @ np.append(operating_scene.port_of(place), 1.0))[:3]
 
 
 def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
-    """Return the pivot of an instrument at its start joint values q (n,); None: `table` has no length of it.
+    """Return the pivot of an instrument at its start joint values q (n,); None: `table` has no length for it.
 
     Raises:
         TwinError: the tip is less than 1 mm from the port.
@@ -256,8 +265,7 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None =
     """
     table = console_of(scene)
     out = {FULCRUM: float(FULCRUMS.index(fulcrum))} if table.instrument_mm else {}
-    hands = [n for hand in HANDS for n in getattr(table, hand)]
-    out |= {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands) if scene.tools}
+    out |= {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands_of(scene)) if scene.tools}
     first = {} if task is None or task.procedure is None else task.procedure.start
     out |= machine_scene.SETTINGS if scene.trainer is not None else {}
     return out | {f"{n}.tool": float([*scene.tools].index(tool)) for n, tool in first.items()}
@@ -342,7 +350,7 @@ def _forces(
 ) -> list[Block]:
     """Return the blocks of the forces on both hands; `felt`: whether contact writes planes."""
     table, places = console_of(scene), {p.name: p for p in scene.places}
-    names = [n for hand in HANDS for n in getattr(table, hand)]  # in the order of the grippers in contact
+    names = [*hands_of(scene)]  # in the order of the grippers in contact
     out: list[Block] = []
     for hand in HANDS:
         arms = [
@@ -387,7 +395,7 @@ def _camera(
 
 
 def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
-    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot; one body has both."""
+    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot, on the same body."""
     tool, frame = (mechanism.frame(n) for n in (mechanism.tool, camera.frame))
     return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
 

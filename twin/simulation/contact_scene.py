@@ -44,7 +44,7 @@ class Course:
     dome: Array
 
     def outside(self, p: Array) -> float:
-        """Return how far a point (3,) is outside the convex hull of the dome, at least, in m; inside it is negative."""
+        """Return a lower bound in m of a point's (3,) distance from the convex hull of the dome; negative inside."""
         return float((self.dome[:, :3] @ p + self.dome[:, 3]).max())
 
 
@@ -65,11 +65,11 @@ def contact(
         arms: place, mechanism and equations of each instrument, by robot.
         q: joint values (n,) of the instruments at the start, by robot.
         objects: the movable objects.
-        feels: whether the planes are written that the forces on the hands need.
+        feels: whether the planes for the forces on the hands are written.
         task: the task; if it has a ring to guide, contacts of the ring with the wire are written.
 
     Raises:
-        TwinError: the scene has no such table, or a solid body is not in the props.
+        TwinError: the scene has no section [contact], or a solid body is not in the props.
         WorldError: an object overlaps something at the start.
     """
     table = _table(scene)
@@ -102,7 +102,7 @@ def course(scene: Scene, props: Mechanism | None, task: Task) -> Course:
         TwinError: wire or dome is not among the solid bodies, the wire has only one part, or the task has no ring to
             guide.
     """
-    from scipy.spatial import ConvexHull  # late: it takes a while
+    from scipy.spatial import ConvexHull  # imported here, because the import takes a while
 
     if task.guide is None:
         raise TwinError(f"task '{task.name}' has no ring to guide: choose a task with a section [task.NAME.guide]")

@@ -100,7 +100,7 @@ class Played(Result):
         """Yield a line per robot, the minimum clearance per pair, and the findings."""
         yield f"{self.scene.name} · {self.scene.title}\n"
         rows = [(a.place.name, a.place.protocol, a.place.port, f"{a.trajectory.duration:.1f} s") for a in self.actors]
-        yield Table(("robot", "protocol", "port", "takes"), rows)
+        yield Table(("robot", "protocol", "port", "duration"), rows)
         yield ""
         lines = []
         for (a, b), c in self.by_pair.items():

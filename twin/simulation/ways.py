@@ -1,4 +1,4 @@
-"""Ways of an arm of a scene around everything else: props, the other robots where they are, and movable objects."""
+"""Plan paths ("ways") of an arm of a scene around props, the other robots where they are, and movable objects."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from twin.reference.pairs import Still
 from twin.reference.space import JointSpace
 
 _STEP, _TURN = 8 * MM, 10 * DEG
-"""Largest motion of the tool between two poses of a way."""
+"""Largest motion of the tool, in m and rad, between two poses of a way."""
 
 _FINE = 200
 """Number of places on a path between which the motion of the tool is measured."""
 
 
 class Ways:
-    """Plans ways for the arms of a scene, one arm at a time, with `planning.around`."""
+    """Plans ways (collision-free paths) for the arms of a scene, one arm at a time, with `planning.around`."""
 
     def __init__(self, scene: Scene, arms: Mapping[str, tuple[Mechanism, Kinematics]], props: Mechanism | None) -> None:
         """Set up; nothing is computed yet.
@@ -44,7 +44,7 @@ class Ways:
 
     @property
     def clearance(self) -> float:
-        """Distance in m that a way usually keeps: that of the scene."""
+        """Clearance in m that a way usually keeps: that of the scene."""
         return self._scene.clearance
 
     @cached_property
@@ -68,7 +68,7 @@ class Ways:
         return float((np.minimum(q - low, high - q) / (high - low))[~kin.auxiliary].min())
 
     def obstacles(self, robot: str, q: Mapping[str, Array], objects: Mapping[str, Array]) -> list[Still]:
-        """Return what is around an arm, in its base frame: the other robots, the props and objects; see `plan`."""
+        """Return the obstacles of an arm, in its base frame: the other robots, the props and objects; see `plan`."""
         T_world_base, poses = self._places[robot].T_world_base, {}
         for name in q.keys() - {robot}:
             links = self._models[name].solve(q[name]).link_poses
@@ -95,7 +95,7 @@ class Ways:
             goal: its joint values (n,) at the end.
             q: present joint values (n,) of this arm and of other robots; a robot without them is in its rest pose.
             objects: present poses (4, 4) of the objects in the World that are in the way.
-            clearance: distance in m to keep from what does not touch the arm by design.
+            clearance: minimum distance in m from bodies that do not touch the arm by design.
             seed: random seed of the search.
 
         Raises:

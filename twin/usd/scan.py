@@ -24,7 +24,7 @@ from twin.model.joint import FREE_AXES
 from twin.usd import gf
 
 DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
-"""Instance names of the six directions of a generic joint, in the order of `mechanism.FREE_AXES`."""
+"""Instance names of the six directions of a generic joint, in the order of `model.joint.FREE_AXES`."""
 
 SYMMETRIC = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
 """Cyclic rotation (3, 3): x to y, y to z, z to x."""
@@ -64,7 +64,7 @@ class RawJoint:
         unit: factor that converts limits, states and targets of the stage to degrees (angles) or metres.
         excluded: whether it is excluded from the articulation, because it closes a loop.
         enabled: False for a disabled joint.
-        problem: why no joint type matches; "" if one matches.
+        problem: why no joint type matches; "" if a type matches.
 
     """
 

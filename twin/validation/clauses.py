@@ -55,7 +55,7 @@ class Contract(Result):
         console, title, source: name and title of the console, and its source document.
         variants: variant in use, by name of the equation.
         clauses: the clauses, in the order of measurement.
-        path: (k, 3) in m, tool positions while the hand moves around a closed loop.
+        path: (k, 3) in m, tool positions in the frame of the robot's base, while the hand moves once around a loop.
         findings: one finding per violated clause.
     """
 

@@ -25,9 +25,9 @@ from twin.formula.closed_form import ClosedForm, Terms
 from twin.reference.dynamics import Dynamics
 
 _EXPLAINED = 1e-2
-"""An edit explains the differences if it reduces them to at most this fraction.
+"""An edit explains the differences if it reduces them to less than this fraction.
 
-The differences that rounded parameters leave are smaller.
+The rounding of published parameters leaves a smaller fraction.
 """
 
 _RATES = (1.0, 0.2)

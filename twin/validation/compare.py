@@ -79,7 +79,8 @@ def compare(
     """Compare the equations `kin` with the independent mechanism along a trajectory; return rows and findings.
 
     If `kin` is None, the joint values of the trajectory drive the mechanism, and only its loops and rates are judged.
-    This also applies if `kin` has only forward equations and the path was computed with the mechanism.
+    If `kin` has only forward equations and the path was computed with the mechanism, the joint values of the trajectory
+    also drive the mechanism, and the forward equations are compared with it.
     """
     out = Comparison(coarse=_coarse_rows(trajectory))
     asked = kin if kin is not None and (kin.closed_inverse or not trajectory.followed) else None
@@ -87,7 +88,7 @@ def compare(
     if asked is not None:
         q[:, asked.auxiliary] = trajectory.q[:, asked.auxiliary]  # the equations do not change these joints
         _unsolved(asked, q, out, clock)
-    # If the mechanism is redundant, the equations may choose a solution that differs from the path: theirs is judged.
+    # If the mechanism is redundant, the equations may choose another solution than the path: this one is judged.
     by_joints = trajectory.followed or any(p.type == "free" for p in trajectory.phases)
     chosen = asked is not None and by_joints and model.redundant
     out.posed = posed = _posed(model, trajectory, out.coarse, q if chosen else None, progress)
@@ -98,7 +99,8 @@ def compare(
         blamed = check.points(kin)
         if asked is not None:
             joints = check.joints(asked, q[out.coarse], blamed)
-        if kin.closed_forward and (kin.closed_inverse or asked is None):  # otherwise driving the mechanism checks them
+        # Forward equations alone are otherwise checked by `tool`: the mechanism is driven by their numeric inverse.
+        if kin.closed_forward and (kin.closed_inverse or asked is None):
             check.forward(kin)
         check.passive(kin, blamed)
     if asked is not None:
@@ -234,7 +236,7 @@ class _Check:
         first = headline(suspects).name if suspects else ""
         blame = _Blame(first, wrong.get(first, first), wrong)
         for name, r in rows.items():
-            # The error of a point that no equation computes is a consequence of wrong points that equations compute.
+            # If no equation computes a point, its error follows from the wrong points that equations compute.
             if not equations[name] and wrong:
                 r = replace(r, consequence_of=first)
             by = f" by {equations[name]}" if equations[name] else ""

@@ -71,7 +71,10 @@ class Fix:
 def fixes(
     protocol: Protocol, trajectory: Trajectory, paths: PathKinematics, T_tool_frame: Array
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return fixes for each pivot with a monitored RCM that the shaft misses: (facts as text, findings)."""
+    """Return (facts as text, findings) on the fixes of each phase whose shaft misses a monitored RCM at its waypoint.
+
+    `paths` is the robot's planning data; `T_tool_frame` (4, 4) is the pose of the protocol's frame in the tool frame.
+    """
 
     def planner(changed: Protocol) -> Trajectory:
         return plan(changed, paths, T_tool_frame=T_tool_frame, dt=STEP)
@@ -92,7 +95,7 @@ def fixes(
                     info(
                         "rcm.fix",
                         f"waypoint '{span.waypoint}'",
-                        f"'{span.waypoint}' would respect the RCM with this change: {fix.text}",
+                        f"with this change, the shaft passes through the RCM at '{span.waypoint}': {fix.text}",
                         mm(fix.moved) if fix.moved > 0 else deg(fix.turned),
                         when=f"phase '{span.name}'",
                         word="",
@@ -192,7 +195,7 @@ def _missed(trajectory: Trajectory, phase: str) -> float:
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     """Return the fix that moves the RCM to the point nearest to two shaft axes, or an empty list if they are parallel.
 
-    The two axes are taken at the first use of the RCM and at the end of the phase.
+    The two axes are those at the first use of the RCM and at the end of the phase.
     """
     assert span.rcm is not None
     first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))
@@ -224,7 +227,7 @@ def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> st
     assert span.waypoint is not None
     w = protocol.waypoints[span.waypoint]
     if w.position is None:
-        return "none: the waypoint already respects the RCM"
+        return "not needed: the waypoint is given by its depth, so the shaft passes through the RCM"
     found: list[tuple[float, str]] = []
     for order in ("zyx", "xyz"):
         for signs in product((1, -1), repeat=3):
@@ -235,5 +238,5 @@ def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> st
             found.append((missed, f"order {order}, signs {', '.join('+' if s > 0 else '-' for s in signs)}"))
     missed, words = min(found)
     if missed <= protocol.tolerances.rcm:
-        return f"{words} respect the RCM ({missed / MM:.3g} mm): these may be the intended angles"
-    return f"none respects the RCM; the best, {words}, misses the RCM by {missed / MM:.2f} mm"
+        return f"{words}: the shaft passes through the RCM ({missed / MM:.3g} mm); these may be the intended angles"
+    return f"none: every order and sign misses the RCM, by at least {missed / MM:.2f} mm ({words})"

@@ -79,7 +79,7 @@ class Laws(Protocol):
         ...
 
     def error(self, P_0: Array, P_1: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the error (4, 4) of the tool motion P_0 to P_1 for the handle motion W_0 to W_1."""
+        """Return the error (4, 4) of the tool motion P_0 to P_1 for the handle motion W_0 to W_1; see `tool`."""
         ...
 
 
@@ -155,9 +155,10 @@ def _way(c: Laws) -> Iterator[Clause]:
     yield _point(
         "scale",
         "eq2",
-        f"at scale {_SCALE:g} a hand that moves 10 mm along x of {{H}} moves the tool 5 mm along y of {{RB}}",
+        f"at scale {_SCALE:g}, with {{H}} turned 90 deg about z of {{RB}}, a hand that moves 10 mm along x of {{H}} "
+        "moves the tool 5 mm along y of {RB}",
         off,
-        f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(got)}) mm: "
+        f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(got)}) mm in {{RB}}: "
         f"the distance from (0, 5, 0) mm is {off / _MM:.3f} mm",
         "use p1 = p0 + s R_T (h1 - h0), which contains the scale s",
     )

@@ -32,8 +32,8 @@ COARSE_MASS, COARSE_SIZE = 0.15, 0.04
 meshes."""
 
 COARSE_MOMENT = 0.4
-"""Relative tolerance of an estimated principal moment; it is large, because moments vary with the fourth power of
-size."""
+"""Tolerance of an entry of an estimated inertia tensor, relative to the largest entry. It is large, because the moment
+of a cylinder about its axis varies with the fourth power of the radius."""
 
 _AGAIN = "rebuild the stage with `twin build`"
 _CONTENT = Kind("stage.content", "disagreement", _AGAIN, word="CAD and description")

@@ -45,7 +45,7 @@ class Pair(Table):
 class Outcome(Table):
     """Printed mean and standard deviation of one measure, per group.
 
-    `items` is the number of integers whose sum is a user's value; 0 if values are not integers.
+    `items` is the number of integers whose mean is a user's value; 0 if values do not come from integers.
     """
 
     name: str
@@ -82,8 +82,8 @@ class Accuracy(Table):
 class Chain(Table):
     """Accuracy test of the paper's console.
 
-    `displacements` is the number of displacements per axis, `resolution_mm` is the resolution of the haptic pen, and
-    `of` names the [[accuracy]] section with the printed results.
+    `displacements` is the number of displacements per axis, `resolution_mm` is the resolution of the haptic pen,
+    `required_mm` is the largest accepted error, and `of` names the [[accuracy]] section with the printed results.
     """
 
     displacements: int = Field(ge=2)
@@ -350,7 +350,7 @@ def _fits(a: Accuracy) -> list[str]:
 
 
 def _rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
-    """Yield a finding for each RMSE that agrees with no definition, and one if no definition agrees with all rows."""
+    """Yield a finding for each printed RMSE that agrees with no definition."""
     for a in rows:
         if _fits(a):
             continue

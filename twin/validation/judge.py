@@ -52,8 +52,8 @@ def judge(
 ) -> Report:
     """Run the validation of one robot along one trajectory and return the report.
 
-    The parts "stage" and "motion" need the states of the mechanism, from the part "equations" or from `known` (results
-    to reuse).
+    `known` are results to reuse. The part "stage" needs the states of the mechanism, from the part "equations" or from
+    `known`; without these states it is skipped.
     """
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     model = ReferenceModel(mechanism)

@@ -99,7 +99,7 @@ class Written:
     """Errors of an existing baked motion: file, time codes (k,) in s, and largest errors (k,) of any link in m and rad.
 
     `missing` lists moving bodies without samples. The errors are computed at the intended times; they are empty if the
-    time codes differ in number or rate.
+    time codes differ from these times.
     """
 
     file: str

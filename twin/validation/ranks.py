@@ -176,8 +176,8 @@ def compare(path: Path) -> Ranks:
     the last sessions of all groups are compared with each other, and in each group the first session with the last.
 
     Raises:
-        DescriptionError: the column is missing, there is only one group, every group has only one value, or a cell is
-            not a number (with its line number).
+        DescriptionError: the column `group` is missing, there is only one group, every group has only one value, or a
+            cell is not a number (with its line number).
     """
     return compare_users(_read(path), str(path))
 

@@ -111,7 +111,7 @@ class PhaseSummary:
     rounds: Rounds | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data, without the times of the search, which are not the same each time."""
+        """Return plain data; durations of the search are omitted, because they change from run to run."""
         out = {k: v for k, v in vars(self).items() if k != "rounds"}
         return out | {"rounds": None if self.rounds is None else self.rounds.as_dict()}
 
@@ -124,18 +124,20 @@ class Report(Result):
         robot, title, source: name, title and source document of the robot.
         protocol, protocol_title: name and title of the protocol.
         variants: variant in use, by name of the equation.
-        reasons: why the default variant differs from the printed equation, by name of the equation.
+        reasons: for each variant, its difference from the printed equation, and why, by "equation, variant".
         residuals: the residual matrix.
         findings: findings of all checks (CAD, protocol, comparison, stage, clearance); they determine the verdict.
+        phases: phases of the protocol.
         parameters: parameters of equations, mechanism, protocol and CAD, with provenance.
         facts: short texts with numbers (mobility, mass, sample rates, ...), by heading and name.
         environment: software versions and machine.
         series: arrays for plots. On the samples "t" (k,) in s: "q", "qd", "qdd" (k, n); "p_tool", "v_tool", "a_tool"
             (k, 3); "angles" (k, 3) in rad; "residual_tool" (k,) in m; "residual_rotation" (k,) in rad; "rcm_error"
-            (k,) in m, NaN in phases without an RCM; "limit_margin" (k,) in m; "singularity.<name>" (k,);
-            "reach.<name>" (k,) in m. On the times "clearance_t" (j,) in s: "clearance" (j,) in m. On the times
-            "t_coarse" (c,) in s: "residual_driven.<joint>", "residual_point.<name>", and the tool of the mechanism
-            driven by the equations, "p_tool_B", "v_tool_B" and "a_tool_B" (c, 3).
+            (k,) in m, NaN in phases without an RCM; "fulcrum" (k, 2) in m, see `fulcrum`; "limit_margin" (k,),
+            smallest distance of a joint to a limit, in rad or m; "singularity.<name>" (k,); "reach.<name>" (k,) in m.
+            On the times "clearance_t" (j,) in s: "clearance" (j,) in m. On the times "t_coarse" (c,) in s:
+            "residual_driven.<joint>", "residual_point.<name>", and the tool of the mechanism driven by the equations,
+            "p_tool_B", "v_tool_B" and "a_tool_B" (c, 3).
         joint_names: names of the joints, in the order of the columns of `q`.
         angles: names of the joints whose coordinate is an angle; other coordinates are lengths.
         commands: shell commands that repeat this validation ("validate") and search for the wrong equation
@@ -212,7 +214,7 @@ class Report(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield the verdict, findings by cause, the short residual matrix, and the suggestion."""
+        """Yield the verdict, findings by cause, the short residual matrix, and the number of assumed parameters."""
         yield f"{self.robot} · {self.protocol} · {', '.join(f'{k} {v}' for k, v in self.variants.items())}\n"
         unjudged = not self.variants and self.verdict == "agree"
         yield f"  {_WITHOUT if unjudged else self.verdict_line}\n"

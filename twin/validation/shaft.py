@@ -26,8 +26,8 @@ from twin.validation.compare import Comparison
 from twin.validation.rows import Clock, row, text
 
 ALL, LOOKED = 64, 12
-"""(maximum number of samples of a phase in which all intervals are measured, number of measured intervals in longer
-phases)."""
+"""(maximum number of samples of a phase in which all intervals are measured, maximum number of measured intervals in
+longer phases)."""
 
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 """Positions (0 to 1) within an interval at which the distance is measured; a parabola refines the maximum."""
@@ -164,9 +164,10 @@ def _summit(values: Array, j: int) -> tuple[float, float]:
 def between_samples(
     model: ReferenceModel, trajectory: Trajectory, tolerance: float, out: Comparison, clock: Clock
 ) -> None:
-    """Add a row for each phase with an RCM to `out`, and a finding if the shaft misses it only between samples.
+    """Add a row for each phase with an RCM to `out`, and a finding if the distance between samples is too large.
 
-    `tolerance` is the largest accepted distance in m.
+    `tolerance` is the largest accepted distance in m. If the RCM is monitored and the shaft already misses it at
+    the samples, the row is not judged.
     """
     try:
         found = passages(model, trajectory)
@@ -179,7 +180,7 @@ def between_samples(
         out.judge(
             row("B", "rcm", f"{p.phase}, between samples", "m", np.array([p.between]), limit, at, note=note),
             _BETWEEN,
-            f"between samples the shaft misses the RCM by more than at samples ({mm(p.at_samples)})",
+            f"between samples the shaft misses the RCM (largest distance at the samples: {mm(p.at_samples)})",
             "RCM",
             when=f"phase '{p.phase}', t = {p.t:.3f} s",
         )

@@ -176,7 +176,7 @@ def _claim(claim: Claim, tables: Tables) -> list[Finding]:
     else:
         against = [f"{r.name} {r.printed_p:.2f}" for r in tables.rating if r.printed_p >= 0.05]
         text = (
-            f"'{claim.text}': these printed p are at or above 0.05 ({', '.join(against)}), so the sign should be >=. "
-            f"With {tables.users} users, such values are no proof of equality"
+            f"'{claim.text}': these p-values are printed as 0.05 or more ({', '.join(against)}), so the sign should be "
+            f">=. With {tables.users} users, such values do not prove equality"
         )
     return [warning("study.claim", "prose", text)] if against else []

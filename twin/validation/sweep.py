@@ -1,12 +1,12 @@
 """Move one joint through its stroke and compare the tool poses of equations and mechanism.
 
-For comparison, the errors of two common simplified loop models are computed. Both models are fitted to the mechanism,
-so no model of the same kind has smaller errors:
+For comparison, the errors of two common simplified loop models are computed. Both models are fitted to the mechanism by
+least squares:
 
     mimic    every passive joint between base and tool is a linear function of the driven joint,
-             multiplier * q + offset, as URDF's <mimic>
+             multiplier * q + offset, as URDF's <mimic>; fitted to the values of each passive joint
     serial   the tool turns by its true angle about one fixed pivot; a tool that does not turn moves along a straight
-             line
+             line; fitted to the tool positions
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def sweep(
     i = kin.joints.index(joint)
     limits = model.mechanism.joint(joint).limits
     if limits is None:
-        raise TwinError(f"joint '{joint}' has no limits, so its stroke is unknown; add its [[limit]] to the CAD")
+        raise TwinError(f"joint '{joint}' has no limits, so its stroke is unknown; add a [[limit]] to the TOML file")
     tolerances = Tolerances()
     q = np.tile(home, (samples, 1))
     q[:, i] = np.linspace(*limits, samples)

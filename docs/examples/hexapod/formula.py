@@ -5,12 +5,12 @@ import numpy as np
 from twin.formula import deg, mm
 
 PARAMETERS = {
-    "r_a": mm(165.0, "ASSUMED", "circle of the universal joints on the base"),
-    "h_a": mm(30.0, "ASSUMED", "their height above the base plate"),
-    "alpha": deg(18.0, "ASSUMED", "half angle between the two of a pair"),
-    "r_b": mm(95.0, "ASSUMED", "circle of the ball joints under the platform"),
-    "h_b": mm(34.0, "ASSUMED", "their depth below its top face"),
-    "beta": deg(45.0, "ASSUMED", "half angle between the balls of the same two legs"),
+    "r_a": mm(165.0, "ASSUMED", "radius of the circle of the universal joints on the base"),
+    "h_a": mm(30.0, "ASSUMED", "height of the universal joints above the base plate"),
+    "alpha": deg(18.0, "ASSUMED", "half angle between the two universal joints of a pair"),
+    "r_b": mm(95.0, "ASSUMED", "radius of the circle of the ball joints under the platform"),
+    "h_b": mm(34.0, "ASSUMED", "depth of the ball joints below the top face of the platform"),
+    "beta": deg(45.0, "ASSUMED", "half angle between the ball joints of the same two legs"),
 }
 
 

@@ -2,7 +2,7 @@
 
 Two formulas are compared by all their values, at poses near the motion and at poses farther away. Two mechanisms are
 compared by the poses of the tool and of every body with meshes; these poses are computed with plain matrices, and SciPy
-closes the loops. Two stages are compared by the text of all layers.
+closes the loops. Two stages are compared by the text of the flattened stage.
 """
 
 from __future__ import annotations

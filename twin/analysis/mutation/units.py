@@ -114,8 +114,9 @@ def _depth(document: Any, rng: np.random.Generator) -> Done:
     if not some:
         return None
     one = some[rng.integers(len(some))]
-    one["depth_mm"] = float(f"{1e-3 * float(one['depth_mm']):.5g}")
-    return f"a depth of {one['depth_mm']:g} mm, in metres", document
+    depth = float(one["depth_mm"])
+    one["depth_mm"] = float(f"{1e-3 * depth:.5g}")
+    return f"a depth of {depth:g} mm in metres", document
 
 
 def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, unit: str) -> Done:

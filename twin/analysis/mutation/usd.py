@@ -1,4 +1,4 @@
-"""Seed faults into a written stage and its motion: each fault changes one attribute, on the layer with its value."""
+"""Seed faults into a written stage and its motion: each fault changes one attribute, on the layer that states it."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _some(items, rng: np.random.Generator):
 
 
 def _joints(stage: Usd.Stage, kind: type = UsdPhysics.Joint) -> list[Usd.Prim]:
-    """Return the joints between two bodies."""
+    """Return the joints between two bodies, without fixed joints."""
     found = [p for p in stage.Traverse() if p.IsA(kind) and UsdPhysics.Joint(p).GetBody0Rel().GetTargets()]
     return [p for p in found if p.GetName() not in ("root_joint", "world") and not p.IsA(UsdPhysics.FixedJoint)]
 

@@ -1,7 +1,7 @@
-"""The commands of twin: each is the file of its name, with its examples, its arguments and the function that runs it.
+"""The commands of twin: one file for each, with its examples, its arguments and the function that runs it.
 
-A file is imported only when its command is used; what takes long to import is imported in its functions, so that
-`twin COMMAND --help` is fast. The names that each file has:
+A file is imported only when its command is used. Packages that take long to import are imported inside functions, so
+that `twin COMMAND --help` is fast. Each file defines:
 
 - `EXAMPLES`: lines at the end of `twin COMMAND --help`;
 - `arguments(command)`: adds the arguments of the command;

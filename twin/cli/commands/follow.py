@@ -82,5 +82,5 @@ def _view(args: argparse.Namespace, port: int, mirror: Mirror) -> int:
     from twin.cli.viewing import show_page
     from twin.ui.viewer.mirror import MirrorFront
 
-    advice, title = "every connected client can look", f"twin · {mirror.name}"
+    advice, title = "every connected client can watch, but not control", f"twin · {mirror.name}"
     return show_page(args, mirror.name, port, advice, lambda server, end, _: MirrorFront(title, mirror, server, end))

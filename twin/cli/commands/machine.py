@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 
 from twin.cli.parser import Command, port_number
+from twin.core.errors import TwinError
 from twin.core.units import DEG
 
 EXAMPLES = """\
@@ -36,6 +38,10 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.simulation.machine.server import HOST, Server
 
+    if args.duration is not None and not args.duration > 0:
+        raise TwinError(f"--duration {args.duration:g}: give a number of seconds above 0")
+    if not math.isfinite(args.tilt_deg):
+        raise TwinError(f"--tilt-deg {args.tilt_deg:g}: give a finite number of degrees")
     robot = api.load(args.robot)
     timeout = None if args.master_timeout_ms is None else args.master_timeout_ms / 1e3
     released = None if args.released is None else args.released.split(",")

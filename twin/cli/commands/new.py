@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     source, name = Path(args.source or args.name), args.name
     if args.source is None:
         if source.suffix.lower() not in SUFFIXES:
-            raise TwinError(f"'{args.name}' does not exist: give a file with --from ({', '.join(SUFFIXES)})")
+            raise TwinError(f"'{args.name}' is not a file to read: give a file with --from ({', '.join(SUFFIXES)})")
         name = identifier(source.stem)
     elif identifier(name) != name:
         raise TwinError(f"'{name}' is not a valid robot name; use [a-z][a-z0-9_]*, as in {identifier(name)}")

@@ -25,6 +25,10 @@ _COST = "path_cost.png"
 """Picture of the cost of the paths around obstacles over the samples of their searches."""
 
 
+_CLEARANCE = 5.0
+"""Default of --clearance-mm."""
+
+
 def arguments(command: Command) -> None:
     """Add the arguments of `twin plan`."""
     command.robot()
@@ -41,7 +45,7 @@ def arguments(command: Command) -> None:
         "protocols begin and end together, then the second ones. A robot avoids those before it; they may wait for it",
         dest="beside",
     )
-    command.number("--clearance-mm", "MM", "with --avoid: required minimum distance between bodies", 5.0)
+    command.number("--clearance-mm", "MM", "with --avoid: required minimum distance between bodies", _CLEARANCE)
     command.seed("with --avoid: seed of the random search")
     command.out("./twin-out/<robot>/<protocol>/")
 
@@ -54,6 +58,10 @@ def run(args: argparse.Namespace) -> int:
     from twin.planning.planned import FILES, Planned
     from twin.planning.protocol import avoiding
 
+    if args.avoid is None:
+        for name, value, usual in (("--clearance-mm", args.clearance_mm, _CLEARANCE), ("--seed", args.seed, 0)):
+            if value != usual:
+                raise TwinError(f"{name} {value:g} has no effect without --avoid: add --avoid, or omit {name}")
     robot = api.load(args.robot)
     if args.beside is not None:
         return _together(robot, args)

@@ -1,4 +1,4 @@
-"""`twin serve`: serve a robot or a scene to headsets and browsers; what it does is in twin.cli.serving."""
+"""`twin serve`: serve a robot or a scene to headsets and browsers; implemented in twin.cli.serving."""
 
 from __future__ import annotations
 

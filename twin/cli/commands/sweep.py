@@ -42,8 +42,9 @@ def run(args: argparse.Namespace) -> int:
 
     if not args.vary:
         raise TwinError("--vary is required, for example --vary l_p=120..150mm; it may be given more than once")
-    if args.samples < 1 or (args.grid is not None and args.grid < 2):
-        raise TwinError("--samples: give at least 1; --grid: give at least 2 levels")
+    for name, value, least in (("--samples", args.samples, 1), ("--grid", args.grid, 2)):
+        if value is not None and value < least:
+            raise TwinError(f"{name} {value}: give at least {least}")
     if args.workers is not None and args.workers < 1:
         raise TwinError(f"--workers {args.workers}: give at least 1")
     if args.parquet:

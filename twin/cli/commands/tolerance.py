@@ -14,6 +14,10 @@ EXAMPLES = """\
   twin tolerance sils --protocol table2 --samples 100000 --json"""
 
 
+_SAMPLES = 10_000_000
+"""Largest number of samples; each needs about 100 bytes of memory."""
+
+
 def arguments(command: Command) -> None:
     """Add the arguments of `twin tolerance`."""
     command.robot()
@@ -41,6 +45,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.samples and args.samples < 1000:
         raise TwinError(f"--samples {args.samples}: give at least 1000, or 0 to omit the Monte Carlo check")
+    if args.samples > _SAMPLES:
+        raise TwinError(f"--samples {args.samples}: give at most {_SAMPLES}")
     required = show.micrometres("--require-um", args.require_um)
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "tolerance")

@@ -1,4 +1,4 @@
-"""`twin view`: show a robot or scene in a browser, where it can be moved; what it does is in twin.cli.viewing."""
+"""`twin view`: show a robot or scene in a browser, where it can be moved; implemented in twin.cli.viewing."""
 
 from __future__ import annotations
 

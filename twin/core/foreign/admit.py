@@ -50,10 +50,10 @@ def admit(path: Path) -> None:
 
 
 def admit_together(paths: Iterable[Path]) -> set[Path]:
-    """Check several USD stages in one process.
+    """Check several USD stages in one process, and return the stages that pass.
 
-    Return the stages with acceptable counts if the parser can read all of these, else an empty set. Stages that are not
-    returned must be checked with `admit`.
+    Stages over the limits of bytes, archive or depth are left out. If the parser cannot read all others, or if there is
+    only one, the set is empty. Check each stage that is not returned with `admit`.
     """
     likely = []
     for path in paths:

@@ -60,7 +60,7 @@ sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), floa
 _PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]
 
 _BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".usd", ".usda", ".usdc", ".usdz")}
-"""Suffixes of further files to which a file may refer; the sizes of such files in its folder raise the limits."""
+"""Suffixes of further files to which a file may refer; such files in its folder or below raise the limits."""
 
 _MOST_BESIDE = 2000
 """Maximum number of files in the folder whose sizes are counted."""
@@ -104,7 +104,7 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
 
 
 def pass_together(paths: Sequence[Path], kind: Literal["USD"]) -> bool:
-    """Return whether one process can parse all files, which saves time because the parser is imported only once."""
+    """Return whether one process can parse all files; one process saves time, because it imports the parser once."""
     each = [limits(path, kind) for path in paths]
     seconds, memory = sum(s for s, _ in each), max(m for _, m in each)
     return _limited(kind, seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)

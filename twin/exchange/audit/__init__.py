@@ -46,7 +46,7 @@ Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 """Expected motion of each clip, by clip name: (times (k,) in s, poses T_world_link (k, 4, 4) by link name)."""
 
 Progress = Callable[[str, float], None]
-"""Function called during the audit with the name of the file being read and the fraction done (0..1)."""
+"""Function called during the audit with the current step, such as "read robot.glb", and the fraction done (0..1)."""
 
 
 def audit(
@@ -60,9 +60,10 @@ def audit(
 
     Args:
         path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with any of them, or an exported scene.
-        truth: poses of the reference model by clip; None: poses are compared with the poses in the tracks.
+        truth: poses of the reference model by clip; None: poses are compared with the poses in the tracks. Not used for
+            a scene.
         mechanism: the expected mechanism; masses, joints, drives and frames of the files are compared with it. None:
-            they are compared only between files.
+            they are compared only between files. Not used for a scene.
         progress: see `Progress`.
 
     Returns:
@@ -178,7 +179,7 @@ def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) ->
 
 
 _KINDS = {".csv": "tracks", ".json": "tracks", ".urdf": "urdf", ".xml": "mjcf"}
-"""Format name with which the code of a finding starts, by file name suffix; "usd" for all other suffixes."""
+"""First part of the finding code `<format>.unreadable`, by file name suffix; "usd" for all other suffixes."""
 
 
 def _gltf(path: Path, ledger: Ledger) -> Content | None:
@@ -226,8 +227,8 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
 def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
     """Return whether the joint values of a clip are applied to a model file (MJCF or URDF) with the name `stem`.
 
-    A model named <robot>_<clip> is used for this clip only. The clip uses no other model. A clip without such a model
-    uses the models whose names have no clip.
+    A model named <robot>_<clip> is used only for the clip of that name, and this clip uses no other model. All other
+    clips use the models without a clip in their names.
     """
     own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
     return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
@@ -236,8 +237,8 @@ def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
 def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[str]) -> Content | None:
     """Read an MJCF or URDF file, and compute its link poses for the joint values of every track.
 
-    `models` are the names without suffix of all models of this format; a model may be for a single clip, with its own
-    trocar positions.
+    `models` has the names, without suffix, of all models of this format. A model may be for a single clip, because
+    trocars can have different positions in each clip.
     """
     admit(path)
     if path.suffix.lower() == ".urdf":
@@ -259,7 +260,7 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
         low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
         tree.check_limits(track.file, low, high)
     if not tracks:
-        text = "there is no track for this file: its joints are not moved."
+        text = "there is no track, so the joints of this file are not moved and its link poses are not compared."
         ledger.add("compare.no_track", "info", text)
     return tree.content
 

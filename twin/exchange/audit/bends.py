@@ -21,14 +21,14 @@ GLB, USD = "organs.glb", "usd/organs.usdc"
 """Files of the deformables, in the folder of the scene."""
 
 TOLERANCE = 10e-6
-"""Maximum distance in m between a vertex in one file and the same vertex in the other file."""
+"""Maximum difference in m between a coordinate of a vertex in one file and the same coordinate in the other file."""
 
 _TIMES = 16
-"""Number of samples of each mesh, evenly distributed, at which the files are compared."""
+"""Maximum number of time samples of each mesh, evenly distributed, at which the files are compared."""
 
 
 def audit_bends(folder: Path) -> list[Ledger]:
-    """Return a list with one ledger, the findings on the deformables of a scene; [] if the scene has no organs.glb."""
+    """Return one ledger, in a list, with the findings on the deformables of a scene; [] without organs.glb."""
     glb, usd = folder / GLB, folder / USD
     ledger = Ledger(GLB, "twin.exchange.audit bends", "1")
     if not glb.is_file():

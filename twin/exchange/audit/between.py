@@ -28,7 +28,10 @@ class Loss:
 
 
 def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> Loss | None:
-    """Remove every second key, and return the interpolation errors at these keys; None if there are too few keys."""
+    """Remove every second key, and return the interpolation errors at these keys; None if there are too few keys.
+
+    Position errors are measured at the corners of each link's bounding box in `shapes`, else at the link's origin.
+    """
     t = clip.times
     inner = np.arange(1, len(t) - 1, 2)
     inner = inner[np.abs(t[inner + 1] + t[inner - 1] - 2 * t[inner]) < 1e-6] if len(inner) else inner
@@ -57,7 +60,10 @@ def midway(A: Array, B: Array) -> Array:
 
 
 def gap_of(joint: Joint, links: Mapping[str, Array]) -> float:
-    """Return the maximum gap in m between a joint's two frames in its locked directions; 0 if unknown."""
+    """Return the maximum gap in m between a joint's two frames in its locked directions; 0 if unknown.
+
+    `links` has T_world_link (k, 4, 4) by link.
+    """
     if joint.parent not in links or joint.child not in links:
         return 0.0
     here, there = joint.end(joint.parent), joint.end(joint.child)

@@ -22,7 +22,7 @@ _GOOD = 1e-5
 """Residual in m and rad below which a solution is accepted; rounding of poses causes residuals of this size."""
 
 _TRIES = 24
-"""Number of starting points tried for frames that did not converge."""
+"""Number of starting points tried for keys that did not converge."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Link:
     """One step of a chain: a fixed pose, followed by a joint.
 
     Attributes:
-        fixed: pose (4, 4) of the joint in the frame of the previous link.
+        fixed: pose (4, 4) of the joint in the frame of the previous step.
         kind: "turn" (about the axis), "slide" (along the axis) or "fixed" (no joint).
         axis: unit vector (3,) in the frame after `fixed`; None if "fixed".
         name: name of the joint.
@@ -42,7 +42,7 @@ class Link:
     name: str = ""
 
     def poses(self, q: Array | None) -> Array:
-        """Return the poses (k, 4, 4) of the link for joint values (k,), or the pose (4, 4) of a fixed link."""
+        """Return the poses in the frame of the previous step: (k, 4, 4) for joint values q (k,), else (4, 4)."""
         if self.kind == "fixed" or q is None or self.axis is None:
             return self.fixed
         if self.kind == "turn":
@@ -51,7 +51,10 @@ class Link:
 
 
 def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array:
-    """Return the poses (k, 4, 4) of the end of a chain in the frame of its start."""
+    """Return the poses (k, 4, 4) of the end of a chain in the frame of its start.
+
+    `q` has the values (k,) of each joint in rad or m, None for a step without a joint; `count` is k.
+    """
     T = np.broadcast_to(np.eye(4), (count, 4, 4))
     for link, value in zip(links, q, strict=True):
         T = T @ link.poses(value)
@@ -59,10 +62,10 @@ def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array
 
 
 def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
-    """Return the joint values (k,) that bring the end of a chain to the poses `goal` (k, 4, 4).
+    """Return the values (k,) in rad or m of each joint that bring the end of a chain to the poses `goal` (k, 4, 4).
 
-    Joint values that are None in `given` are computed with Gauss-Newton for all frames at once. Frames that do not
-    converge are restarted from the solution of a neighbouring frame. If a goal cannot be reached, the best result is
+    Joint values that are None in `given` are computed with Gauss-Newton for all keys at once. Keys that do not
+    converge are restarted from the solution of a neighbouring key. If a goal cannot be reached, the best result is
     returned; the later comparison of poses shows its error.
     """
     count = len(goal)
@@ -76,7 +79,7 @@ def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> li
         if not bad.any():
             break
         good = np.flatnonzero(~bad)
-        if len(good) and attempt % 2 == 0:  # start from the nearest solved frame, because a motion is continuous
+        if len(good) and attempt % 2 == 0:  # start from the nearest solved key, because a motion is continuous
             begin = q[:, good[np.clip(np.searchsorted(good, np.flatnonzero(bad)), 0, len(good) - 1)]]
         else:
             begin = np.zeros((len(free), int(bad.sum())))

@@ -113,7 +113,7 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
 
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
-    """Compare the lists of assumed numbers; in a stage, these are the robot's numbers with provenance ASSUMED."""
+    """Report tracks whose list of assumed numbers lacks a number that a stage states with provenance ASSUMED."""
     known = next((c for c in contents if c.extra.get("assumed")), None)
     names: Mapping[str, str] = {} if known is None else known.extra["assumed"]
     for content in tracks:

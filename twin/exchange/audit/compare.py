@@ -17,7 +17,7 @@ TIME_TOL = 1e-5
 """Maximum difference in s between the times of the same key in two files: glTF stores times in single precision."""
 
 BETWEEN_TOL = 1e-5
-"""Maximum error in m of a position halfway between two keys; of a rotation: `ROTATION_TOL`."""
+"""Maximum error in m of a position halfway between two keys; the limit for rotations is `ROTATION_TOL`."""
 
 BOX_TOL = 2e-5
 """Maximum difference in m between the bounding boxes of one link's meshes in two files."""
@@ -59,7 +59,7 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
             name = _counterpart(content, clip, refs)
             if name is None:
                 if len(contents) > 1 and refs:
-                    text = f"clip '{clip.name}' is in no other file; their clips are {', '.join(sorted(refs))}."
+                    text = f"clip '{clip.name}' is in no other file; the known clips are {', '.join(sorted(refs))}."
                     content.ledger.add("compare.clip", "warning", text, clip.name)
                 continue
             ref = refs[name]
@@ -172,7 +172,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
         here, there = told_apart(clip.duration, ref.clip.duration)
         return (
             f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} "
-            f"of its {len(clip.times)} key times are among the {len(ref.clip.times)} key times of that clip"
+            f"of its {len(clip.times)} key times are also in {ref.source}, which has {len(ref.clip.times)}"
         )
     said = []
     for times, shared, text in (
@@ -187,7 +187,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
 
 
 def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
-    """Report links whose poses halfway between keys differ from linear interpolation."""
+    """Report links whose poses halfway between keys differ from linear interpolation of the reference."""
     shared = [n for n in ref.clip.links if n in clip.middle]
     if not shared:
         return

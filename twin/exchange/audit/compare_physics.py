@@ -25,7 +25,7 @@ TRUTH = "the mechanism"
 
 _TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
 _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
-"""Source of formats that are written from the same data and count as one source, by format."""
+"""Common name, by format, of formats that are written from the same data and count as one source."""
 
 
 _ZERO = 1e-6
@@ -48,7 +48,7 @@ def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
 
 
 def _word(a: Any, b: Any) -> float:
-    return 0.0 if a == b else np.inf
+    return 0.0 if a == b else 1.0
 
 
 def _difference(a: float, b: float) -> float:
@@ -77,7 +77,7 @@ def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
 
 
 def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
-    """Return the distance in m of b's point from line a, or from a's point if a has no direction."""
+    """Return the distance in m of b's point from line a, or from a's point if a or b has no direction."""
     off = b[0] - a[0]
     if a[1] is None or b[1] is None:
         return float(np.linalg.norm(off))
@@ -91,8 +91,8 @@ def _place(a: Array, b: Array) -> float:
 def _surface(a: Array, b: Array) -> float:
     """Return the maximum distance in m of a point of either mesh from the nearest point of the other mesh.
 
-    Return 0 if few points coincide: the meshes then have different triangles, and only their bounding boxes are
-    compared, in `compare_shapes`.
+    Return 0 if fewer than 70 % of the points of a mesh coincide with points of the other mesh: the meshes then have
+    different triangles, and only `compare_shapes` compares them, by bounding box and volume.
     """
     if a.shape == b.shape and np.array_equal(a, b):
         return 0.0
@@ -193,7 +193,10 @@ class View:
 
 
 def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -> None:
-    """Compare links, joints, frames and gravity of all files, and report differences in each file's ledger."""
+    """Compare links, joints, frames and gravity of all files, and report differences in each file's ledger.
+
+    `truth` has the data of the expected mechanism; None: the files are compared only with each other.
+    """
     views = [
         View(c.file, c.format, c.ledger, c.physics or Physics(), c.shapes, c.colors)
         for c in contents
@@ -246,7 +249,10 @@ def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:
 
 
 def _known_links(views: Sequence[View]) -> set[str]:
-    """Return the links without auxiliary links, from the mechanism, tracks, USD or GLB; else all links."""
+    """Return the links that the mechanism, else the tracks, USD or GLB state; else the links of all files.
+
+    MJCF and URDF may have auxiliary links, for example between the hinges of a ball joint.
+    """
     for family in ("truth", "tracks", "usd", "glb"):
         for v in views:
             if v.family == family and v.physics.links:
@@ -328,8 +334,8 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
             view.say(f"link '{link}'", {"colours": shares})
     for link, m in p.masses.items():
         if link in known:
-            inertial = {"weighed": True, "mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
-            view.say(f"link '{link}'", inertial)
+            inertial = {"mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
+            view.say(f"link '{link}'", inertial if link in p.assumed else {"weighed": True} | inertial)
     if view.format in ("urdf", "mjcf", "usda", "usd", "usdc") and p.masses:
         for link in known & set(p.links) - set(p.masses) - (p.held or frozenset()) - {"world"}:
             view.say(f"link '{link}'", {"weighed": False})

@@ -71,7 +71,7 @@ class Script:
     """The static methods of a source file.
 
     Raises:
-        CSharpError: a method has unsupported code; raised when that method is called.
+        CSharpError: a method has no closing brace. Unsupported code in a method raises it only when `call` runs it.
     """
 
     def __init__(self, source: str) -> None:

@@ -19,7 +19,7 @@ _FACTORS = {
     1 / 0.0254: "lengths look like inches read as metres",
 }
 _LOOKS = 20
-"""Number of frames on which each mistake is tested."""
+"""Number of evenly distributed keys on which each mistake is tested; the keys with the largest errors are added."""
 
 
 def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
@@ -32,7 +32,7 @@ def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
         return ""
     every = len(found[names[0]])
     rows = set(np.linspace(0, every - 1, _LOOKS).astype(int).tolist())
-    rows |= {k for n in names for k in (largest(found[n], meant[n])[1::2])}  # only one key may be wrong
+    rows |= {k for n in names for k in (largest(found[n], meant[n])[1::2])}  # because only one key may be wrong
     looks = np.array(sorted(rows))
     F = np.stack([found[n][looks] for n in names])
     M = np.stack([meant[n][looks] for n in names])

@@ -75,7 +75,10 @@ class Clips:
         self.animated = {c.node for _, clip in self._clips for c in clip}
 
     def world(self, moved: dict[int, dict[str, Array]]) -> list[Array]:
-        """Return T_world_node (k, 4, 4) of every node in the world of the file; (1, 4, 4) if the node does not move."""
+        """Return T_world_node (k, 4, 4) of every node in the world of the file; (1, 4, 4) if the node does not move.
+
+        `moved` has the values (k, n) of the animated properties, by index of the node and name of the property.
+        """
         out: list[Array] = [np.eye(4)[None]] * len(self._nodes)
         for i in self._order:
             node = self._nodes[i]
@@ -93,13 +96,16 @@ class Clips:
         for name, found in self._clips:
             usable = [c for c in found if len(c.times)]
             if not usable:
-                self._ledger.add("gltf.empty_clip", "warning", f"clip '{name}' moves no node that is a link.", name)
+                text = f"clip '{name}' has no valid channel that moves, rotates or scales a node."
+                self._ledger.add("gltf.empty_clip", "warning", text, name)
                 continue
             times = np.unique(np.concatenate([c.times for c in usable]))
             if len(times) * len(self._nodes) > MOST_POSES:
-                raise ReadError(
-                    f"clip '{name}' has {len(times)} keys on {len(self._nodes)} nodes: too many", "gltf.size"
+                text = (
+                    f"clip '{name}' has {len(times)} keys x {len(self._nodes)} nodes = "
+                    f"{len(times) * len(self._nodes)} poses; the maximum is {MOST_POSES}"
                 )
+                raise ReadError(text, "gltf.size")
             self._tell_jumps(name, usable)
             middle = self._placed(usable, shown, (times[1:] + times[:-1]) / 2)
             yield Clip(name, times, self._placed(usable, shown, times), middle=middle)
@@ -186,5 +192,6 @@ def _channel(
     if path == "rotation":
         check_quaternions(ledger, values, times, where, "gltf", mode != "STEP")
     if path == "scale" and np.min(values) <= 0:
-        ledger.wrong("gltf.mirrored", f"clip '{clip}' mirrors '{where}' by a negative scale.", where)
+        text = f"clip '{clip}' scales '{where}' by {np.min(values):.4g}: a scale must be above 0."
+        ledger.wrong("gltf.mirrored", text, where)
     return Channel(node, path, mode, times, values, incoming, outgoing)

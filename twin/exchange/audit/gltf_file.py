@@ -21,7 +21,7 @@ _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 MOST_NUMBERS = 50_000_000
-"""Maximum count of numbers in one accessor; a larger count is an error."""
+"""Maximum number of numbers in one accessor."""
 
 
 @dataclass
@@ -76,7 +76,7 @@ class Gltf:
         count = natural(spec, "count", name, 0)
         if count * width > MOST_NUMBERS:
             raise ReadError(
-                f"{name} has {count} elements of {width} numbers, more than the audit accepts", "gltf.bounds"
+                f"{name} has {count} elements of {width} numbers; the maximum is {MOST_NUMBERS} numbers", "gltf.bounds"
             )
         dtype = np.dtype(kind)
         if "bufferView" in spec:
@@ -107,8 +107,12 @@ class Gltf:
             raise ReadError(f"{label} ends at byte {start + length} of a buffer of {len(data)} bytes", "gltf.bounds")
         size = dtype.itemsize * width
         stride = natural(view, "byteStride", label, 0) or size
+        if stride < size:
+            raise ReadError(
+                f"{label} has byteStride {stride}, but an element of {name} has {size} bytes", "gltf.bounds"
+            )
         end = offset + stride * (count - 1) + size if count else offset
-        if end > length or stride < size:
+        if end > length:
             raise ReadError(f"{name} ends at byte {end} of {label}, which has {length} bytes", "gltf.bounds")
         if offset % dtype.itemsize or start % dtype.itemsize:
             self.ledger.wrong("gltf.alignment", f"{name} is not aligned to the size of its components.", name)
@@ -206,10 +210,10 @@ def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
         raise ReadError(f"its header states version {version}, not 2", "gltf.version")
     if length > len(data):
         raise ReadError(
-            f"its header states {length} bytes, but it has {len(data)}: the file is truncated", "gltf.header"
+            f"its header states {length} bytes, but the file has {len(data)}: it is truncated", "gltf.header"
         )
     if length != len(data):
-        text = f"its header states {length} bytes, but it has {len(data)}."
+        text = f"its header states {length} bytes, but the file has {len(data)}."
         ledger.wrong("gltf.header", text, size=Measured(float(len(data)), length))
     found: dict[int, bytes] = {}
     at = 12

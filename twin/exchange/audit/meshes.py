@@ -139,7 +139,7 @@ def joined(shapes: Iterable[Shape]) -> Shape | None:
 
 
 def read_obj(path: Path) -> tuple[Array, Array]:
-    """Return (points (n, 3), triangles (m, 3) with indices from 0); larger faces are split into triangles.
+    """Return (points (n, 3), triangles (m, 3) with indices from 0); polygons are split.
 
     Raises:
         ReadError: a line cannot be parsed, or a face refers to a point that does not exist.

@@ -17,7 +17,7 @@ from twin.exchange.audit.motion import Clip, Content, Shape
 from twin.exchange.audit.physics_mjcf import compiled_physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
-from twin.exchange.audit.urdf import named_mesh, numbers, parse_xml
+from twin.exchange.audit.urdf import assumed_masses, named_mesh, numbers, parse_xml
 
 LOOP_TOL = 1e-6
 """Maximum residual of an equality constraint at joint values of a track, in m (rotation of a weld: in rad)."""
@@ -57,6 +57,7 @@ class Mjcf:
             "handedness": "right (MuJoCo)",
         }
         self.content.physics = compiled_physics(m, self.bodies)
+        self.content.physics.assumed = assumed_masses(path)
         self.content.colors = _colors(m)
         _check_model(m, self.data, ledger)
 
@@ -92,7 +93,7 @@ class Mjcf:
         return Clip(clip.name, clip.times, {n: T[:, self.bodies[n]] for n in names})
 
     def _set(self, body: int, clip: Clip, qpos: Array) -> None:
-        """Set the coordinates of one body's joints for all frames, from joint values or link poses of the track."""
+        """Set the coordinates of one body's joints for all keys, from joint values or link poses of the track."""
         m = self.model
         joints = range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]) if m.body_jntnum[body] else ()
         if not joints:
@@ -114,9 +115,9 @@ class Mjcf:
                 qpos[:, at] = values[0] + m.qpos0[at]
 
     def _chain(self, body: int, joints, clip: Clip) -> tuple[list[Link], list[Array | None], list[int]]:
-        """Return (links, values, joints) of the chain from a body's parent to the body.
+        """Return (steps, values, joints) of the chain from a body's parent to the body.
 
-        The values (k,) are None if unknown; the joints are MuJoCo joint numbers, -1 for a fixed link.
+        The values (k,) are None if unknown; the joints are MuJoCo joint numbers, -1 for a step without a joint.
         """
         m = self.model
         links = [Link(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body]))]
@@ -140,7 +141,7 @@ class Mjcf:
         return links, given, owners
 
     def _goal(self, body: int, clip: Clip) -> Array | None:
-        """Return T_parent_body (k, 4, 4) from the track, or from the body to which it is welded; None if unknown."""
+        """Return T_parent_body (k, 4, 4) from the track, else from a body that is welded to `body`; None if unknown."""
         upper = self._known(self.model.body_parentid[body], clip)
         here = self._known(body, clip)
         if here is None:
@@ -286,7 +287,7 @@ def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) 
             continue
         bound = float(np.abs(m.actuator_forcerange[a]).max())
         if abs(d.actuator_force[a]) >= bound:
-            text = f"keyframe '{name}': actuator '{m.actuator(a).name}' starts at its maximum of {bound:g} N or N m."
+            text = f"keyframe '{name}': actuator '{m.actuator(a).name}' is at its maximum effort, {bound:g} N or N m."
             ledger.wrong(
                 "mjcf.keyframe",
                 text,

@@ -124,7 +124,10 @@ class Content:
 
     @property
     def links(self) -> tuple[str, ...] | None:
-        """Names of the links declared in this file, else of its nodes declared as links in other files, or None."""
+        """Names of the links that the file marks; else of its nodes that other files mark as links.
+
+        None: no file marks links.
+        """
         if self.declared is not None:
             return self.declared
         return None if self.known is None else tuple(n for n in self.rest if n in self.known)

@@ -1,9 +1,9 @@
 """Mechanism data of a file (links, joints, frames, gravity) in a common form for all formats.
 
-A joint is defined by the pose of its child in its parent at zero coordinates, and by lines in the parent's frame along
-or about which the child moves. Some formats split a joint into parts (a ball into three hinges with auxiliary links, a
-loop closure into two ties, which are pairs of coinciding points); `reduced` joins the parts, so that joints of
-different formats can be compared.
+A joint has the pose of its child in its parent at zero coordinates, and lines in the parent's frame: the child moves
+along these lines or rotates about them. Some formats split a joint into parts: a ball into three hinges with auxiliary
+links, or a loop closure into two ties. A tie is a pair of coinciding points. `reduced` joins the parts, so that joints
+of different formats can be compared.
 """
 
 from __future__ import annotations
@@ -124,7 +124,8 @@ class Joint:
         T: pose T_parent_child (4, 4) at zero coordinates; None if not stated.
         motions: lines along or about which it moves, in the parent's frame, from the parent outwards.
         drive: its limits and drive.
-        tied: pairs of coinciding points (3,) in m of parent and child, if the file states only these (MJCF connect).
+        tied: (point in the parent's frame, same point in the child's frame), both (3,) in m, of each tie, if the file
+            states only ties (MJCF connect).
         kind_said: the kind, if the file states it without the axis (tracks, GLB); else "".
     """
 
@@ -149,8 +150,9 @@ class Joint:
     def end(self, link: str) -> tuple[Array, Array | None] | None:
         """Return (point (3,) in m, direction (3,) or None for a ball) of the joint in the frame of one of its links.
 
-        The sign of the direction is defined relative to the link whose name is first in alphabetical order. The
-        direction of a tie has no defined sign.
+        Return None if the file does not state where the joint is. The direction is reversed if the parent's name comes
+        after the child's in alphabetical order, because files may exchange parent and child. The direction of a tie has
+        no defined sign.
         """
         flip = 1.0 if self.parent < self.child else -1.0
         if self.tied:
@@ -191,6 +193,7 @@ class Physics:
     Attributes:
         links: names of all links.
         masses: mass properties by link.
+        assumed: links of unknown mass, whose mass properties are assumed because the format requires them.
         frames: named frames, by name.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
         held: links that are fixed to the world; None if the format cannot state this.
@@ -204,6 +207,7 @@ class Physics:
 
     links: tuple[str, ...] = ()
     masses: dict[str, Mass] = field(default_factory=dict)
+    assumed: frozenset[str] = frozenset()
     joints: list[Joint] = field(default_factory=list)
     frames: dict[str, Frame] = field(default_factory=dict)
     gravity: Array | None = None

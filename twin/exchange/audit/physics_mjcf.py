@@ -35,7 +35,7 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
     out.motors, out.all_motors = _motors(m), True
     names = [m.body(i).name for i in range(m.nbody)]
     for name, i in bodies.items():
-        if i:
+        if i and (m.body_mass[i] or m.body_weldid[i]):  # a body fixed to the world needs no mass: 0 means "not stated"
             R = poses.rotation(m.body_iquat[i][[1, 2, 3, 0]])
             inertia = R @ np.diag(m.body_inertia[i]) @ R.T
             out.masses[name] = Mass(float(m.body_mass[i]), m.body_ipos[i].copy(), inertia)
@@ -152,7 +152,7 @@ def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
             ends = [(int(m.site_bodyid[s]), _pose(m.site_pos[s], m.site_quat[s])) for s in (one, two)]
         elif kind == _CONNECT:
             ends = [(b, poses.pose(None, m.eq_data[e, 3 * k : 3 * k + 3])) for k, b in enumerate((one, two))]
-        else:  # the anchor is given in the second body, the relative pose is that of the second body in the first
+        else:  # the anchor is a point of the second body; the relative pose is T_first_second
             relative = _pose(m.eq_data[e, 3:6], m.eq_data[e, 6:10])
             ends = [(one, relative), (two, np.eye(4))]
         (a, T_a), (b, T_b) = ends

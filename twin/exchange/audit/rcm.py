@@ -1,7 +1,7 @@
 """Check the remote centres of motion (RCM) of a track against the motion of the shaft.
 
 The distance of the shaft axis from the stated RCM is a fault only if the protocol enforces the RCM.
-In both cases, if all shaft axes of a phase meet in one point, a stated RCM at a different point is a fault.
+Also for an RCM that is not enforced: if all shaft axes of a phase meet in one point, the stated RCM must be that point.
 """
 
 from __future__ import annotations
@@ -20,8 +20,11 @@ from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity,
 SHAFT = 5e-3
 """Maximum distance in m at which an RCM counts as enforced, if the file does not state whether it is enforced."""
 
+BESIDE = 1e-4
+"""Maximum distance in m of a stated RCM from the point in which all shaft axes meet."""
+
 SPREAD = 1e-4
-"""Minimum mean squared sine of the angles between lines; below it, their meeting point is undetermined."""
+"""Minimum mean squared sine of the angles between lines and their mean direction, for a determined meeting point."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +67,12 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
         missed, at = float(distances[name][k]), f"t = {stay.times[k]:.4g} s"
         centre = next((c for c in centres if _through(stay, c)), None)
         beside = 0.0 if centre is None else float(np.linalg.norm(centre - stay.point))
-        if centre is not None and beside > max(100 * POSITION_TOL, 0.0) and missed > POSITION_TOL:
+        if centre is not None and beside > BESIDE and missed > POSITION_TOL:
             text = (
                 f"phase '{stay.name}': the shaft turns about ({', '.join(f'{c:.5g}' for c in centre)}) m, "
                 f"{quantity(beside, 'm')} from the stated RCM."
             )
-            ledger.wrong("tracks.rcm", text, stay.name, size=um(beside, POSITION_TOL), when=at)
+            ledger.wrong("tracks.rcm", text, stay.name, size=um(beside, BESIDE), when=at)
             continue
         if stay.enforced is False:
             continue

@@ -31,6 +31,7 @@ class Check:
     Attributes:
         check: short description.
         file: path relative to the audited folder.
+        tool, version: checker or library that measured, and its version.
         worst: the maximum deviation in `unit`; None if nothing can be measured.
         unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
@@ -92,7 +93,7 @@ class AuditReport(Result):
         yield ("\n" if shown else "") + (
             f"  {format.count(len(self.checks), 'check')}, {format.count(len(self.findings), 'finding')}"
             + (f", of which {format.count(notes, 'note')} (shown by --all)" if notes else "")
-            + f"; poses agree within {POSITION_TOL * 1e6:g} µm and {math.degrees(ROTATION_TOL):.3g} deg"
+            + f"; tolerance of poses: {POSITION_TOL * 1e6:g} µm and {math.degrees(ROTATION_TOL):.3g} deg"
         )
 
 
@@ -163,7 +164,7 @@ ADVICE: Mapping[str, str] = {
     "winding": "reverse the faces of the mesh, so that they are counter-clockwise seen from outside",
     "winding_mixed": "orient all faces counter-clockwise seen from outside",
 }
-"""Suggestions by code of the finding, or by the part of the code after the format if they apply to every format."""
+"""Suggestions by code of the finding; without a format, such as "step", the suggestion applies to every format."""
 
 
 class ReadError(Exception):

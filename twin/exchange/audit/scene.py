@@ -24,7 +24,7 @@ FILE = "scene.json"
 """File of an exported scene: its robots, their folders and the poses of their bases."""
 
 REACH = 0.1
-"""Distance in m from a link's origin of the points at which a deviation, also of rotation, is measured."""
+"""Distance in m between a link's origin and the points where deviations are measured, so that rotations count."""
 
 Audited = tuple[list[Content], list[Ledger]]
 
@@ -108,8 +108,8 @@ def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
 def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> Shown:
     """Return the motion of a protocol in a robot's files; without a protocol, the poses at rest.
 
-    Poses at rest are read from the GLB, if there is one: the scene refers to the robot's stage, and a comparison
-    requires another file.
+    Poses at rest are read from the GLB, if there is one, because the scene's stages refer to the robot's stage: a
+    comparison with that stage would never find a difference.
     """
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):
@@ -135,18 +135,17 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
     )
     if not worst <= POSITION_TOL:
         text = f"{where}: " + (
-            f"the pose differs from the robot's files by {quantity(worst, 'm')}."
-            if np.isfinite(worst)
-            else "it is missing."
+            f"the pose differs from the robot's files by {quantity(worst, 'm')}." if np.isfinite(worst) else "missing."
         )
         ledger.wrong("scene.link", text, where, size=Measured(worst, POSITION_TOL, "m"), when=when)
     return ledger
 
 
 def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str]:
-    """Return (largest deviation in m of points up to 0.1 m from a link's origin, robot and link of that point, time).
+    """Return (maximum deviation in m of points up to 0.1 m from a link's origin, robot and link of that point, time).
 
-    The deviation is infinite if the stage lacks a link. Only the first, middle and last key are compared.
+    The deviation is infinite if the stage lacks a link, or if a robot's files have no link poses. Only the first,
+    middle and last key are compared.
     """
     opened = Usd.Stage.Open(str(stage))
     opened.Reload()  # USD keeps layers in memory, but the file may have changed
@@ -156,7 +155,7 @@ def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str
     for name, robot in robots.items():
         keys = sorted({0, len(robot.times) // 2, len(robot.times) - 1})
         if not robot.links:
-            return np.inf, f"pose of any link of {name} in its files", ""
+            return np.inf, f"link poses in the files of {name}", ""
         for link, Ts in robot.links.items():
             if not (prim := opened.GetPrimAtPath(root.AppendChild(name).AppendChild(link))):
                 return np.inf, f"{name}/{link}", ""

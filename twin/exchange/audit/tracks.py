@@ -58,7 +58,7 @@ def read_json(path: Path, ledger: Ledger) -> Content:
 
 
 def read_csv(path: Path, ledger: Ledger) -> Content:
-    """Return the content of a CSV track: `# key: value` lines, a header with units, and one line per frame.
+    """Return the content of a CSV track: `# key: value` lines, a header with units, and one line per key.
 
     Raises:
         ReadError: the header or all lines are missing, or a number is invalid.
@@ -88,14 +88,14 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
             f"its header has {len(header)} columns, the first '{header[0]}'; its lines have {numbers.shape[1]} "
             "columns: the counts must be equal, and the first column must be time_s"
         )
-    links, joints = _list(data, "links", str), _list(data, "joints", str)
-    kinds = _list(data, "joint_types", str)
+    links, joints, kinds = (_list(data, key) for key in ("links", "joints", "joint_types"))
     units = ["rad" if k == "revolute" else "m" for k in kinds]
     expected = ["time_s", *(f"{j}_{u}" for j, u in zip(joints, units, strict=False))]
     expected += [f"{n}_{c}" for n in links for c in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
     if header != expected:
         odd = next((f"'{a}' instead of '{b}'" for a, b in zip(header, expected, strict=False) if a != b), "")
-        text = f"columns do not match links and joints: found {odd or f'{len(header)} instead of {len(expected)}'}."
+        found = odd or f"{len(header)} columns instead of {len(expected)}"
+        text = f"columns do not match links and joints: found {found}."
         ledger.wrong("tracks.columns", text, odd)
         if len(header) != len(expected):
             raise ReadError(text)
@@ -112,7 +112,7 @@ def _parsed(value: str) -> Any:
 
 
 def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
-    links, joints = _list(data, "links", str), _list(data, "joints", str)
+    links, joints = _list(data, "links"), _list(data, "joints")
     name = str(data.get("protocol", ""))
     out = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
     out.facts = {"units": data.get("length_unit", "?"), "up_axis": "Z", "handedness": "right", "protocol": name}
@@ -165,10 +165,10 @@ def _check_words(data: dict[str, Any], ledger: Ledger) -> None:
             ledger.wrong("tracks.convention", text, key, suggestion=f"convert the numbers and write '{value}'")
 
 
-def _list(data: dict[str, Any], key: str, kind: type) -> list:
+def _list(data: dict[str, Any], key: str) -> list[str]:
     value = data.get(key)
-    if not isinstance(value, list) or not all(isinstance(v, kind) for v in value):
-        raise ReadError(f"'{key}' is not a list of {kind.__name__}")
+    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+        raise ReadError(f"'{key}' is not a list of texts")
     return value
 
 

@@ -97,7 +97,7 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
         if other != asset:
             text = (
                 f"'{name}' and '{other.relative_to(folder).as_posix()}' have the same GUID {match[1]}: Unity "
-                "replaces one of them, and references break."
+                "ignores one of them or changes its GUID, which breaks references to it."
             )
             ledger.wrong("unity.guid_twice", text, name, suggestion="use the hash of the path as GUID")
     for meta in (p for p in seen if p.suffix == ".meta"):
@@ -121,7 +121,7 @@ def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], le
             ledger.wrong("unity.asmdef", f"{name} has no name.", name)
             continue
         if own in names:
-            text = f"{name} and {names[own]} are both named assembly '{own}'."
+            text = f"{name} and {names[own]} both define the assembly '{own}'."
             ledger.wrong("unity.asmdef", text, name)
         names[own] = name
         wanted += [(name, str(r)) for r in data.get("references", [])]

@@ -5,6 +5,7 @@ Its mechanism data are tree, inertias and limits; URDF cannot hold loops, frames
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,6 +98,7 @@ class Urdf:
         masses = {e.get("name", ""): _inertial(e) for e in root.findall("link")}
         known = {n: mass for n, mass in masses.items() if mass is not None}
         self.content.physics = _tree_physics(links, known, self.above.values())
+        self.content.physics.assumed = assumed_masses(path)
         self.content.physics.motors = _motors(root)
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
@@ -158,6 +160,14 @@ def parse_xml(path: Path) -> ET.Element:
         raise ReadError(f"{error}") from error
     except (ET.ParseError, LookupError, ValueError) as error:
         raise ReadError(f"it is not XML: {error}") from error
+
+
+def assumed_masses(path: Path) -> frozenset[str]:
+    """Return the links whose mass is unknown, as a comment of the file states."""
+    stated = re.findall(
+        r"<!--[^>]*?the mass of ([^>]*?) is unknown", path.read_text(encoding="utf-8", errors="replace")
+    )
+    return frozenset(n for names in stated for n in names.split(", "))
 
 
 def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:

@@ -261,7 +261,7 @@ def _rgba(color, alpha: float) -> Rgba:
 
 
 def _corners(mesh: UsdGeom.Mesh) -> tuple[Array, Array, Array | None]:
-    """Return (points (n, 3), triangles (m, 3), corner normals (3 m, 3) or None); larger faces are split."""
+    """Return (points (n, 3), triangles (m, 3), corner normals (3 m, 3) or None); polygons are split."""
     nothing = np.zeros((0, 3)), np.zeros((0, 3), int), None
     points = np.array(mesh.GetPointsAttr().Get() or [], float).reshape(-1, 3)
     counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or [], int)

@@ -1,7 +1,7 @@
 """Check the container of a USD file before OpenUSD reads it: the header of a binary layer, the zip archive of a USDZ.
 
-OpenUSD allocates memory for the counts in a header without checks; a file with a corrupt count therefore takes minutes
-to fail. Files in a USDZ must be uncompressed and aligned, because readers map them into memory.
+OpenUSD does not check the counts in a header before it allocates memory for them: a file with a corrupt count takes
+minutes to fail. Files in a USDZ must be uncompressed and aligned, because readers map them into memory.
 """
 
 from __future__ import annotations

@@ -47,12 +47,13 @@ def close(imported: Imported) -> Imported:
     findings += [_gap(mechanism, name, *home.gap[name], unread) for name in home.gap if _open(*home.gap[name])]
     moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - _drawn(mechanism, j.name)) > 1e-9]
     if moved:
-        names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home)}" for j in moved)
+        names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home.q_full[j.name])}" for j in moved)
         findings.note("moved", f"Driven joints were moved to close the loops; at home: {names}.", moved[0].name)
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
         if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
-            text = f"joint '{joint.name}' is at {_shown(mechanism, joint.name, home)} at home, outside its limits."
+            here, low, high = (_shown(mechanism, joint.name, v) for v in (q, *joint.limits))
+            text = f"joint '{joint.name}' is at {here} at home, outside its limits {low} .. {high}."
             findings.warn("rest", text, joint.name)
     freedom = model.mobility(home.x).freedom
     if len(mechanism.active) > freedom:
@@ -129,8 +130,8 @@ def _open(offset: float, tilt: float) -> bool:
 def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Sequence[Finding]) -> Finding:
     if name in {c.name for c in mechanism.couplings}:
         text = (
-            f"coupling '{name}' differs from its constant by {deg(tilt)} or {mm(offset)} at the state with the "
-            "smallest gaps"
+            f"the sum of coupling '{name}' differs from its constant by {deg(tilt)} or {mm(offset)} at the state with "
+            "the smallest gaps"
         )
         return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
     alone = closes_alone(mechanism, name)
@@ -152,6 +153,6 @@ def _drawn(mechanism: Mechanism, name: str) -> float:
     return float(T[2, 3])
 
 
-def _shown(mechanism: Mechanism, name: str, home: Assembly) -> str:
-    q = home.q_full[name]
+def _shown(mechanism: Mechanism, name: str, q: float) -> str:
+    """Return a joint value, in rad or m, as text in degrees or mm."""
     return f"{q / DEG:.4g}°" if mechanism.joint(name).is_angle else f"{q / MM:.4g} mm"

@@ -38,7 +38,7 @@ def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
     """Yield a temporary folder that is moved atomically to `target` at the end.
 
     Raises:
-        OutputError: the folder is not empty (without `force`), or cannot be written.
+        OutputError: `require_free` refuses the target, or the folder cannot be written.
     """
     require_free(target, force)
     with assets.atomic_folder(target) as work:
@@ -46,10 +46,11 @@ def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
 
 
 def require_free(target: Path, force: bool = False) -> None:
-    """Raise `OutputError` if `fresh_folder` would refuse to write to `target`.
+    """Check that `fresh_folder` may write to `target`.
 
     Raises:
-        OutputError: the folder is not empty.
+        OutputError: the target is a file; or its folder is not empty (without `force`), or not empty and no robot
+            folder (with `force`).
     """
     if target.exists() and not target.is_dir():
         raise OutputError(f"{target}: a file has this name; choose another folder with --out")
@@ -64,7 +65,7 @@ def require_free(target: Path, force: bool = False) -> None:
 def write_folder(imported: Imported, name: str, target: Path, source: Path, force: bool = False) -> list[Path]:
     """Write the robot folder of a mechanism whose loops are closed (see `closing.close`).
 
-    The target must be new or empty, unless `force` is set: it overwrites an existing robot folder, except its protocols
+    The target must be new or empty. With `force`, it may be a robot folder, which is overwritten, except its protocols
     and a formula that contains equations. `source` is the imported file; the description contains its name.
 
     Returns:
@@ -130,7 +131,7 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
 
 
 def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
-    """Return the description of a mechanism in TOML; drives of the joints in `assumed` are marked ASSUMED."""
+    """Return the description of a mechanism in TOML; drives of joints and actuators in `assumed` are ASSUMED."""
     cited = {"provenance": "CITED", "note": source}
     lines = [
         f"# {m.name}, made by `twin new` from {one_line(source)}; omitted and guessed data are listed in ../{NOTES}.",

@@ -62,7 +62,7 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
 
 
 def refuse_nan(path: Path) -> None:
-    """Raise `SourceError` if a number is NaN or infinite: MuJoCo never finishes compiling an ellipsoid of such size."""
+    """Raise `SourceError` if a number is NaN: MuJoCo never finishes compiling an ellipsoid whose size is NaN."""
     for number, line in enumerate(read_bytes(path, "MJCF").decode(errors="replace").splitlines(), 1):
         for name, value in _ATTRIBUTE.findall(line):
             if "nan" in (tokens := value.lower().split()) and all(map(_is_number, tokens)):
@@ -181,7 +181,7 @@ class _Mjcf:
             ref = np.eye(4)
             if kind in (_SLIDE, _HINGE):
                 if not np.abs(m.jnt_axis[k]).max() > 0.5:  # not a unit vector: MuJoCo could not normalise the axis
-                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has no length, or is too long")
+                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has length 0, or is too long")
                 at = at @ along(m.jnt_axis[k])
                 q0 = float(m.qpos0[m.jnt_qposadr[k]])
                 ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))
@@ -228,7 +228,7 @@ class _Mjcf:
                     f"actuator '{name}' pulls a fixed tendon: joint '{self.joints[tied[0]]}' is imported as "
                     "driven, without gains."
                 )
-                text += f" {others} are not driven; they move only if an equality couples them." if others else ""
+                text += f" Its other joints, {others}, move only if an equality couples them." if others else ""
                 self.findings.warn("actuator", text, name)
                 yield tied[0], None
                 continue
@@ -287,7 +287,9 @@ class _Mjcf:
         elif kind == eq.mjEQ_TENDON and m.eq_obj2id[i] < 0:
             couplings.append(self._tendon(i, name, label))
         else:
-            raise SourceError(f"{self.path}: equality '{name}' has a type that a mechanism cannot express")
+            what = "couples two tendons" if kind == eq.mjEQ_TENDON else f"has the type {kind.name[5:].lower()}"
+            known = "supported: connect, weld, joint, tendon (one)"
+            raise SourceError(f"{self.path}: equality '{name}' {what}, which a mechanism cannot express; {known}")
 
     def _tendon(self, i: int, name: str, label: str) -> Coupling:
         """Return the coupling of a fixed tendon: the sum of coefficient times joint coordinate is constant."""

@@ -41,9 +41,10 @@ def fixed_tendon(m, tendon: int) -> dict[int, float]:
 def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findings: Findings) -> Motors:
     """Return the transmissions that drive the joints of the robot's bodies.
 
-    A group of tendons that share joints is a transmission if it meets five conditions: each tendon has an actuator;
-    there are as many tendons as joints; no other actuator drives these joints; no equality constrains the tendons; the
-    matrix is invertible. `kept` has the numbers of the robot's bodies, `joints` the joint names by joint number.
+    A group of tendons that share joints is a transmission if it meets six conditions: each tendon has an actuator;
+    there are as many tendons as joints; the joints belong to the robot; no other actuator drives these joints; no
+    equality constrains the tendons; the matrix is invertible. `kept` has the numbers of the robot's bodies, `joints`
+    the joint names by joint number.
     """
     import mujoco
 

@@ -13,9 +13,9 @@ WORLD = "world"
 
 
 def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], findings: Findings) -> list[int]:
-    """Return the bodies of the robot, the world first.
+    """Return the numbers of the robot's bodies, the world first.
 
-    `root` is the name of a body of the robot, or "world" for all bodies; None: the file has a single robot.
+    `root` is the name of a body of the robot, or "world" for all bodies; None: the only robot of the file.
 
     Raises:
         SourceError: there are several robots and `root` is None, or the body does not exist.

@@ -23,6 +23,7 @@ _APART = 0.01 * MM
 """Distance in m below which two axes or two centres count as coincident."""
 
 _TILT = 0.01 * DEG
+"""Angle in rad below which two axes count as parallel."""
 
 _CLEARANCE = (0.1 * MM, 0.1)
 """Maximum difference between the radii of a pin and its bore: in m, and as a fraction of the smaller radius.
@@ -37,7 +38,7 @@ _ONE_AXIS = (0.1 * MM, 0.1 * DEG)
 """Distance in m and angle in rad below which the axes of two faces of one body coincide."""
 
 
-@dataclass(frozen=True, eq=False)  # arrays do not compare
+@dataclass(frozen=True, eq=False)  # arrays have no single truth value of ==
 class Round:
     """A cylindrical or spherical face of a body.
 
@@ -138,7 +139,7 @@ def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
 
 
 def same_axis(a: Round, b: Round, within: tuple[float, float] = _ONE_AXIS) -> bool:
-    """Return whether two faces of one body have the same axis, or the same centre."""
+    """Return whether two faces of one body have the same axis or centre, `within` (distance in m, angle in rad)."""
     if not np.any(a.face.direction):
         return float(np.linalg.norm(a.face.point - b.face.point)) < within[0]
     tilt = float(np.linalg.norm(np.cross(a.face.direction, b.face.direction)))

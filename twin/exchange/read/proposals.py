@@ -1,8 +1,8 @@
 """Propose joints from fitting faces: type, bodies, and frames measured on the faces of each body.
 
 Directions and positions that faces determine are measured on both bodies, so that differences are found when the robot
-is built. Positions and angles that faces do not determine (position of a slide along its axis, rotation of a round pin)
-are given as numbers, on one or both bodies.
+is built. Faces do not determine the position of a slide along its axis or the rotation of a round pin: these are given
+as numbers, on one or both bodies.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Proposal:
 def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: str) -> tuple[list[Proposal], list[Pair]]:
     """Return (proposed joints from the base outwards, fits that are not used for a joint).
 
-    Two bodies with several fits get a joint that is compatible with all these fits.
+    Each ball between two bodies gives a spherical joint. Without balls, all fits of the two bodies give one joint.
     """
     fits: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:
@@ -201,9 +201,8 @@ def _along_axis(
 ) -> tuple[JointType, list[_Frame], str]:
     """Return (type, frames, evidence) of a joint about or along the common axis of two faces.
 
-    The origins are on the axis. Two plane faces, one of each body, that touch and are perpendicular to the axis
-    determine their position along it. Without such faces, a number offsets the child's frame along its axis to the
-    origin on the parent.
+    The origins are on the axis. If two plane faces perpendicular to the axis touch, one of each body, the origins are
+    on these faces. Without such faces, a number offsets the child's frame along its axis to the origin on the parent.
     """
     low, high = shared(p, c)
     middle = p.face.point + 0.5 * (low + high) * p.face.direction
@@ -258,7 +257,7 @@ def _along_axis(
 def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) -> list[tuple[Part, Face]] | None:
     """Return the most parallel pair of plane faces that are parallel to the axes, one of each body.
 
-    Returns None if there is no such pair, or the angle of each pair is at least `within` in rad.
+    Return None if there is no such pair, or if the angle between its faces is at least `within` rad.
     """
     planes = [
         [(part, f) for part in own for f in part.faces if f.kind == "plane" and abs(float(f.direction @ z)) < 1e-4]

@@ -126,8 +126,8 @@ class _Sdf:
             out.append(replace(j, active=active))
         if not told and closing:
             text = (
-                f"no plug-in names a driven joint: all are driven except {', '.join(sorted(closing))}, which close "
-                "loops."
+                f"no plug-in names a driven joint: all joints are driven except {', '.join(sorted(closing))}, which "
+                "close loops."
             )
             self.findings.warn("driven", text, base)
         return out
@@ -155,7 +155,7 @@ class _Sdf:
         children = {j.child for j in joints}
         roots = [names[n] for n in self.links if names[n] not in children]
         if len(roots) != 1:
-            raise SourceError(f"{self.path}: the base link is not unique. Candidates: {', '.join(roots) or 'none'}")
+            raise SourceError(f"{self.path}: expected one base link, found {', '.join(roots) or 'none: a cycle'}")
         return roots[0]
 
     # -- poses ----------------------------------------------------------------------------------------
@@ -269,7 +269,7 @@ class _Sdf:
         for element in link.findall("visual") or link.findall("collision"):
             geometry = element.find("geometry")
             if geometry is None or not len(geometry):
-                self.xml.fail(where, "a <visual> without geometry")
+                self.xml.fail(where, f"a <{element.tag}> has no shape in a <geometry>")
             shape = geometry[0]
             solid = None
             if shape.tag == "mesh":

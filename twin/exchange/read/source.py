@@ -26,7 +26,7 @@ class Findings(list[Finding]):
     """Findings of an import, in the order in which they were made."""
 
     def note(self, code: str, message: str, where: str) -> None:
-        """Add a finding of severity info, for data that were changed without loss."""
+        """Add a finding of severity info, for data changed or left out without effect on the mechanism."""
         self.append(note(code, message, where))
 
     def warn(self, code: str, message: str, where: str) -> None:
@@ -42,7 +42,7 @@ class Imported:
         mechanism: bodies, joints and loops.
         findings: findings on renamed, guessed, missing and omitted data.
         efforts: maximum effort in N or N m of joints without gains in the file.
-        assumed: joints with assumed drives.
+        assumed: joints and actuators whose drives are ASSUMED.
         posed: whether the file states rest poses; a URDF does not.
         keys: named states of the file: values in m or rad by joint of the tree, active or passive.
     """
@@ -139,7 +139,7 @@ def limits(
     """Return (lower, upper) limits in m or rad; None if the joint has no limits.
 
     Raises:
-        SourceError: the lower limit is above the upper limit.
+        SourceError: the lower limit is not below the upper limit.
     """
     if lower is None and upper is None:
         return None
@@ -165,7 +165,8 @@ def assemble(
 ) -> Imported:
     """Return the mechanism that consists of the given parts, with a tool; its rest pose has zero joint values.
 
-    The tool is the frame named `tool`, else a new frame at the end of the longest chain, reported in a finding.
+    The tool is the frame named `tool`, else the only frame, else a new frame at the end of the longest chain. A finding
+    states the choice if no frame is named `tool`.
 
     Raises:
         SourceError: the parts do not form a mechanism.

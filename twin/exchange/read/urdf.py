@@ -343,7 +343,7 @@ class _Urdf:
         elif kind != "continuous":
             low, high = value(limit, "lower"), value(limit, "upper")
             if low is None and high is None:
-                text = f"{where}: <limit> gives no lower and upper: the joint is unlimited."
+                text = f"{where}: <limit> has neither lower nor upper: the joint is unlimited."
                 self.findings.warn("limits", text, name)
             else:
                 # In URDF a missing limit means zero.
@@ -366,7 +366,7 @@ class _Urdf:
         return out
 
     def _within(self, out: dict, name: str) -> None:
-        """Clip the soft limits to the hard limits, beyond which they have no effect."""
+        """Clip the soft limits to the hard limits; leave them out if the two intervals do not overlap."""
         if out.get("limits") is None or out["soft_limits"] is None:
             return
         (low, high), (first, last) = out["limits"], out["soft_limits"]
@@ -375,8 +375,9 @@ class _Urdf:
         out["soft_limits"] = (max(low, first), min(high, last))
         if not out["soft_limits"][0] < out["soft_limits"][1]:
             del out["soft_limits"]
-        text = f"its soft limits {first:g} .. {last:g} exceed its limits {low:g} .. {high:g} and have no effect there"
-        self.findings.note("soft_limits", f"joint '{name}': {text}; they are cut to the limits.", name)
+        done = "clipped to the limits" if "soft_limits" in out else "left out"
+        text = f"its soft limits {first:g} .. {last:g} exceed its limits {low:g} .. {high:g}; they are {done}"
+        self.findings.note("soft_limits", f"joint '{name}': {text}.", name)
 
     def _mimic(self, name: str, names: Names, joints: dict[str, Element]) -> Coupling:
         where, mimic = f"joint '{name}', mimic", joints[name].find("mimic")
@@ -418,7 +419,7 @@ class _Urdf:
         mass, tensor = element.find("mass"), element.find("inertia")
         kilograms = self.xml.number(where, "mass", mass.get("value") if mass is not None else None)
         if tensor is None:
-            self.xml.fail(where, "<inertial> without <inertia>")
+            self.xml.fail(where, "its <inertial> has no <inertia>")
         R = T[:3, :3]
         I = R @ self.xml.tensor(where, tensor.get) @ R.T  # noqa: E741
         return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)
@@ -468,7 +469,7 @@ class _Visuals:
             geometry = element.find("geometry")
             shape = geometry[0] if geometry is not None and len(geometry) else None
             if shape is None:
-                self.xml.fail(where, "a <visual> without geometry")
+                self.xml.fail(where, f"a <{element.tag}> has no shape in a <geometry>")
             if shape.tag == "mesh":
                 scale = self.xml.numbers(where, "mesh scale", shape.get("scale"), 3, (1, 1, 1))
                 solid = mesh_file(shape.get("filename", ""), self.path.parent, scale, name, self.findings)

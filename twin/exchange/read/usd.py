@@ -30,7 +30,9 @@ _WITHOUT = ("friction", "armature", "breakforce", "breaktorque", "damping", "sti
 
 
 def read_usd(path: Path, root: str | None) -> Imported:
-    """Read a stage; if it has no tool frame, add one.
+    """Read a stage; add a tool frame if it has none, and drive all joints of the tree if none has a drive.
+
+    `root` is the prim path of the robot; None: the only robot of the stage.
 
     Raises:
         SourceError: the stage has unsupported data without which the mechanism would be wrong.

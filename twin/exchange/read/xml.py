@@ -15,7 +15,7 @@ from twin.core.spatial import Array
 
 
 class Xml:
-    """An XML file; its methods raise errors that name the file and the element."""
+    """An XML file. Errors of its methods name the file, the element (`where`) and the value (`what`)."""
 
     def __init__(self, path: Path, root: str) -> None:
         self.path = path
@@ -28,7 +28,7 @@ class Xml:
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             raise SourceError(f"{path}: not XML: {error}") from error
         if self.root.tag != root:
-            hint = "The file is a xacro or another format: expand or rename it."
+            hint = "Expand a xacro first; a file of another format needs the suffix of its format."
             raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")
 
     def fail(self, where: str, message: str) -> NoReturn:
@@ -71,10 +71,10 @@ class Xml:
         return float(self.numbers(where, what, text, 1, None if default is None else (default,))[0])
 
     def axis(self, where: str, what: str, text: str | None, default: Sequence[float]) -> Array:
-        """Return a direction (3,) parsed from a text; raise `SourceError` if it has no length."""
+        """Return a direction (3,) parsed from a text; raise `SourceError` if its length is 0."""
         axis = self.numbers(where, what, text, 3, default)
         if not np.abs(axis).max() > 1e-9:
-            self.fail(where, "its axis has no length")
+            self.fail(where, "its axis has length 0")
         return axis
 
     def tensor(self, where: str, text: Callable[[str], str | None], default: Array | None = None) -> Array:

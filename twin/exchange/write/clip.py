@@ -32,8 +32,10 @@ _LOOKS = 4
 """Minimum ratio of sample rate to key rate."""
 
 _GRIDS = (120, 240, 480)
-"""Sample rates in Hz at which interpolation errors are computed: for a key rate, the lowest that is `_LOOKS` or more
-times as high, and a multiple of it."""
+"""Sample rates in Hz at which interpolation errors are computed.
+
+For a key rate, this is the lowest sample rate that is a multiple of the key rate and at least `_LOOKS` times as high.
+"""
 
 
 @dataclass(frozen=True)

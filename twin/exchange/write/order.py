@@ -108,8 +108,8 @@ def order(
 
     Args:
         robot: a robot from CAD, or from a USD stage; a stage has no protocols, but may contain a motion.
-        trajectory: a planned motion, the only exported motion, of the first protocol in `protocols`, if given. None:
-            plan the protocols.
+        trajectory: a planned motion, which is then the only exported motion; it belongs to the first protocol of
+            `protocols`, else to the protocol that the trajectory names. None: plan the protocols.
         protocols: names or paths; None: all protocols of the robot.
         budget: maximum errors of each clip; None: `Budget()`. Ignored for a stage, whose samples are the keys.
         plan: function that plans a protocol.

@@ -27,9 +27,9 @@ def write_tracks(
 ) -> tuple[Path, Path]:
     """Write <clip>.json and <clip>.csv, which contain the same numbers, into `folder`, and return their paths.
 
-    The mechanism has the trocar positions of the protocol; `drawn`, by default the same, is the robot as in the CAD,
-    and the track contains its model hash and home. `assumed` has "name: reason" of each assumed number of the robot;
-    the clip has the assumed numbers of its protocol.
+    The mechanism has the trocar positions of the protocol. `drawn`, by default the same, is the robot as in the CAD:
+    the track states its model hash, and ball joints are zero at its home. `assumed` has "name: reason" of each assumed
+    number of the robot; the clip has the assumed numbers of its protocol.
     """
     folder.mkdir(parents=True, exist_ok=True)
     data = track(mechanism, clip, drawn, assumed)

@@ -1,6 +1,6 @@
 """Compute the coordinates of ball joints and cylindrical joints, which a URDF player needs as joint values.
 
-A ball joint s has the coordinates s_x, s_y, s_z: rotations about x, then y, then z of its frame on the parent at home.
+A ball joint s has the coordinates s_x, s_y, s_z: rotations about x, then y, then z of its frame on the child at home.
 A cylindrical joint c has the coordinates c_slide and c: displacement along z and rotation about z.
 """
 

@@ -37,7 +37,7 @@ _THERE, _PASSED = 1e-10, 1e-7
 """Distances in m at which the target, and an intermediate goal, count as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""Relative reduction of the distance by a step, below which the motion ends (to a goal on the line, to the target).
+"""A motion ends when a step reduces the distance by less than this fraction (to a goal on the line, to the target).
 
 A point that slides along limits at distance d from the target approaches the target slowly: the last length x of its
 path reduces the distance by only x²/2d, which is 1 µm over the last 45 µm at d = 1 mm.
@@ -150,7 +150,7 @@ class Dragger:
     # -- by a point -----------------------------------------------------------------------------------
 
     def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
-        """Return a grip on a point of a body, which moves the point along straight lines by the smallest joint motion.
+        """Return a grip on a point of a body; it moves the point along straight lines by the smallest joint motion.
 
         u (m,) contains the loop unknowns that close the loops at q (n,). `p_body` (3,) is the point in the body frame,
         in m.
@@ -269,7 +269,7 @@ class Grip:
             if not walk.goes_on(until):
                 return walk.result(more=True)
             way = self._target - self._hand
-            # If the point lags behind, a longer step of the goal hardly changes the direction of the pull.
+            # If the point lags far behind the goal, a longer step of the goal hardly changes the direction to it.
             step = max(_STEP, _LAG * float(np.linalg.norm(self._hand - walk.look.p)))
             if np.linalg.norm(way) <= step:
                 self._end = copy(walk)

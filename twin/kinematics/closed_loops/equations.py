@@ -43,6 +43,11 @@ class Passive:
         """Name of the joint."""
         return self.joint.name
 
+    @property
+    def key(self) -> str:
+        """Name of the state in kernels: no input or result of a kernel has it, whatever the joint is called."""
+        return f"joint.{self.joint.name}"
+
     def stepped(self, step: ca.SX) -> ca.SX:
         """Return the state after a step."""
         kind = self.joint.type
@@ -60,7 +65,7 @@ Chain = list[Any]
 
 @dataclass(frozen=True)
 class _Error:
-    """A frame error (6,) in the frame's own axes: shift in m, rotation in rad; with `back`, the inverse error."""
+    """A frame error (6,) in the frame's own axes: shift in m, rotation in rad; `back`: the inverse error applies."""
 
     e: ca.SX
     back: bool
@@ -119,7 +124,8 @@ class Equations:
         self.row_names = tuple(names)
         self.residual = _stack(rows)
         self.jacobian = ca.substitute(ca.jacobian(_stack(moved), self.steps), self.steps, 0)
-        self.offset, self.tilt = (ca.sqrt(ca.sum1(ca.vertcat(*x))) for x in (offsets, tilts))  # NaN remains
+        # A sum keeps NaN; a maximum could drop it.
+        self.offset, self.tilt = (ca.sqrt(ca.sum1(ca.vertcat(*x))) for x in (offsets, tilts))
         tool = mechanism.frame(mechanism.tool)
         self.T_base_tool = self.pose(tool.body, tool.T_body_frame)
 
@@ -182,7 +188,8 @@ class Equations:
         locked = [i for i in range(6) if i not in joint.free_axes]
         frame = [self._carried(a, ca.SX(e), False, stepping) for e in np.eye(3)]
         if locked[:3] == [0, 1, 2]:
-            # In a fixed frame (rest poses), so that out-of-plane directions of a planar loop are exactly zero.
+            # The gap is expressed in a fixed frame (that of the rest poses), so that the out-of-plane components of a
+            # planar loop are exactly zero.
             rest = self.mechanism.rest
             parted = ways[0][0].parent if ways[0] else ways[1][0].parent if ways[1] else joint.parent
             R = spatial.inverse(rest.get(parted, np.eye(4))) @ rest.get(joint.parent, np.eye(4)) @ joint.T_parent_joint

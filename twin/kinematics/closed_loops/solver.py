@@ -68,7 +68,7 @@ class LoopSolver:
     """Closed-loop forward kinematics of a mechanism; shares no code with the reference model that checks it.
 
     Attributes:
-        equations: its loop equations.
+        equations: loop equations of the mechanism.
         blocks: blocks of equations, in the order of solution.
         q, home: active joints (n,) and unknowns in the rest poses, with closed loops.
     """
@@ -84,14 +84,14 @@ class LoopSolver:
         self.blocks = blocks(self.equations)
         self.q, start = self.equations.rest()
         self._newton = [self._stage(i, b, start) for i, b in enumerate(self.blocks)]
-        known = {"q": self.q, **{p.name: x for p, x in zip(self.equations.passive, start, strict=True)}}
+        known = {"q": self.q, **{p.key: x for p, x in zip(self.equations.passive, start, strict=True)}}
         for stage in self._newton:
             for _ in range(_STEPS):
                 results = stage.function(*[known[n] for n in stage.takes])
                 known |= {n: r.full().ravel() for n, r in zip(stage.gives, results, strict=True)}
                 if not known["error"][0] > _LAST:
                     break
-        self.home = [known[p.name] for p in self.equations.passive]
+        self.home = [known[p.key] for p in self.equations.passive]
         self._signs = {n: float(v[0]) for n, v in known.items() if n.startswith("det ")}
         e = self.equations
         gaps = ca.Function("gaps", [e.q, e.states], [e.offset, e.tilt])(self.q, np.concatenate([*self.home, []]))
@@ -213,7 +213,7 @@ class LoopSolver:
         Inputs are q and the unknowns of the loops. Outputs are "pose" (12,), the first three rows of T_base_tool;
         "gaps" (3,), which are offset, tilt and margin (see `Closed`); and "states", the values of the unknowns.
         """
-        e, names = self.equations, [p.name for p in self.equations.passive]
+        e = self.equations
         determinants = [ca.SX.sym(n) for n in self._signs]
         margin = ca.SX(1)
         for d, sign in zip(determinants, self._signs.values(), strict=True):
@@ -221,11 +221,11 @@ class LoopSolver:
         outputs = [ca.vec(e.T_base_tool[:3, :].T), ca.vertcat(e.offset, e.tilt, margin), ca.densify(e.states)]
         arguments = [e.q, *[p.state for p in e.passive], *determinants]
         end = ca.Function("end", arguments, [ca.densify(x) for x in outputs], {"cse": True})
-        return [*self._newton, Stage(end, ("q", *names, *self._signs), ("pose", "gaps", "states"))]
+        return [*self._newton, Stage(end, ("q", *self._keys, *self._signs), ("pose", "gaps", "states"))]
 
     @cached_property
     def _cold(self) -> Kernel:
-        drawn = Stage(ca.Function("drawn", [], [ca.SX(x) for x in self.home]), (), tuple(self._names))
+        drawn = Stage(ca.Function("drawn", [], [ca.SX(x) for x in self.home]), (), tuple(self._keys))
         return Kernel([drawn, *self.stages], {"q": len(self.q)}, _RESULTS)
 
     @cached_property
@@ -243,8 +243,8 @@ class LoopSolver:
         return {"q": len(self.q), "seed": len(self._start)}
 
     @property
-    def _names(self) -> list[str]:
-        return [p.name for p in self.equations.passive]
+    def _keys(self) -> list[str]:
+        return [p.key for p in self.equations.passive]
 
     @property
     def _split(self) -> Stage:
@@ -254,7 +254,7 @@ class LoopSolver:
         for p in e.passive:
             parts.append(seed[at : at + p.state.numel()])
             at += p.state.numel()
-        return Stage(ca.Function("split", [seed], parts), ("seed",), tuple(self._names))
+        return Stage(ca.Function("split", [seed], parts), ("seed",), tuple(self._keys))
 
     def _stage(self, number: int, block: Block, start: list[Array]) -> Stage:
         """Return the stage that solves a block by Newton's method."""
@@ -277,9 +277,9 @@ class LoopSolver:
         new, at = {}, 0
         for k in block.unknowns:
             p = e.passive[k]
-            new[p.name] = p.stepped(step[at : at + p.step.numel()])
+            new[p.key] = p.stepped(step[at : at + p.step.numel()])
             at += p.step.numel()
-        arguments, names = [e.q, *[p.state for p in e.passive]], ("q", *self._names)
+        arguments, names = [e.q, *[p.state for p in e.passive]], ("q", *self._keys)
         results = {**new, "error": size, **more}
         function = ca.Function(f"block{number}", arguments, [ca.densify(x) for x in results.values()], {"cse": True})
         return Stage(function, names, tuple(results), _STEPS, _LAST, reciprocals=True)

@@ -1,4 +1,4 @@
-"""A protocol whose motions outside the patient go around what is in the way."""
+"""A protocol whose motions outside the patient go around obstacles."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
     phases = tuple(replace(p, scene=scene or p.scene) if isinstance(p, Free) else p for p in phases)
     types = {p.type for p in changed} | ({"free"} & set(protocol.limits))
     used = [protocol.limits[kind] for kind in sorted(types)]
-    text = f"{len(changed)} phases go around what is in the way: {', '.join(p.name for p in changed)}"
+    text = f"{len(changed)} phases go around obstacles: {', '.join(p.name for p in changed)}"
     found = [info("trajectory.avoiding", "", text)] if changed else []
     return replace(
         protocol,
@@ -55,6 +55,6 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
 
 
 def _strictest(used: Sequence[Limits]) -> Limits:
-    """Return the smallest of each limit."""
+    """Return the minimum of each limit over `used`."""
     numbers = [f.name for f in fields(Limits) if isinstance(getattr(used[0], f.name), (int, float))]
     return replace(used[0], **{name: min(getattr(limits, name) for limits in used) for name in numbers})

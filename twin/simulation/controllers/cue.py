@@ -5,8 +5,8 @@ With p in mm and v in mm/s, of model and machine, dp = p_model - p_machine, and 
 - "printed": F = 0.05 where |dp| > tol, and else kp |dp| + kd |dv|. So the force falls when the limit is passed, and is
   not 0 below it; the unit of 0.05 is not printed.
 - "corrected": F = 0 where |dp| <= tol, and else min(kp |dp| + kd |dv|, most). This reading, kp, kd and the largest
-  force are ASSUMED: they are not published. At the limit, the force jumps by kp tol; with `blend`, it grows from 0 over
-  the distance `blend`.
+  force are ASSUMED: they are not published. At the limit, the force jumps by kp tol + kd |dv|; with `blend`, it grows
+  from 0 over the distance `blend`.
 """
 
 from __future__ import annotations

@@ -272,7 +272,7 @@ class HandToPose(Block):
         return self.arms[i].kin.forward(signals[f"{self.arms[i].robot}.encoder"], self._tools[i])
 
     def _state(self, i: int, signals: Signals) -> float:
-        """Return the state of the plan of an arm; where it changes, the hand is coupled again."""
+        """Return the state of the plan of an arm; couple the hand again if the state has changed."""
         state, before = self._planned[i].item(0), self._states[i]
         if state != before:
             self._states[i] = state

@@ -85,7 +85,8 @@ def hand_force(
     away = pull * (size / ca.if_else(touches, depth, 1.0))
     force = symbolic.unflat(view, 4, 4)[:3, :3].T @ ca.if_else(touches, away, ca.SX.zeros(3))
     force = clipped(force + ca.if_else(acts, pulse, ca.SX.zeros(3)), surface.largest)
-    # More than the surface holds now, and one surface more, is not kept: old motion does not pay for new force.
+    # Keep at most the energy stored at this depth plus that at the largest force, so that energy from motion long ago
+    # does not allow new forces.
     full = stored(ca.SX(surface.largest / surface.stiffness), surface.stiffness, surface.largest)
     kept = stored(depth, surface.stiffness, surface.largest) / ca.fmax(scale, 1e-3) + full
     energy = ca.fmin(energy, kept)
@@ -95,7 +96,7 @@ def hand_force(
 
 
 def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: Limits, moves: np.ndarray) -> ca.SX:
-    """Return the row of the plane that holds the tool while a joint is at its limit; zeros if none is.
+    """Return the row of the plane that holds the tool while a joint is at its limit; zeros if no joint is.
 
     The goal follows the hand, but the tool stays behind: the distance from the goal to the tool is the depth.
     """

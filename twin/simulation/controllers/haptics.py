@@ -133,7 +133,7 @@ class HapticHand(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Compute the force of this tick, which the device holds until the next one."""
-        if self._fresh:  # the pose before the first tick is not one of the device
+        if self._fresh:  # before the first tick, the device has written no pose
             self._state[LAST], self._fresh = self._pose[:3, 3], False
         i = int(self._taps()) % len(self._arms)
         arm, q = self._arms[i], self._encoders[i]

@@ -23,7 +23,7 @@ class Pedals(Block):
     the device is silent (its signal `<device>.silent`, if it exists, is 1); silence does not count as a tap.
 
     With `planned`, it also reads `<robot>.planned` of these arms: while a motion is planned or made, the camera rests,
-    because its arm is among the obstacles. It moves while the hand moves the target.
+    because its arm is among the obstacles. The camera can move while the hand moves the target.
     """
 
     def __init__(self, device: str, tap: float = TAP, planned: Sequence[str] = ()) -> None:

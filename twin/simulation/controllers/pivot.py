@@ -1,8 +1,8 @@
 """An instrument that passes a port: a hand controls its tip, or its outer end, so that the port inverts the motion.
 
 The port is the fulcrum of a lever. If the hand controls the outer end ("direct"), as a hand outside the patient does, a
-motion to the right moves the tip to the left by inner / outer length times the motion. If the hand controls the tip
-("compensated"), the controller computes the motion of the outer end.
+motion to the right moves the tip to the left by this motion times inner length / outer length. If the hand controls the
+tip ("compensated"), the controller computes the motion of the outer end.
 """
 
 from __future__ import annotations

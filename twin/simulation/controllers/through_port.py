@@ -87,9 +87,9 @@ class ThroughPort(Block):
 
 
 def _way(p_port: Array) -> Evaluator:
-    """Return the function of two poses (16 each) that gives the way (4) from one to the other.
+    """Return the function of two poses (16 each) that gives the displacement `way` (4) from the first to the second.
 
-    The way is the direction about x and y of the tool in rad, the depth in m, and the roll in rad.
+    The values are the tilt about x and y of the tool in rad, the change of depth in m, and the roll in rad.
     """
     z = ca.SX.sym("z", 32)
     T, goal = symbolic.unflat(z[:16], 4, 4), symbolic.unflat(z[16:], 4, 4)
@@ -105,10 +105,10 @@ def _way(p_port: Array) -> Evaluator:
 
 
 def _allowed(kin: Kinematics, p_port: Array) -> Evaluator:
-    """Return the function that tries a way: (joint step (n), part of this step within its limits; 1 if all of it is).
+    """Return the function that tries a way: (joint step (n), fraction of this step that is within its limits).
 
     Its arguments are a pose (16), a way (4), q (n), and the smallest and the largest joint step (n each). If the end of
-    the way is out of reach, the part is 0.5.
+    the way is out of reach, the fraction is 0.5.
     """
     n = len(kin.joints)
     z = ca.SX.sym("z", 20 + 3 * n)

@@ -47,12 +47,12 @@ _JAW = 2.0
 _UM, _STILL = 1e-6, np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.0])
 
 _READY, _SETTLE = 1.0, 0.5
-"""Maximum time in s until both are in PEDAL_DN; time in s after the last packet until the machine is at rest."""
+"""Maximum time in s until machine and model are in PEDAL_DN; time in s after the last packet until both are at rest."""
 
 _SILENCE = 1.0
 """Maximum time in s for which the hands may be silent in a replay (ASSUMED).
 
-The hands do not move the machine in a replay, but their clutch stops it; it is not read while they are silent.
+The hands do not move the machine in a replay, but the clutch stops it; while the hands are silent, it cannot be read.
 """
 
 
@@ -128,7 +128,8 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
         "press its start button, and wait for PEDAL_UP",
         Why.TOO_FAST: f"the rehearsed tip moved at {value / MM:.0f} mm/s (limit {bounds.rehearsed / MM:.0f}): "
         f"{again} more slowly",
-        Why.OUT_OF_REACH: f"{value:.0f} packets had a target out of reach (limit 0): {again} within the ranges",
+        Why.OUT_OF_REACH: f"{value:.0f} packets had a target out of reach (limit 0): {again} within the ranges of "
+        "the joints",
         Why.MODEL_STOPPED: f"the model stopped in the rehearsal: {again} more slowly",
         Why.START: f"{robot} is {value / MM:.1f} mm from where the record begins (limit {bounds.start / MM:g}): move "
         f"it to the start by teleoperation, or {again} from here",
@@ -140,7 +141,7 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
         f"(limit {bounds.deviation / MM:g}); find the cause before the next replay",
         Why.MACHINE_STOPPED: f"the replay was stopped: {robot} left PEDAL_DN "
         f"(run level {Level(int(value)).name if 0 <= value <= 3 else value})",
-        Why.OPERATOR: "the replay was stopped by the clutch, or because the hands are silent",
+        Why.OPERATOR: f"the replay was stopped by the clutch, or because the hands were silent for {_SILENCE:g} s",
     }[why]
 
 
@@ -244,8 +245,8 @@ class Tips:
 class Trainer(Block):
     """Writes the packets of a machine and of its model.
 
-    Writes `<robot>.packet` (9,) for the machine, `<robot>.given` (10,) for the model, whose last value is 1 in a tick
-    in which the model takes the joint values of the machine, and `<robot>.phase` (3,): `Phase`, `Why`, and the value
+    Writes `<robot>.packet` (9,) for the machine, `<robot>.given` (10,) for the model (its last value is 1 in a tick
+    in which the model takes the joint values of the machine), and `<robot>.phase` (3,): `Phase`, `Why`, and the value
     for `told`.
 
     Reads `pedals.training`, `console.mode`, `<robot>.goal`, `<robot>.follows`, `<robot>.planned`, `<robot>.jaw`,
@@ -317,10 +318,10 @@ class Trainer(Block):
         return self._silent in signals and signals.now[self._silent].item() > 0.5
 
     def _is_planned(self, signals: Signals) -> bool:
-        """Return whether the goal is that of a plan, which no hand moves."""
+        """Return whether a plan moves the goal, instead of a hand."""
         return self._planned in signals and signals.now[self._planned].item(0) == RUN
 
-    # -- what is asked for ----------------------------------------------------------------------------
+    # -- requested modes -----------------------------------------------------------------------------
 
     def _change(self, wanted: Mode, s: Mapping[str, Array], ready: bool, t: float) -> None:
         self._why, self._value = Why.NOTHING, 0.0
@@ -400,7 +401,7 @@ class Trainer(Block):
         self._fastest = max(self._fastest, float(s["model"][1]))
 
     def _replayed(self, s: Mapping[str, Array], held: bool, t: float) -> Array:
-        """Return the values of the next packet of the record; it waits until both are in PEDAL_DN."""
+        """Return the values of the next packet; the record waits until machine and model are in PEDAL_DN."""
         level, record, down = s["run"][LEVEL], self._record, np.append(_STILL[:8], 1.0)
         values = record[self._k] if self._k < len(record) else down
         if min(s["model"][0], level) >= Level.PEDAL_DN or values[8] < 0.5:

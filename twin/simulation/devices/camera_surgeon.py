@@ -1,4 +1,4 @@
-"""A simulated surgeon, with a random seed, who aligns the endoscope with a rectangle, with both hands at the pedal.
+"""A simulated surgeon, with a random seed, who aligns the endoscope with a rectangle by both hands.
 
 The surgeon looks at the ends of the rectangle's upper side in the picture, presses the camera pedal, and moves both
 hands: in the same direction to move the scene, in opposite directions to roll it. After each

@@ -26,11 +26,11 @@ from twin.simulation.ways import Ways
 
 Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
 """Mistakes on request: the first hand opens before the second arm holds the ring; the first arm guides the ring itself;
-the ring is released in the middle of the wire; it is laid on the wire for half of it; an instrument is moved into the
+the ring is released in the middle of the wire; it lies on the first half of the wire; an instrument is moved into the
 wall of the dome; the instruments stay in the dome."""
 
 _TRIES = 3
-"""Number of grasps after which the surgeon gives the ring up, and of searches for a way."""
+"""Maximum number of grasps of the ring, and of searches for a way, before the surgeon gives up."""
 
 HABITS = Habits(hand=Hand(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.2), open=30 * DEG)
 
@@ -47,9 +47,9 @@ class Manner:
         lift: distance by which the ring is lifted out of its pocket.
         meet: (3,) meeting place of both arms, from the free end of the wire.
         ahead: distance of the ring from the free end of the wire before it is put over it.
-        step: part of the wire along which the ring is guided in one movement.
+        step: length of the wire along which the ring is guided in one movement.
         last: distance of the ring from the end of the wire when it is released.
-        fallen: distance of the ring below the wire from which the surgeon does not try to grasp it.
+        fallen: height of the free end of the wire above the ring from which the surgeon does not try to grasp the ring.
         near, fine: remaining distance at the end of a rough and of a fine movement.
     """
 
@@ -73,7 +73,7 @@ class GuidingSurgeon(SurgeonHands):
     each arm is that of its closed jaws: z out of the tips, y along the closing direction.
 
     Attributes:
-        missed: what the surgeon gave up: names of steps, or "way of", the robot and why there is none.
+        missed: what the surgeon gave up: names of steps, or "way of <robot>: <reason>".
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class GuidingSurgeon(SurgeonHands):
         return max(room, key=lambda flip: room[flip])
 
     def _carrying(self, hand: str, centre: Array, n: Array) -> Array:
-        """Return the pose (4, 4) of the tool with the ring, as it is in the jaws now, at a centre (3,), axis n (3,)."""
+        """Return the tool pose (4, 4) that brings the ring, held as it is now, to a centre (3,) and an axis n (3,)."""
         T, T_ring = self._tool(hand), self._pose()
         R = self._grasp(hand, centre, n)[:3, :3]
         held = R @ T[:3, :3].T @ self._axis(T[:3, :3] @ R.T @ n)

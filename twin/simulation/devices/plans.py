@@ -1,7 +1,7 @@
-"""Planned motions of the arms of a console, as an input of the World: whose target the hand moves, and poses to follow.
+"""Planned motions of the arms of a console, as an input of the World: states of the arms, and poses to follow.
 
-A plan is made outside of the World. What the World receives, tick by tick, are its states and poses; so a recorded
-session is replayed without planning again.
+A plan is made outside of the World. The World receives its states and poses tick by tick, so that a recorded session is
+replayed without planning again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _BEHIND = 0.5
 """Time in s for which a machine may be behind its plan; older poses of the plan are not compared with its tip."""
 
 _DEVIATION = 3 * MM
-"""Largest distance of a tip from its path in m; beyond, the motion is stopped (ASSUMED)."""
+"""Largest distance of a tip from its path in m; above it, the motion is stopped (ASSUMED)."""
 
 _READY, _SETTLE = 1.5, 1.0
 """Largest time in s until a machine is in PEDAL_DN; time in s in which an arm comes to rest at the end (ASSUMED)."""
@@ -54,14 +54,14 @@ class Plans(Block):
 
     Attributes:
         robot: name of the arm that is planned for; "": none.
-        state: its state.
+        state: state of this arm, see `controllers.planned`.
         why: why the last motion was stopped; "" if it was not.
         arrived: whether the last motion ended at the end of its path.
         off: largest distance in m of the tip from the path of the last motion.
     """
 
     def __init__(self, device: str, arms: Mapping[str, PlannedArm]) -> None:
-        """Prepare for arms by the names of their places; `device` is that of the pedals."""
+        """Prepare for arms by the names of their places; `device`: name of the device of the pedals."""
         self._arms, self._silent, self._heard = dict(arms), f"{device}.silent", 0.0
         self.robot, self.state, self.why, self.arrived, self.off = "", OFF, "", False, 0.0
         self._Ts, self._k, self._since = np.zeros((0, 4, 4)), 0, 0.0
@@ -164,9 +164,9 @@ class Plans(Block):
         return None
 
     def _is_down(self, signals: Signals, t: float) -> bool:
-        """Return whether what moves is in PEDAL_DN; end the motion if it does not get there.
+        """Return whether machine and model are in PEDAL_DN; end the motion if they leave it or do not reach it in time.
 
-        The machine and its model move; in a rehearsal of the trainer, the model alone.
+        In a rehearsal of the trainer, only the model counts.
         """
         name = self.robot
         run, level = signals[f"{name}.run"], signals[f"{name}.model"][0]

@@ -40,8 +40,8 @@ class Manner:
         aim: standard deviation of the aim in m, along each axis.
         quick, slow: mean speeds in m/s far from and near to tissue.
         before: distance from which a tool approaches.
-        lift: (3,) by which the organ is lifted before clipping, in m.
-        peel: (3,) by which it is lifted further for each freed cell of the bed, in m.
+        lift: (3,) displacement in m by which the organ is lifted before clipping.
+        peel: (3,) displacement in m by which it is lifted further for each freed cell of the bed.
         view: distance of the endoscope from the vessel in m.
         press: time in s for which jaws stay closed.
         taken, cut, kept: positions along the vessel, as fractions of its length from the organ: of the first clip on
@@ -123,7 +123,7 @@ class ProcedureSurgeon(Block):
         self._worker = self._carrier("clip_applier", others)
         for kind in ("scissors", "cautery"):
             if self._carrier(kind, others) != self._worker:
-                raise WorldError(f"{self._worker} cannot carry {kind}; add it to `robots` of the tool")
+                raise WorldError(f"{self._worker} cannot carry {kind}; add {self._worker} to `robots` of such a tool")
         everyone = [*self._arms.values(), camera]
         self._at = {a.robot: a.tip.copy() for a in everyone}
         self._shake = {a.robot: Tremor(self._rng, self.manner.hand, dt) for a in everyone}
@@ -135,7 +135,7 @@ class ProcedureSurgeon(Block):
         self.outputs = self._said(still=True)
 
     def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
-        """Return the robot with a tool of a kind: the one that starts with it, or else the first that can carry it."""
+        """Return the robot for a kind of tool: the robot that starts with it, or else the first that can carry it."""
         p = self.procedure
         able = [n for n in among if any(t.kind == kind and n in t.robots for t in self._tools.values())]
         if not able:
@@ -245,7 +245,7 @@ class ProcedureSurgeon(Block):
         for _ in range(_TRIES):
             now = organ.weights @ self._now[f"{organ.name}.nodes"].reshape(-1, 3)
             far = now - root
-            high = now[:, 2] > np.quantile(now[:, 2], 0.8)  # from above, where the port is
+            high = now[:, 2] > np.quantile(now[:, 2], 0.8)  # the grasper comes from above
             point = now[np.flatnonzero(high)[np.argmax(np.linalg.norm(far[high], axis=1))]]
             yield from self._to(holder, self._aimed(point))
             self._opening[holder] = 0.0
@@ -293,7 +293,7 @@ class ProcedureSurgeon(Block):
         return sum(float(self._now[n][0]) >= 1 - 1e-9 for n in names)
 
     def _close_at(self, vessel: str, s: float, aside: float = 0.0) -> Iterator[None]:
-        """Bring the middle of the jaws to a place along a vessel, `aside` in m beside it, close and open them."""
+        """Bring the middle of the jaws to a place along a vessel, or `aside` m beside it; close and open the jaws."""
         robot = self._worker
         point, along = self._place(vessel, s)
         tool = self._tools[[*self._tools][self._tool[robot]]]
@@ -316,7 +316,7 @@ class ProcedureSurgeon(Block):
         self.missed.append("cut")
 
     def _remove(self) -> Iterator[None]:
-        """Free the bed cell by cell from the side of the instrument, while the organ is lifted; then take it out."""
+        """Free the bed cell by cell from the instrument's side, while the organ is lifted; then take the organ out."""
         robot, holder, organ = self._worker, self._holder, self._organ.name
         yield from self._change(robot, "cautery")
         order = np.argsort(np.linalg.norm(self._bed() - self._arms[robot].port, axis=1))

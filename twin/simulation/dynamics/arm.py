@@ -99,7 +99,10 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
     else:
         for body in mechanism.bodies:
             if body.meshes and body.inertia is None and body.name != mechanism.base:
-                raise MechanismError(f"{mechanism.name}: body '{body.name}' has no mass: give its material a density")
+                raise MechanismError(
+                    f"{mechanism.name}: body '{body.name}' has no mass: give its parts a material with a density, or "
+                    f"state its mass; `twin info --inertia` names parts that cannot be weighed"
+                )
     out = without_fixed(mechanism)
     bodies = {b.name: b for b in out.bodies}
     missing = [j.name for j in out.tree if bodies[j.child].inertia is None]

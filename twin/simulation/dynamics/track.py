@@ -219,7 +219,10 @@ def run(
     c, tick = conditions, 1.0 / conditions.rate
     k, n = _checked(arm, motion, c)
     if not (c.w > 0 and c.velocity_cutoff > 0 and c.quantisation >= 0):
-        raise TwinError(f"w = {c.w:g} rad/s and the cut-off of {c.velocity_cutoff:g} Hz must be above 0")
+        raise TwinError(
+            f"w = {c.w:g} rad/s and the cut-off of {c.velocity_cutoff:g} Hz must be above 0, and the encoder step of "
+            f"{c.quantisation:g} rad at least 0"
+        )
     if abs(tick / STEP - round(tick / STEP)) > 1e-9:
         raise TwinError(f"at {c.rate:g} Hz, a control tick is not a whole number of steps of {STEP * 1e3:g} ms")
     model, plant, half = model_of(arm, c), plant_of(arm, c), 0.5 * tick * c.middle

@@ -160,7 +160,7 @@ class Arena:
         tips = self._tips(model.q[:k])
         stopped = seen.levels == Level.E_STOP
         wanted = tips.copy()
-        if stopped.any():  # from then on the machine has to stand where the model was
+        if stopped.any():  # after the stop, the machine should stand where the model was at the stop
             wanted[stopped] = wanted[int(np.argmax(stopped))]
         true = self._tips(seen.q)
         apart = np.linalg.norm(true - wanted, axis=1) * _MM

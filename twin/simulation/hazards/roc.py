@@ -42,7 +42,8 @@ class Roc:
 
     def at(self, limit: float) -> tuple[float, float]:
         """Return the fractions (detected, false) for a limit."""
-        k = int(np.argmax(self.limits <= limit))  # scores above a limit are those above the next score below it
+        # the same scores are above `limit` as above the largest listed limit that is at most `limit`
+        k = int(np.argmax(self.limits <= limit))
         return float(self.detected[k]), float(self.false[k])
 
 

@@ -27,7 +27,7 @@ class ClassRow:
     Attributes:
         kind, scenario, location: the class, its scenario in the paper's table ("": none), and where its faults act.
         sessions: completed sessions.
-        harmed: the tip deviated more than `HARM` before a check had stopped the arm, or without a stop.
+        harmed: the tip deviated more than `HARM`, before or after a stop.
         beyond: the tip deviated more than 3 mm.
         felt: there was a force (cue) on the operator's hand.
         stopped: a check stopped the arm.

@@ -58,9 +58,9 @@ class Trainee:
         self.noticed: float | None = None
         self.responses: dict[Response, float] = {}
         self._next: tuple[float, Response | Literal["decide"]] | None = None
-        self._waits: float | None = None  # since when he waits for the arm after a restart
-        self._works = 0.0  # from when on he expects the arm to follow
-        self._quiet = float("inf")  # when the session ends if nothing happens
+        self._waits: float | None = None  # time in s of the restart after which the trainee waits for the arm
+        self._works = 0.0  # time in s from which the trainee expects the arm to follow
+        self._quiet = float("inf")  # time in s at which the session ends if nothing happens
 
     def step(self, t: float, felt: bool, level: Level) -> None:
         """React at t in s; `felt`: whether there is a force on the hand, `level`: run level that the machine shows."""

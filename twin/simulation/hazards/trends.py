@@ -174,7 +174,8 @@ class Trends(Result):
         rows = [(f"{r.scale:g}", f"{r.mean:.3f}", f"{r.spread:.3f}", f"{r.peak:.3f}") for r in self.scales]
         yield Grid(("motion scale", "mean mm", "spread mm", "largest mm"), rows)
         word = "grows" if self.grows else "does not grow"
-        yield f"  it {word} with the scale; in the paper it grows, {PUBLISHED[0]} ± {PUBLISHED[1]} mm over these scales"
+        paper = f"in the paper it grows, {PUBLISHED[0]} ± {PUBLISHED[1]} mm over these scales"
+        yield f"  the deviation {word} with the scale; {paper}"
         t = self.table.stuck
         yield f"\n{self.motor} stuck for {t.cycles} cycles every {t.every * TICK:g} s, motion scale {t.scale:g}"
         yield Grid(
@@ -232,7 +233,7 @@ def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str
 
 
 def _apart(parts: Parts, run: Trace, model: Trace) -> Array:
-    """Return the distance (k,) of the true tips in mm; after a stop, from where the model was at the stop."""
+    """Return the distance (k,) of the true tips in mm; after a stop, that from the model's tip at the stop."""
     k = len(run.q)
     wanted = parts.kin.forward_many(model.q[:k])[:, :3, 3]
     stopped = run.levels == Level.E_STOP

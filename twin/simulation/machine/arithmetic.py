@@ -1,9 +1,9 @@
 """Compiled arithmetic of one tick of the control software, for n motors and joints.
 
-    low-pass    v' = v + c ((x - x_before) / h - v), c its share of a difference in one tick, h the tick
+    low-pass    v' = v + c ((x - x_before) / h - v); c: fraction of a difference corrected in one tick, h: the tick
     sense       m = counts times angle of a count; w' = low-pass of m
     aim         r' = low-pass of the desired joints; errors of the joints q_desired - q and r' - qd
-    drive       s' = s + h e; counts = ((kp e + ki s' + kd de) + T^T efforts) times counts per N m, towards 0
+    drive       s' = s + h e; counts = ((kp e + ki s' + kd de) + T^T efforts) times counts per N m, rounded towards 0
 
 T is the matrix of the transmission (q = T m). The kernels are exact: each operation is rounded on its own, as in numpy,
 which takes five times as long.

@@ -72,7 +72,7 @@ _STILL = (0.02, 2e-3)
 """Largest rates of joints with brakes in rad/s and m/s at which homing is complete."""
 
 _EASE = 1.875
-"""Largest speed of a minimum-jerk motion over its mean speed."""
+"""Largest speed of a minimum-jerk motion, divided by its mean speed."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,9 @@ class Parts:
         """Compile the robot.
 
         Raises:
-            MechanismError: the mechanism has loops, has no posture `home`, or lacks a frame of the settings; or the
-                gains make a joint oscillate.
+            MechanismError: the mechanism has loops, or lacks a frame of the settings; or the gains make a joint
+                oscillate.
+            WorldError: the mechanism has no posture `home`.
         """
         m = arm.mechanism
         if m.home is None:
@@ -207,7 +208,7 @@ class Machine:
         self.plc.start(max(self.t, 0.0))
 
     def stand(self, q: Array) -> None:
-        """Set the arm at rest at joint values q (n,), initialised, in PEDAL_UP with brakes; reset its errors."""
+        """Set the arm at rest at joint values q (n,), initialised, in PEDAL_UP with brakes; reset the servo."""
         self.plant.reset(q)
         self.plc.ready()
         self._reader.hold(Level.PEDAL_UP)

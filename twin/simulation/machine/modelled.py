@@ -35,7 +35,8 @@ class Modelled(Block):
     - `<robot>.model` (3,): run level of the model, speed of its tip in m/s, packets whose target was out of reach;
     - `<robot>.deviation` (2,): distance in m between the tips of machine and model; speed of the machine's tip in m/s;
     - `<robot>.apart` (n,): joint values of the model minus those of the machine, rad or m;
-    - `<robot>.cue` (3,): force of the cue in N in base; 0 unless the hand moves both, and both are in PEDAL_DN.
+    - `<robot>.cue` (3,): force of the cue in N in base, in teleoperation and replay; 0 unless machine and model are in
+      PEDAL_DN.
     """
 
     def __init__(self, robot: str, parts: Parts, cue: Cue, q: Array) -> None:

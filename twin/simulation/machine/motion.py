@@ -117,5 +117,5 @@ def _about_z(angle: Any) -> Any:
 
 
 def _carried(turn: Any, w: Any, r: Any) -> Any:
-    """Return the acceleration of a point at r on a body whose origin has none."""
+    """Return the acceleration of a point at r on a body whose origin does not accelerate."""
     return ca.cross(turn, r) + ca.cross(w, ca.cross(w, r))

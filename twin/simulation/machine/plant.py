@@ -77,7 +77,7 @@ class Physics:
         """Return all parameters as one vector.
 
         Raises:
-            MechanismError: a number is not finite, a mass is not above 0, or a friction or rotor is negative.
+            MechanismError: a number is not finite, a factor of a mass is below 0.001, or a friction or rotor negative.
         """
         joints = [j.name for j in arm.mechanism.active]
         parts = {

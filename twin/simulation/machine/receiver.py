@@ -12,9 +12,10 @@ class Receiver:
     """Reads the packets for one arm.
 
     As in the released software, a packet with sequence number 0 is sent back. If numbers are missing, the first packet
-    after the gap is dropped, and the next one is accepted. Unlike the released software, the checksum is checked, and
-    numbers must increase: there, a packet with a number more than 1000 lower restarts the numbering, so that old
-    packets are accepted again. A master controls the machine until it has been silent for `timeout` s.
+    after the gap is dropped, and the next one is accepted. Unlike in the released software, the checksum must be
+    correct, and numbers must increase. In the released software, a packet with a number more than 1000 lower restarts
+    the numbering, so that old packets are accepted again. A master controls the machine until it has been silent for
+    `timeout` s.
 
     Attributes:
         master: address of the sender whose packets are accepted; None: the next one.

@@ -104,11 +104,11 @@ class Server:
         said: Callable[[str], None] = lambda text: None,
         ends: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Run for a time in s, or until `ends` returns True; it is called 20 times per second.
+        """Run for a time in s, or until `ends` returns True; `ends` is called 20 times per second.
 
         `said` gets a line for each change of the run level, with its reason.
         """
-        gc.freeze()  # else the collector goes through all imported modules, which takes many ticks
+        gc.freeze()  # without this, garbage collection checks all imported modules, which takes many ticks
         begin, k, level = time.monotonic(), 0, None
         while k * TICK < seconds and not (k % _ASK == 0 and ends()):
             due = begin + k * TICK

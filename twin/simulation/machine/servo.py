@@ -80,7 +80,7 @@ class Servo:
             return asked
         size, names = np.abs(asked), self.mechanism.motor_names
         over = size > self.limit
-        if not size.max() <= self._stop_dac:  # a value that is not a number is above every limit
+        if not size.max() <= self._stop_dac:  # NaN counts as above every limit
             i = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
             self.stop = f"the command for {names[i]} is {asked[i]:.0f} DAC counts (limit {self._stop_dac:.0f})"
         elif over.any():

@@ -32,7 +32,7 @@ def angle(ends: Array) -> float:
 
 
 def off(ends: Array, line: float) -> float:
-    """Return the largest distance between the same ends of upper side and line, divided by the line's length.
+    """Return the largest distance between corresponding ends of upper side and line, divided by the line's length.
 
     Args:
         ends: (2, 2) ends of the upper side, as `seen_ends` returns them.

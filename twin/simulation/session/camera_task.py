@@ -103,8 +103,9 @@ def in_picture(sight: Sight, view: float) -> tuple[float | None, str]:
     """Return (AlignErr in rad in the drawn picture, ""), or (None, reason) if it cannot be measured."""
     drawn = picture.draw(sight.surfaces, RECTANGLE, sight.T_world_camera, view)
     if sum(drawn.covered.values()) > _COVERED:
-        parts = [f"{n} covers {Quantity(100 * part, '%')}" for n, part in drawn.covered.items() if part > _COVERED / 4]
-        return None, f"{' and '.join(parts)} of the rectangle: move it aside"
+        parts = {n: part for n, part in drawn.covered.items() if part > _COVERED / 4}
+        said = " and ".join(f"{n} covers {Quantity(100 * part, '%')}" for n, part in parts.items())
+        return None, f"{said} of the rectangle: move {' and '.join(parts)} aside"
     try:
         return upper_side.angle(drawn.rgb), ""
     except upper_side.UnmeasuredError as error:

@@ -21,7 +21,7 @@ from twin.model.movable import Movable
 from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS, Member
+from twin.simulation.console_scene import Member
 from twin.simulation.contact_scene import Course
 from twin.simulation.session.referee import InstrumentReferee, Runs, signals_of
 from twin.simulation.session.rings import crossing
@@ -31,7 +31,7 @@ STEPS = ("picked up", "handed over", "guided", "released", "retracted")
 """Steps of the task, in order."""
 
 _ENTRY = 0.25
-"""Part of the wire, from its free end, in which the ring must come onto it; ASSUMED."""
+"""Fraction of the wire, from its free end, in which the ring must be put over the wire; ASSUMED."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,15 @@ class GuideMeasures:
 
     Attributes:
         steps: time in s at which each of `STEPS` was done; None: it is not. The last two must last until the end.
-        passed: part of the wire that the second arm guided the ring along without leaving it, 0 to 1.
+        passed: fraction (0 to 1) of the wire along which the second arm guided the ring without leaving the wire.
         touches: number of touches of the wire by the held ring.
         touching: time in s of these touches.
-        drops: number of times that no hand held the ring any more, until it has been guided. Before it is picked up,
-            only a ring that comes to lie elsewhere counts, not a grasp that failed.
+        drops: number of times that the hands lost the ring before it was guided. Before the ring is picked up, this
+            counts only if the ring then lies elsewhere; a failed grasp does not count.
         collisions: number of collisions of an instrument with a fixed part, or with the other instrument.
         time: time in s from the first moment in which an arm follows its hand until the last step is done; if a step is
             not done, until the end of the session.
-        allowed: errors up to which the task counts as done: (name, value, largest value, unit).
+        allowed: errors with their limits: (name, value, largest allowed value, unit).
     """
 
     steps: Mapping[str, float | None]
@@ -67,7 +67,7 @@ class GuideMeasures:
 
     @property
     def exceeded(self) -> list[tuple[str, float, float, str]]:
-        """Errors above what is allowed: (name, value, largest value, unit)."""
+        """Errors above their limits: (name, value, largest allowed value, unit)."""
         return [row for row in self.allowed if row[1] > row[2]]
 
     def rows(self) -> list[tuple[str, str]]:
@@ -225,7 +225,7 @@ class Referee(InstrumentReferee):
         if task.guide is None:
             raise TwinError(f"task '{task.name}' has no ring to guide")
         table, places = console_scene.console_of(scene), {p.name: p for p in scene.places}
-        robots = [n for hand in HANDS for n in getattr(table, hand)]
+        robots = [*console_scene.hands_of(scene)]
         ring = next(o for o in scene.objects if o.name == task.guide.ring)
         tools = {n: _tool(places[n].T_world_base, members[n].kin) for n in robots}
         return cls(task.guide, ring, course, robots, getattr(table, task.guide.first)[0], tools, period)

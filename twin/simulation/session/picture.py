@@ -108,7 +108,7 @@ def _project(surfaces: Sequence[Surface], T_world_camera: Array, focal: float) -
 
 
 def _reaches(flat: Array, low: np.ndarray, high: np.ndarray, depth: float) -> np.ndarray:
-    """Return (k,) bool: whether a triangle's plane is nearer than an inverse depth in a box; others cover nothing."""
+    """Return (k,) bool: whether a triangle may be nearer than an inverse depth in a box; others cover nothing."""
     a, b, c = flat[:, 0], flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     area = np.where(np.abs(area) < 1e-12, np.inf, area)

@@ -14,8 +14,9 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.procedure import ProcedureTable
+from twin.model.scene import Scene
 from twin.model.tissue import Tissue
-from twin.model.vessel import Vessel
+from twin.simulation import operating_scene
 from twin.simulation.world import Block, Recording, Signals
 
 _SHUT = 1 - 1e-9
@@ -110,28 +111,27 @@ class ProcedureReferee(Block):
 
     def __init__(
         self,
+        scene: Scene,
         p: ProcedureTable,
         organ: Tissue,
-        vessels: Sequence[Vessel],
-        ports: Sequence[Array],
         clips: Sequence[str],
         period: float,
     ) -> None:
         """Begin with no sample.
 
         Args:
+            scene: the scene; its vessels are in the order of their numbers in `clip_<k>.on`.
             p: the procedure.
             organ: the organ that the procedure removes.
-            vessels: all vessels, in the order of their numbers in `clip_<k>.on`.
-            ports: (3,) of each port in the World in m.
             clips: names of the signals `clip_<k>.on`.
             period: time in s between two samples.
         """
         self.procedure, self.period = p, period
         self.robots = [*p.start]
-        self._organ, self._vessels, self._ports = organ, tuple(vessels), np.array(ports)
+        self._organ, self._vessels = organ, scene.vessels
+        self._ports = np.array([operating_scene.port_of(x) for x in operating_scene.robots_of(scene, p)])
         self._middle = organ.weights.mean(axis=0)
-        self._number = next(k for k, v in enumerate(vessels) if v.name == p.vessel)
+        self._number = next(k for k, v in enumerate(scene.vessels) if v.name == p.vessel)
         self._clips = [n.removesuffix(".on") for n in clips]
         self.closed, self.t, self._samples = list[Closed](), 0.0, 0
         self.lift = self.seen = 0.0
@@ -140,7 +140,7 @@ class ProcedureReferee(Block):
         self._run = self._best = 0
         self._shown: float | None = None
         self._t_cut = np.inf
-        self._cuts = [np.zeros(v.segments) for v in vessels]
+        self._cuts = [np.zeros(v.segments) for v in scene.vessels]
         self.freed, self.energy = np.zeros(len(organ.held), bool), np.zeros(len(organ.held))
         self.out = np.inf
         self._removed: tuple[float, bool] | None = None  # first time at which it was done, whether it is now
@@ -309,16 +309,10 @@ class ProcedureReferee(Block):
         return Check("vessels", not wrong, None, text, bool(wrong))
 
 
-def measure(
-    kept: Recording,
-    p: ProcedureTable,
-    organ: Tissue,
-    vessels: Sequence[Vessel],
-    ports: Sequence[Array],
-) -> ProcedureMeasures:
+def measure(kept: Recording, scene: Scene, p: ProcedureTable, organ: Tissue) -> ProcedureMeasures:
     """Return the measures of a session; `kept`: the signals that the referee reads. See `ProcedureReferee`."""
     clips = [n for n in sorted(kept.sizes) if n.startswith("clip_") and n.endswith(".on")]
-    referee = ProcedureReferee(p, organ, vessels, ports, clips, kept.dt)
+    referee = ProcedureReferee(scene, p, organ, clips, kept.dt)
     columns = [(name, kept[name]) for name in kept.sizes]
     for k, t in enumerate(kept.t.tolist()):
         referee.see({name: column[k] for name, column in columns}, t)

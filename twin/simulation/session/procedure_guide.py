@@ -8,9 +8,10 @@ from typing import Any, Literal
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.procedure import ProcedureTable
+from twin.model.scene import Scene
 from twin.model.tissue import Tissue
-from twin.model.tool import Kind, ToolTable
-from twin.model.vessel import Vessel
+from twin.model.tool import Kind
+from twin.simulation.console_scene import hands_of
 from twin.simulation.session.procedure_checks import Check, ProcedureReferee
 from twin.simulation.session.referee import Event
 
@@ -42,20 +43,16 @@ class ProcedureGuide(ProcedureReferee):
 
     def __init__(
         self,
+        scene: Scene,
         p: ProcedureTable,
         organ: Tissue,
-        vessels: Sequence[Vessel],
-        ports: Sequence[Array],
         clips: Sequence[str],
         period: float,
-        tools: Mapping[str, ToolTable],
-        hands: Mapping[str, str],
     ) -> None:
-        """Begin with no sample, see `ProcedureReferee`; `tools`: tools of the scene, `hands`: hand by robot."""
-        super().__init__(p, organ, vessels, ports, clips, period)
+        """Begin with no sample, see `ProcedureReferee`; a console of the scene moves the robots."""
+        super().__init__(scene, p, organ, clips, period)
         self.complete, self.events = False, list[Event]()
-        self._kinds, self._titles = [t.kind for t in tools.values()], [t.title for t in tools.values()]
-        self._tools, self._hands = dict(tools), dict(hands)
+        self._tools, self._hands = [*scene.tools.values()], hands_of(scene)
         self._carried = dict.fromkeys(self.robots, -1)
         self._holds, self._told = dict.fromkeys(self.robots, -1), dict[str, str]()
         self._out_since: float | None = None
@@ -157,11 +154,11 @@ class ProcedureGuide(ProcedureReferee):
         return f"Pull the {p.organ} out with {holder}: {self.out / MM:.0f} mm from a port, at most {p.out_mm:g} mm"
 
     def _with(self, kind: Kind, do: str) -> str:
-        """Return a step that needs a tool; if no robot carries it, first how to take it."""
-        carrier = next((n for n in self.robots if self._kinds[self._carried[n]] == kind), None)
+        """Return the instruction `do` for the robot with a kind of tool; if no robot has it, how to change the tool."""
+        carrier = next((n for n in self.robots if self._tools[self._carried[n]].kind == kind), None)
         if carrier is not None:
-            return f"{self._titles[self._carried[carrier]]} of {carrier}, {self._hands[carrier]} hand: {do}"
-        title = next(t.title for t in self._tools.values() if t.kind == kind)
+            return f"{self._tools[self._carried[carrier]].title} of {carrier}, {self._hands[carrier]} hand: {do}"
+        title = next(t.title for t in self._tools if t.kind == kind)
         free = next((n for n in self.robots if self._holds[n] < 0), self.robots[0])
         return (
             f"Choose {title} for {free}, {self._hands[free]} hand, and draw its tip back to at most "

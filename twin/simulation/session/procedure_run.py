@@ -156,8 +156,8 @@ def replay(
         world = procedure_scene.world(scene, members, task, drawn, recorded, records=False, watch=[tape])
     if begin.scene != scene.name or begin.identity != identity:
         raise WorldError(
-            f"{path}: the session was recorded in scene '{begin.scene}', which is another one or has changed since: "
-            "restore the earlier scene to replay the session"
+            f"{path}: the session was recorded in scene '{begin.scene}'. This is another scene, or the scene has "
+            "changed since: restore the earlier scene to replay the session"
         )
     if world.signals.sizes != file.sizes(begin.world) or not np.isclose(begin.dt, world.dt):
         raise WorldError(

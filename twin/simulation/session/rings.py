@@ -185,7 +185,7 @@ class _Ring:
     """Last sample in which a hand held the ring; None: no hand has held it yet."""
     holder: int = -1
     free: float | None = None
-    """Height in m at which a hand last released the ring; None: a hand holds it, or none has held it yet."""
+    """Height in m at which a hand last released the ring; None: a hand holds it, or no hand has held it yet."""
     z: float = 0.0
     placed: int | None = None
     told: str = field(default="")
@@ -206,7 +206,7 @@ class _Ring:
 
     @property
     def left(self) -> bool:
-        """Whether no hand holds the ring, and none has for some time."""
+        """Whether no hand has held the ring for some time."""
         return self.holder < 0 and (self.held is None or self.at - self.held > self.few)
 
     @property

@@ -65,7 +65,7 @@ class Ran:
     """Signals of a session that was performed or replayed.
 
     Attributes:
-        kept: the signals that measures and exports use, one row every `SAMPLE` seconds.
+        kept: the signals that measures and exports use, one row every `kept.dt` seconds.
         ticks: number of all ticks.
         dt: duration of a tick in s.
         difference: see `Difference`; None if the replay gave the same bytes, or if there was no replay.
@@ -359,7 +359,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
 
 
 def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
-    """Return the difference of a chunk from t0 to t1 in s, with its last row and that of the recording."""
+    """Return the difference of a chunk from t0 to t1 in s, from its last row in the replay and in the recording."""
     off = np.abs(row - last)
     k = int(np.argmax(off))
     if off[k] == 0:

@@ -22,7 +22,7 @@ _OFF = 0.75
 """Maximum distance in pixels of a point of the upper side from its line; it is up to 0.5 without smoothing."""
 
 _FULL, _ABOVE = 0.97, 4
-"""Minimum green fraction of a pixel that counts as fully green; number of rows above such a pixel with the edge."""
+"""Minimum green fraction of a pixel that counts as fully green; number of rows above it that contain the edge."""
 
 _INSIDE = np.arange(3, 8)
 """Numbers of rows below the first green pixel of a column at which its pixels are fully green."""
@@ -42,8 +42,8 @@ def angle(rgb: Array) -> float:
         rgb: (height, width, 3) linear colours of the picture.
 
     Raises:
-        UnmeasuredError: there is no green, the border of the picture cuts it, it is too small, something covers it, or
-            its upper side is steeper than 45 degrees.
+        UnmeasuredError: there is no green, or the rectangle is cut by the border of the picture, too small, partly
+            covered, or turned by more than 45 degrees.
     """
     mask = _mask(rgb)
     _require_inside(mask)
@@ -51,7 +51,7 @@ def angle(rgb: Array) -> float:
     x, y = _upper(mask)
     inside, slope = _longest_line(x, y)
     if abs(slope) > 1:
-        raise UnmeasuredError("the rectangle is turned by more than 45 degrees: which side is the upper one is unclear")
+        raise UnmeasuredError("the rectangle is turned by more than 45 degrees, so that its upper side is ambiguous")
     xs, ys = x[inside], y[inside]
     if np.ptp(xs) + 1 < _SHORTEST:
         raise UnmeasuredError(
@@ -94,7 +94,9 @@ def _require_convex(mask: Array) -> None:
         raise UnmeasuredError(
             f"the rectangle has {len(rows)} pixels in the picture (minimum {_SHORTEST}); move the camera nearer"
         )
-    hull = ConvexHull(np.column_stack([columns, rows]))  # of the middles of pixels: half a pixel inside on every side
+    hull = ConvexHull(
+        np.column_stack([columns, rows])
+    )  # hull of the pixels' middles: half a pixel smaller on every side
     missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
     if missing > _DENT * len(rows) + 0.25 * hull.area:
         raise UnmeasuredError(

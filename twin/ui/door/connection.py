@@ -1,7 +1,7 @@
 """A TCP connection with limits that the library `websockets` does not enforce.
 
 The connection reads the request head with limits on methods, lengths and time. It then counts received bytes and
-frames, and allows the server to queue only one frame in this process.
+frames. The server reads `waiting` before it sends, so that at most one frame waits in this process.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class Visit:
 
     Attributes:
         path: path of the request target.
-        query: query parameters; the first value of a repeated parameter.
+        query: query parameters by name; for a repeated parameter, its first value.
         head: whether the method is HEAD.
         upgrade: whether a WebSocket is requested.
         known: whether the client may enter without a token.

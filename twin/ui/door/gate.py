@@ -36,6 +36,10 @@ class Gate:
     """
 
     def __init__(self, host: str, port: int, secure: bool, announce: Callable[[str], object]) -> None:
+        """Set the rules for a server on host and port.
+
+        `secure`: whether the server uses TLS; cookies are then sent only by TLS. `announce` receives each new token.
+        """
         self.open = not is_local(host)
         self._announce, self._secure = announce, secure
         self._cookie = f"twin_{port}"

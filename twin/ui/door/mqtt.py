@@ -1,8 +1,8 @@
 """Motion scale by MQTT; in the paper's console, a tablet sets the scale.
 
-A message to `<topic>/set` sets the scale as decimal text, such as 0.25. This client publishes the current scale to
-`<topic>`, and `online` to `<topic>/available` while it is connected; both are retained. The paper prints no topic and
-no format.
+A message to `<topic>/set` contains the new scale as decimal text, such as 0.25. This client publishes the current
+scale to `<topic>`, and `online` to `<topic>/available` while it is connected; both are retained. The paper prints no
+topic and no format.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ _AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
 """Socket option to send small messages at once; without it, TCP can delay a message by 40 ms."""
 
 _QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
-"""Time in s without a wrong payload after which the next wrong payload is reported; maximum number of characters of a
-payload in a report; maximum number of characters of a topic."""
+"""Time in s: a wrong payload is reported only if the last wrong payload is more than this time ago; maximum number of
+characters of a payload in a report; maximum number of characters of a topic."""
 
 
 class ScaleTopic:
     """A topic with which other programs set the motion scale.
 
     Attributes:
-        connected: whether the broker can be reached.
+        connected: whether the broker is connected.
         problem: why the broker cannot be reached, or why the last payload was refused; None if there is no problem.
         reports: receives each problem as a message.
     """
@@ -57,7 +57,7 @@ class ScaleTopic:
         Args:
             host: name or address of the broker.
             port: port of the broker.
-            topic: topic of the current scale.
+            topic: topic of the published scale; new scales are received from `<topic>/set`.
             limits: smallest and largest scale.
             scale: the current scale.
             apply: function that sets the scale.
@@ -67,8 +67,8 @@ class ScaleTopic:
         """
         if not 0 < len(topic) <= _LONGEST or set(topic) & set("+#\0") or topic != topic.strip("/ "):
             raise TwinError(
-                f"--mqtt-topic {topic!r} is not a topic: give up to {_LONGEST} characters without + and #, and without "
-                "/ at its ends"
+                f"--mqtt-topic {topic!r} is not a valid topic: use 1 to {_LONGEST} characters without + and #, and "
+                "without / or space at the ends"
             )
         self._mqtt = require("aiomqtt", "--mqtt")
         self.broker, self.topic = f"{host}:{port}", topic

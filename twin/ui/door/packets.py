@@ -18,7 +18,7 @@ _MOST = 256
 """Maximum number of packets read at a time, so that too many packets do not delay the ticks."""
 
 _QUIET = 5.0
-"""Time in s without problems of one kind before the next problem of this kind is reported."""
+"""Time in s: a problem is reported only if the last problem of its kind is more than this time ago."""
 
 Address = tuple[str, int]
 
@@ -41,7 +41,7 @@ class PacketDoor:
         """Listen on a port; 0 means any free port.
 
         Raises:
-            TwinError: the port is in use.
+            TwinError: the port is in use, or host or port is invalid.
         """
         self.device, self.refused = device, 0
         self.holder: str | None = None

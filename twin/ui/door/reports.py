@@ -7,14 +7,15 @@ from collections.abc import Callable
 
 
 class Reports:
-    """Reports the first problem of a kind, and another one if there was no problem of its kind for a given time.
+    """Reports a problem only if the last problem of the same kind is more than `quiet` s ago.
 
     Attributes:
+        quiet: time in s; see above.
         tell: function that receives the message.
     """
 
     def __init__(self, quiet: float) -> None:
-        """Set `quiet`, the time in s without problems of one kind before the next one of this kind is reported."""
+        """Start without earlier problems."""
         self.quiet = quiet
         self.tell: Callable[[str], object] = lambda text: None
         self._last: dict[str, float] = {}

@@ -73,5 +73,5 @@ class Bends:
         """Report the first error in deformables."""
         if not self._broken:
             self._broken = str(error) if isinstance(error, TwinError) else f"{type(error).__name__}: {error}"
-            logging.getLogger(__name__).warning("a field: %s", self._broken)
+            logging.getLogger(__name__).warning("deformables: %s", self._broken)
             self.send({"type": "error", "code": "failed", "message": self._broken[:500]})

@@ -75,7 +75,7 @@ class Client:
     told_rate: float = -1.0
 
     def queue(self, kind: str, text: str) -> None:
-        """Queue a document; one of kind `state` or `target` replaces a queued one of its kind."""
+        """Queue a document; a document of kind `state` or `target` replaces a queued document of the same kind."""
         if kind in _NEWEST:
             for i, (waiting, _) in enumerate(self.documents):
                 if waiting == kind:

@@ -1,4 +1,4 @@
-"""The ghost: tool pose computed by a chosen variant of the equations, shown with the mechanism's tool."""
+"""The ghost: tool pose computed by a chosen variant of the equations, shown beside the mechanism's tool."""
 
 from __future__ import annotations
 

@@ -8,31 +8,21 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from twin.api import Robot
-from twin.api.machine import Machines
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.mechanism import Mechanism
-from twin.model.scene import Scene
-from twin.model.task import Task
-from twin.model.tissue import Tissue
 from twin.model.tool import DOES
 from twin.model.trainer import MODEL
-from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS, PEDALS
+from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.following import SCALE
-from twin.simulation.controllers.pivot import Fulcrum
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
-from twin.simulation.session.condition import Condition
 from twin.ui.door.answers import File
 from twin.ui.door.mqtt import ScaleTopic
 from twin.ui.headset import protocol as wire
@@ -42,8 +32,9 @@ from twin.ui.headset.plan_documents import PlanDocuments
 from twin.ui.headset.posed import Posed
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
-from twin.ui.session.console import HeldError, LiveConsole, MakeReport
-from twin.ui.session.feed import Feed
+from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session.exercise import NO_TASK, Exercise
+from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import RATE
 
 REPORT = "/report-{}.html"
@@ -72,38 +63,12 @@ class Operation(LiveConsole):
     """
 
     device: Packets
+    _device_type = Packets
 
     replays, alone, version = False, False, wire.VERSION
 
-    def __init__(
-        self,
-        scene: Scene,
-        robots: Mapping[str, Robot],
-        session: Path | None = None,
-        task: Task | None = None,
-        props: Mechanism | None = None,
-        report: MakeReport | None = None,
-        condition: Condition | None = None,
-        fulcrum: Fulcrum = "compensated",
-        feed: Feed | None = None,
-        organs: Sequence[Tissue] = (),
-        machines: Machines | None = None,
-    ) -> None:
-        """Create the World with the robots at the places of the scene; for other arguments see `LiveConsole`.
-
-        Args:
-            scene: the scene.
-            robots: robots by the names of their places.
-            session: session file.
-            task: the task.
-            props: mechanism of the props.
-            report: function that creates the report of an attempt.
-            condition: condition of the session.
-            fulcrum: ends of the instruments that the hands move at the start: "compensated" the tips, "direct" the
-                outer ends.
-            feed: deformables that are not in the World; None: no such deformables.
-            organs: the organs of the scene; only needed for a procedure, whose World has them.
-            machines: connections to the machines of the scene.
+    def __init__(self, loaded: LoadedScene, exercise: Exercise = NO_TASK) -> None:
+        """Create the World with the robots at the places of the scene.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
@@ -113,13 +78,9 @@ class Operation(LiveConsole):
         self.tablet: ScaleTopic | None = None
         self._connection: asyncio.Future[None] | None = None
         self.files: dict[str, File] = {}
-        scale = 1.0 if scene.console is None else scene.console.scale
-        device = Packets(PEDALS, HANDS, scale, settings=console_scene.settings(scene, fulcrum, task))
-        super().__init__(
-            scene, robots, device, session, task, props, report, condition, organs=organs, machines=machines
-        )
+        super().__init__(loaded, exercise)
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
-        self._bends = Bends(self.feed or feed)
+        self._bends = Bends(self.feed)
         self._bends.send = lambda document: self.send(document)
         bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.shown.items()}
         bases = {n: self._places[n].T_world_base for n in self.shown}
@@ -318,7 +279,7 @@ class Operation(LiveConsole):
             if isinstance(message, wire.Haptics):
                 return self.feel(client, message.on)
             if isinstance(message, wire.Fulcrum):
-                return self.lead_by(client, message.mode)
+                return self.choose_fulcrum(client, message.mode)
             if isinstance(message, wire.Training):
                 return self.train(client, Mode[message.mode.upper()])
             if isinstance(message, wire.Button):

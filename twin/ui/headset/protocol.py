@@ -331,7 +331,7 @@ class Haptics(_Message):
 
 
 class Fulcrum(_Message):
-    """Choose the end of the instruments that the hands move: "compensated" the tip, "direct" the outer end."""
+    """Choose which end of the instruments the hands move: "compensated" the tip, "direct" the outer end."""
 
     type: Literal["fulcrum"]
     mode: Literal["compensated", "direct"]

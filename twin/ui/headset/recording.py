@@ -27,7 +27,7 @@ LONGEST = 30 * 60
 """Maximum duration in s of a recording, at 60 frames of about 1 kB per second."""
 
 LARGEST = 200_000_000
-"""Maximum total size in bytes of the frames and client messages of a recording."""
+"""Maximum total size in bytes of the frames, documents and requests of a recording."""
 
 FILES, IN_ALL = 50, 1_000_000_000
 """Maximum number of recordings by one server, and their maximum total size in bytes."""
@@ -74,8 +74,11 @@ class Recording:
         Raises:
             RefusedError: the maximum number or total size of recordings is reached.
         """
-        if self._saved >= FILES or self._written + self._size >= IN_ALL:
-            text = f"{self._saved} recordings, {self._written / 1e6:.0f} MB: the maximum for one run of the server"
+        if self._saved >= FILES or self._written >= IN_ALL:
+            text = (
+                f"{self._saved} recordings with {self._written / 1e6:.0f} MB: one run of the server records at most "
+                f"{FILES} recordings and {IN_ALL / 1e6:.0f} MB; start the server again"
+            )
             raise RefusedError("refused", text)
 
     def add_frame(self, tick: int, frame: bytes) -> None:

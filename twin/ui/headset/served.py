@@ -7,7 +7,6 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,11 +16,8 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import DEG, MM
 from twin.model import alignment
-from twin.model.mechanism import Mechanism
 from twin.model.movable import together
 from twin.model.scene import Place, Scene
-from twin.model.task import Task
-from twin.model.tissue import Tissue
 from twin.model.trainer import MODEL
 from twin.ui.door.answers import File
 from twin.ui.headset import files
@@ -30,16 +26,14 @@ from twin.ui.headset.description import describe, numbers, pose
 from twin.ui.headset.live import Live
 from twin.ui.headset.twin import Twin
 from twin.ui.session.desk import Desk
+from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.feed import Feed, Surface
+from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import Clock
 
 if TYPE_CHECKING:
-    from twin.api.machine import Machines
-    from twin.simulation.controllers.pivot import Fulcrum
-    from twin.simulation.session.condition import Condition
     from twin.ui.headset.mirrored import Mirrored
     from twin.ui.headset.operation import Operation
-    from twin.ui.session.console import MakeReport
     from twin.ui.session.mirror import Mirror
 
 _ROBOTS = "robots/{}/"
@@ -98,58 +92,31 @@ def of_robot(
     return Served(live, robot.name, about["model_hash"], own, ("robot.glb",))
 
 
-def of_scene(
-    scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None, plans: bool = True, feed: Feed | None = None
-) -> Served:
+def of_scene(loaded: LoadedScene, plans: bool = True) -> Served:
     """Return the content for a scene: robots at their places, and props; call this function in an event loop.
 
-    Args:
-        scene: the scene.
-        robots: the robots, by the name of their place in the scene.
-        props: mechanism of the props; None: no props.
-        plans: whether the robots plan and play their protocols.
-        feed: deformables; None: no deformables.
+    `plans`: whether the robots plan and play their protocols.
     """
     clock = Clock()
-    twins = [Twin(robots[p.name], p.robot, p.protocol, plans, clock, p) for p in scene.places]
-    about = [t.description for t in twins]
-    return _placed(scene, robots, Live(twins, clock, feed), about, props, feed)
+    twins = [Twin(loaded.robots[p.name], p.robot, p.protocol, plans, clock, p) for p in loaded.scene.places]
+    return _placed(loaded, Live(twins, clock, loaded.feed), [t.description for t in twins])
 
 
 def of_console(
-    scene: Scene,
-    robots: Mapping[str, Robot],
-    props: Mechanism | None,
-    session: Path | None = None,
+    loaded: LoadedScene,
+    exercise: Exercise = NO_TASK,
     packets: Endpoint | None = None,
     mqtt: Endpoint | None = None,
     topic: str | None = None,
-    task: Task | None = None,
-    report: MakeReport | None = None,
-    condition: Condition | None = None,
-    fulcrum: Fulcrum = "compensated",
-    feed: Feed | None = None,
-    organs: Sequence[Tissue] = (),
-    machines: Machines | None = None,
 ) -> Served:
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
     Args:
-        scene: the scene.
-        robots: the robots, by the name of their place in the scene.
-        props: mechanism of the props; None: no props.
-        session: file of the session; None: it is not recorded.
+        loaded: the scene; the models of its machines are shown beside them.
+        exercise: what is done at the console.
         packets: host and port at which poses of the hands are received by UDP; None: no UDP.
         mqtt: address of the MQTT broker for the motion scale; None: no broker.
         topic: topic of the motion scale; None: twin/<scene>/scale.
-        task: the task at the console; None: no task.
-        report: function that creates the report of an attempt at the task, see `LiveConsole`.
-        condition: condition of the session; None: that of the scene.
-        fulcrum: ends of the instruments that the hands move at the start: "compensated" the tips, "direct" the outer
-            ends.
-        feed: deformable objects that are shown but not simulated; None: none.
-        organs: the organs of the scene; only needed for a procedure.
-        machines: connections to the machines of the scene; their models are shown beside them.
 
     Raises:
         TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
@@ -158,8 +125,8 @@ def of_console(
     # It imports MuJoCo and the simulation, which a single robot does not need.
     from twin.ui.headset.operation import Operation
 
-    operation = Operation(scene, robots, session, task, props, report, condition, fulcrum, feed, organs, machines)
-    if machines is not None:
+    operation, scene, robots = Operation(loaded, exercise), loaded.scene, loaded.robots
+    if loaded.machines is not None:
         robots = {**robots, **{p.name: robots[p.name.removesuffix(MODEL)] for p in scene.models}}
         scene = replace(scene, places=(*scene.places, *scene.models))
     try:
@@ -172,8 +139,9 @@ def of_console(
         raise
     about = [describe(robots[p.name], Desk(robots[p.name]), {}, {}, p) for p in scene.places]
     nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
-    shown = alignment.beside(props, None if task is None else task.alignment)
-    return _placed(scene, robots, operation, [a | nothing for a in about], shown, operation.feed or feed)
+    props = alignment.beside(loaded.props, None if exercise.task is None else exercise.task.alignment)
+    shown = LoadedScene(scene, robots, props, operation.feed)
+    return _placed(shown, operation, [a | nothing for a in about])
 
 
 def of_mirror(mirror: Mirror) -> Served:
@@ -199,22 +167,15 @@ def of_mirror(mirror: Mirror) -> Served:
     return Served(live, mirror.name, described["model_hash"], own, preload)
 
 
-def _placed(
-    scene: Scene,
-    robots: Mapping[str, Robot],
-    live: Live | Operation,
-    about: Sequence[dict[str, Any]],
-    props: Mechanism | None,
-    feed: Feed | None,
-) -> Served:
+def _placed(loaded: LoadedScene, live: Live | Operation, about: Sequence[dict[str, Any]]) -> Served:
     from twin.exchange.write.glb import glb_bytes
 
-    own, placed = {}, []
+    scene, robots, props, own, placed = loaded.scene, loaded.robots, loaded.props, {}, []
     for place, one in zip(scene.places, about, strict=True):
         folder = _ROBOTS.format(place.name)
         own |= files.robot_files(glb_bytes(robots[place.name].mechanism), one, folder)
         placed.append({**one, "files": folder, "ports": _ports(place)})
-    described = _describe(scene.name, scene.title, placed, feed)
+    described = _describe(scene.name, scene.title, placed, loaded.feed)
     described["cameras"] = _cameras(scene, robots)
     if not isinstance(live, Live) and live.task is not None and (a := live.task.alignment) is not None:
         next(c for c in described["cameras"] if c["name"] == live.table.camera)["line"] = a.line

@@ -86,7 +86,7 @@ class StreamServer:
         self.port = int(next(iter(self._server.sockets)).getsockname()[1])
 
     async def run(self) -> None:
-        """Send frames until `stopping` is set; of late ticks, a single one is made up for, more are skipped."""
+        """Send frames until `stopping` is set; one late tick is made up for, further late ticks are skipped."""
         begin = self._begin = time.monotonic()
         ends = asyncio.ensure_future(self.stopping.wait())
         try:
@@ -118,9 +118,9 @@ class StreamServer:
     # -- the stream -----------------------------------------------------------------------------------
 
     def _due(self, now: int) -> int:
-        """Return the tick to send at tick `now`: the one before it if that is the only one missed, else `now`.
+        """Return the tick to send at tick `now`: the tick before it if only this tick was missed, else `now`.
 
-        Two in sequence are not made up for: on a slow machine, all frames would be late then.
+        A tick is not made up for directly after another one: on a slow machine, all frames would then be late.
         """
         made_up = now - self._tick == 2 and self._at <= now - 1 and not self._made_up
         self._made_up = made_up
@@ -154,8 +154,8 @@ class StreamServer:
     def _respond(self, now: float) -> None:
         """Send the effect of a message `hands` as soon as `GAP` allows, instead of at the next tick.
 
-        The pause is as long as the last frame took, at most a tick: on a slow machine, each message would otherwise
-        wait for a frame, and the delay would grow without limit.
+        The pause before a frame is as long as the computation of the last frame, but at most a tick. Without the pause,
+        messages on a slow machine would wait for more and more frames: the delay would grow without limit.
         """
         self._response = None
         if (wait := self._pause - (now - self._framed)) > 0:

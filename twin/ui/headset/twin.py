@@ -360,8 +360,8 @@ class Twin:
             self._worker.ask("ghost", self._ghost.more, self._more_ghost)
         elif self._ghost.nowhere:
             text = (
-                f"{self._ghost.name}: these equations have no tool pose at the joints of the protocol; the ghost is "
-                "not shown"
+                f"{self._ghost.name}: these equations give no tool pose at any joint values of the protocol; the ghost "
+                "is not shown"
             )
             self._failure(text)
         if self._sample is not None:

@@ -17,7 +17,7 @@ def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     """Return (t, y) with at most `points` samples of a curve: the minimum and the maximum of each interval.
 
     The first and last sample, the overall extremes and gaps (NaN) are kept, so that the plot looks the same. t (k,) are
-    increasing times; y (k,) is NaN without a value. `points` is at least 16.
+    increasing times; y (k,) is NaN where the curve has a gap. `points` is at least 16.
     """
     k = len(y)
     if k <= points:
@@ -80,10 +80,9 @@ def alarms(report: Report) -> dict[str, float]:
 
 
 def rcm_tolerance(report: Report) -> float | None:
-    """Return the maximum allowed RCM error in m of the protocol, from the findings, else from the residuals; or None.
+    """Return the maximum RCM error in m that the protocol allows: from the findings, else from the residuals; or None.
 
-    Residuals of the driven mechanism at an enforced RCM are not used, because their tolerance is the tolerance of model
-    agreement.
+    Findings come first, because the tolerance of a residual at an enforced RCM is that of the agreement of the models.
     """
     scale = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
     limits = [

@@ -85,7 +85,7 @@ def _times(ax: Axes, found: Hazards) -> None:
     _logarithmic(ax)
     ax.set_ylim(0, 1.02)
     ax.set_xlabel("time from the start of the fault [ms]")
-    ax.set_ylabel("share of the noticeable sessions")
+    ax.set_ylabel("share of sessions with a force or a stop")
     _legend(ax, loc="upper left", title=f"scripted trainee, {len(rows)} sessions")
 
 

@@ -100,17 +100,17 @@ def reason(report: Report) -> str:
     failing = [r for r in report.residuals if not r.agrees]
     judged = [r for r in report.residuals if r.tolerance is not None]
     if not judged:
-        return "No checked quantity differs; no residual has a tolerance."
+        return "No finding of a disagreement; no residual has a tolerance."
     fewest, most = min(r.samples for r in judged), max(r.samples for r in judged)
     span = fmt.count(most, "sample") if fewest == most else f"{fewest} to {fmt.count(most, 'sample')}"
     over = f", each at {span}" if most > 1 else ""
     if failing:  # a failing residual without a finding
-        return f"There are no other findings, but {fmt.count(len(failing), 'residual')} exceed the tolerance."
+        return f"No finding of a disagreement; residuals above their tolerance: {len(failing)}."
     return f"All {len(judged)} residuals with a tolerance are within their tolerance{over}."
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
-    """Return label, value, note and state of each key number; if the models disagree, the first cause is the first."""
+    """Return label, value, note and state of each key number; for a disagreement, the first is that of its cause."""
 
     def worst(name: str, rows: list[Residual]) -> dict[str, str]:
         if not rows:

@@ -24,7 +24,7 @@ PAIRS = {
 _MOST_ROWS = 48
 _LONGEST = 28
 _DECADES = 6.0
-"""Difference from the tolerance, in orders of magnitude, at which the colour of a cell is darkest."""
+"""Orders of magnitude below the tolerance at which a green cell is darkest; a red cell, at half as many above it."""
 
 
 def pair_names(report: Report) -> list[str]:

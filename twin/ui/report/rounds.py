@@ -22,10 +22,10 @@ _SIDE = 2.3
 
 @styled()
 def figure(title: str, searches: Mapping[str, Rounds]) -> Figure:
-    """Return a figure with the rounds of searches, at least one, by name of the phase.
+    """Return a figure with the rounds of at least one search; the key of a search is the name of its phase.
 
-    Samples are the same each time, unlike processor time; therefore, the picture has the same bytes each time. There
-    are axes for each cost that a search minimises. Each search has a colour: the path of the tree is a dashed line, the
+    The x axis is the number of samples, which, unlike processor time, is the same in each run; so are the bytes of the
+    picture. Each kind of cost has its own axes. Each search has a colour: the path of the tree is a dashed line, the
     best path with shortcuts a solid line, which ends in a ring. Rounds without a path are crosses below the curves.
     """
     kinds = list(dict.fromkeys((s.cost, s.unit) for s in searches.values()))
@@ -63,7 +63,7 @@ def _draw(ax: Axes, name: str, search: Rounds, color: str) -> None:
 
 
 def _samples(ax: Axes, counts: list[int]) -> None:
-    """Give the axes of the samples a logarithmic scale, with ticks at numbers of samples of rounds."""
+    """Make the x axis logarithmic, with ticks at the numbers of samples of the rounds."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     ax.set_xscale("log")

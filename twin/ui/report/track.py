@@ -101,7 +101,7 @@ def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
 
 
 def _up_to(ax: Axes, largest: float) -> None:
-    """Set the y axis from 0 to above the largest error in m; include the paper's 1 mm if the error exceeds 0.4 mm."""
+    """Set the y axis from 0 to above `largest` (m); include the paper's 1 mm if `largest` exceeds 0.4 mm."""
     near = largest > 0.4 * TIP_LIMIT
     if near:
         limit_line(ax, TIP_LIMIT / UM, "1 mm, as the paper reports")

@@ -9,30 +9,19 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from twin.api import Robot
-from twin.api.machine import Machines
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError, unknown
 from twin.core.jobs import Call
 from twin.core.spatial import Array
-from twin.core.units import MM
 from twin.kinematics.closed_loops.placing import LinkPoses
-from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
-from twin.model.procedure import ProcedureTable
-from twin.model.scene import Scene
-from twin.model.task import Task
-from twin.model.tissue import Tissue
 from twin.model.trainer import MODEL
 from twin.simulation import console_scene, contact_scene, operating_scene
 from twin.simulation.console_scene import HANDS, Member
-from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import GivenHands, HandState
@@ -45,9 +34,12 @@ from twin.simulation.session.procedure_guide import ProcedureGuide
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.world import World
-from twin.ui.session import walls
+from twin.ui.session.console_state import ConsoleState, log_changes
+from twin.ui.session.exercise import NO_TASK, Exercise
+from twin.ui.session.feed import Feed
 from twin.ui.session.force_peaks import ForcePeaks
 from twin.ui.session.live_machines import LiveMachines
+from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.plan_mode import PlanMode
 from twin.ui.session.recorder import Recorder
 from twin.ui.session.world_feed import WorldFeed
@@ -58,16 +50,10 @@ _BUDGET, _CHUNK = 0.012, 4
 _OWED = 0.1
 """Maximum delay in s of the World; a larger delay is dropped, so that the World runs slower than real time."""
 
-_STUCK = 30.0
-"""Time in s for which a pedal is pressed before it is reported, because it may be stuck (ASSUMED)."""
-
 _NICE = 10
 """Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
 
 PlanStep = Literal["aim", "find", "accept", "cancel"]
-
-MakeReport = Callable[[str, str], bytes]
-"""Function at the top level of a module: (session file, scene file) -> page of the report, HTML."""
 
 
 class HeldError(TwinError):
@@ -86,7 +72,7 @@ class LiveConsole:
         task: the task; None: no task.
         objects: the movable objects of the World.
         referee: judge of a task with rings or a wire, of the camera task or of a procedure; None for other tasks.
-        feed: deformables of the World; None: it has none.
+        feed: deformables: in a procedure those of the World, otherwise those of the loaded scene; None: none.
         machines: connections to machines; None: there are none.
         planning: planning mode of the arms.
         shown: mechanism and equations of all robots that are shown: those of `members`, and the models of machines.
@@ -95,97 +81,70 @@ class LiveConsole:
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        robots: Mapping[str, Robot],
-        device: GivenHands | None = None,
-        session: Path | None = None,
-        task: Task | None = None,
-        props: Mechanism | None = None,
-        report: MakeReport | None = None,
-        condition: Condition | None = None,
-        fulcrum: Fulcrum = "compensated",
-        organs: Sequence[Tissue] = (),
-        machines: Machines | None = None,
-    ) -> None:
-        """Create the World with the robots at the places of the scene.
+    _device_type: type[GivenHands] = GivenHands
 
-        Args:
-            scene: the scene.
-            robots: robots by the names of their places.
-            device: the input device; None: `GivenHands`.
-            session: session file; the files of later attempts have its name with a number. None: no file, or a
-                temporary one if a report is made.
-            task: a task; if it has rings, the World has movable objects and contact; if it is a procedure, organs,
-                vessels and clips.
-            props: mechanism of the props; only needed for such a task, and for the forces of contacts.
-            report: makes the report of an attempt, in another process; None: no reports.
-            condition: condition of the session, with the switch of the forces; None: the default of the scene.
-            fulcrum: end of the instruments that the hands control at the start (see `pivot`); only for `device` None.
-            organs: the organs of the scene; only needed for a procedure.
-            machines: connections to the machines of the scene, which `close` ends; None: the scene has no machines.
+    def __init__(self, loaded: LoadedScene, exercise: Exercise = NO_TASK) -> None:
+        """Create the World with the robots at the places of the scene.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
             WorldError: a link is inside an organ at the start.
             OutputError: the session cannot be written.
         """
-        if scene.console is None:
-            raise TwinError(f"scene '{scene.name}' has no console: add a section [console] to {scene.file.name}")
-        self.scene, self.table = scene, scene.console
-        settings = console_scene.settings(scene, fulcrum, task)
-        self.device = device or GivenHands(console_scene.PEDALS, HANDS, self.table.scale, settings=settings)
-        self.machines = None if machines is None else LiveMachines(scene, machines, self.device)
-        self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in robots.items()}
+        scene, task = loaded.scene, exercise.task
+        self.scene, self.table, self.task = scene, console_scene.console_of(scene), task
+        self._props, self._organs, self._make_report = loaded.props, loaded.organs, exercise.report
+        self._first = console_scene.settings(scene, exercise.fulcrum, task)
+        self.device = self._device_type(console_scene.PEDALS, HANDS, self.table.scale, settings=self._first)
+        self.machines = None if loaded.machines is None else LiveMachines(scene, loaded.machines, self.device)
+        self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in loaded.robots.items()}
         self.planning = PlanMode(scene, self.members, lambda: self.world, str(scene.file))
-        self.task, self._props, self._make_report = task, props, report
         on = scene.haptics is None or scene.haptics.on
-        self.condition = condition or Condition(haptics=on)
+        self.condition = exercise.condition or Condition(haptics=on)
         self.device.feel(self.condition.haptics)
         with_rings = task is not None and task.grasps
-        self._organs, self._first = tuple(organs), settings
         self.objects: Sequence[Movable] = scene.objects if with_rings else ()
         if task is not None and task.procedure is not None:
             self.objects = clips_of(scene.tools)
-        self._pegs = contact_scene.pegs(scene, props, task) if task is not None and with_rings else {}
-        self._scratch = None
-        self._course = contact_scene.course(scene, props, task) if task is not None and task.guide else None
+        self._pegs = contact_scene.pegs(scene, self._props, task) if task is not None and with_rings else {}
+        self._course = contact_scene.course(scene, self._props, task) if task is not None and task.guide else None
         judged = task is not None and bool(with_rings or task.alignment or task.procedure)
-        if session is None and judged and report is not None:
+        self._scratch, self._session = None, exercise.session
+        if self._session is None and judged and self._make_report is not None:
             self._scratch = Scratch()
-            session = Path(self._scratch.name) / "hands.session"
-        self._session = session
+            self._session = Path(self._scratch.name) / "hands.session"
         self.owner: str | None = None
-        self._places = {p.name: p for p in (*scene.places, *(scene.models if machines else ()))}
+        self._places = {p.name: p for p in (*scene.places, *(scene.models if self.machines else ()))}
         self.shown = {n: self.members[n.removesuffix(MODEL)] for n in self._places}
         self._camera = scene.cameras[self.table.camera].robot
         self._report: tuple[int, Call] | None = None
         self.attempt = 0
         self._begin()
-        self.feed: WorldFeed | None = None
+        self.feed: Feed | None = loaded.feed
         if task is not None and task.procedure is not None:
-            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(task.procedure, organs))
+            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(task.procedure, self._organs))
         self.reading = self._read()
 
     # -- the task -------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Make the World of a new attempt; if this fails, the present one stays."""
+        """Make the World of a new attempt; if this fails, the present World remains."""
         path, attempt = self._session, self.attempt + 1
         if path is not None and attempt > 1:
             path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
         tape = None if path is None else Tape()
         referee = None
         if self.task is not None and self.task.transfers:
-            robots = [n for hand in HANDS for n in getattr(self.table, hand)]
+            robots = [*console_scene.hands_of(self.scene)]
             referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
         elif self.task is not None and self._course is not None:
             referee = guiding.Referee.of(self.scene, self.task, self.members, self._course, SAMPLE)
         elif self.task is not None and self.task.alignment is not None:
             referee = CameraReferee(self._camera, SAMPLE)
         elif self.task is not None and self.task.procedure is not None:
-            referee = self._guide(self.task.procedure)
+            organ = operating_scene.organ_of(self.task.procedure, self._organs)
+            clips = [f"{item.name}.on" for item in self.objects]
+            referee = ProcedureGuide(self.scene, self.task.procedure, organ, clips, console_scene.ORGANS)
         peaks, states, outbox, parts = ForcePeaks(HANDS), [], [], None
         if self.machines is not None:
             states, packets = self.machines.connect()
@@ -209,18 +168,9 @@ class LiveConsole:
             head = head_of(self.scene, self.members, world, device, self.task, **told)
             recorder = Recorder(path, head, tape)
         self.world: World = world
-        self._peaks = peaks
+        self._state, self._peaks = ConsoleState(self.scene, self.members, self.task, world), peaks
         self.referee, self.recorder, self.attempt = referee, recorder, attempt
-        self._owed, self._rate, self._stopped, self._pressed, self._over = 0.0, 1.0, "", 0.0, ""
-
-    def _guide(self, procedure: ProcedureTable) -> ProcedureGuide:
-        """Return the referee of a procedure."""
-        organ = operating_scene.organ_of(procedure, self._organs)
-        ports = [operating_scene.port_of(p) for p in operating_scene.robots_of(self.scene, procedure)]
-        hands = {n: hand for hand in HANDS for n in getattr(self.table, hand)}
-        clips = [f"{item.name}.on" for item in self.objects]
-        vessels, tools = self.scene.vessels, self.scene.tools
-        return ProcedureGuide(procedure, organ, vessels, ports, clips, console_scene.ORGANS, tools, hands)
+        self._owed, self._rate, self._stopped, self._over = 0.0, 1.0, "", ""
 
     def restart(self, client: str) -> None:
         """Begin a new attempt: objects, robots and measures are as at the start.
@@ -311,7 +261,8 @@ class LiveConsole:
             self._step(passed)
             self._judge()
             self.planning.poll(self.arm(self.planning.hand) if self.planning.hand else "")
-        return self._tell(self._read())
+        old, self.reading = self.reading, self._read()
+        return log_changes(old, self.reading, self.device.patience)
 
     def _judge(self) -> None:
         """End the attempt if the task is completed, or if the session file is full."""
@@ -408,8 +359,8 @@ class LiveConsole:
         self.require_free(client)
         self.device.feel(on)
 
-    def lead_by(self, client: str, fulcrum: Fulcrum) -> None:
-        """Choose the end of the instruments that the hands control.
+    def choose_fulcrum(self, client: str, fulcrum: Fulcrum) -> None:
+        """Choose which end of the instruments the hands control.
 
         Raises:
             HeldError: another client controls the hands.
@@ -543,31 +494,10 @@ class LiveConsole:
         return self.world.signals[f"{self._camera}.at"]
 
     def _read(self) -> dict[str, Any]:
-        signals = self.world.signals
-        mode = float(signals["console.mode"][0])
-        silent, t = bool(signals[f"{console_scene.PEDALS}.silent"][0]), self.world.t
-        if mode == TOOLS or silent:
-            self._pressed = t
-        hands = {}
-        for hand in HANDS:
-            arm = self.arm(hand)
-            follows = bool(signals[f"{arm}.follows"][0] or signals[f"{arm}.target"][0])
-            wall = self._wall(arm) if signals[f"{arm}.follows"][0] else None
-            jumps = int(sum(signals[f"{a}.jumps"][0] for a in getattr(self.table, hand)))
-            hands[hand] = {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps}
-            if self.scene.tools:
-                hands[hand] |= self._tools_of(arm)
         return {
             "owner": self.owner,
             "heard": self.device.heard,
-            "silent": silent,
-            "mode": "nothing" if mode == FREE else "camera" if mode == CAMERA else "instruments",
-            "scale": float(signals[f"{console_scene.PEDALS}.scale"][0]),
-            "haptics": bool(signals["haptics.on"][0]),
-            "fulcrum": FULCRUMS[int(signals[console_scene.FULCRUM][0])] if self.table.instrument_mm else None,
-            "hands": hands,
-            "camera": walls.of_camera(self.camera_at, console_scene.drag(self.table)) if mode == CAMERA else None,
-            "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
+            **self._state.read({hand: self.arm(hand) for hand in HANDS}),
             "rate": round(self._rate, 1),
             "stopped": self._stopped or None,
             "task": self._task(),
@@ -591,48 +521,3 @@ class LiveConsole:
             "report": None if made is None else {"attempt": made[0], "ready": made[1] is not None, "problem": made[2]},
             **self.referee.content(),
         }
-
-    def _tools_of(self, arm: str) -> dict[str, Any]:
-        """Return the chosen tool of an arm; in a procedure also what it carries, and why it has not changed."""
-        signals, names = self.world.signals, [*self.scene.tools]
-        tool = names[int(signals[f"{arm}.tool"][0])]
-        if f"{arm}.carries" not in signals or self.task is None or self.task.procedure is None:
-            return {"tool": tool}
-        carries, waits = names[int(signals[f"{arm}.carries"][0])], None
-        if carries != tool:
-            port = next(iter(self._places[arm].p_world_ports.values()))
-            far = float(np.linalg.norm(signals[f"{arm}.tip"] - port)) / MM
-            change = f"at most {self.task.procedure.change_mm:g} mm from its port, now {far:.0f} mm"
-            holds = signals[f"{arm}.holds"][0] >= 0
-            do = "first release what it holds" if holds else f"draw the tip back to {change}"
-            waits = f"{self.scene.tools[tool].title} is not taken yet: {do}"
-        active = bool(signals[f"{arm}.pedal"][0] > 0.5) and self.scene.tools[carries].kind == "cautery"
-        opened = bool(signals[f"{arm}.opening"][0] > 0.5)
-        return {"tool": tool, "carries": carries, "waits": waits, "open": opened, "active": active}
-
-    def _wall(self, name: str) -> str | None:
-        """Return a text on the joint limit that prevents an arm from reaching its goal; None if there is none."""
-        signals = self.world.signals
-        return walls.of_arm(self.members[name], signals[f"{name}.q"], signals[f"{name}.goal"].reshape(4, 4))
-
-    def _tell(self, new: dict[str, Any]) -> list[str]:
-        """Set the new state; log silence, jumps and limits; return the jumps, which the state does not show."""
-        old, self.reading = self.reading, new
-        log, said = logging.getLogger(__name__), []
-        if new["silent"] and not old["silent"] and new["owner"] is not None:  # not after a release
-            log.warning("no state of the hands was received for %g s: nothing moves", self.device.patience)
-        if new["pedal"] and not old["pedal"]:
-            log.warning("%s", new["pedal"])
-        for hand, now in new["hands"].items():
-            before = old["hands"][hand]
-            if now["jumps"] > before["jumps"]:
-                said.append(f"the {hand} hand jumped: {now['robot']} ignores the jump and follows from the new pose")
-                log.warning("%s", said[-1])
-            if now["wall"] and now["wall"] != before["wall"]:
-                log.warning("%s: %s", now["robot"], now["wall"])
-        return said
-
-
-def _stuck(mode: float) -> str:
-    which = "camera" if mode == CAMERA else "clutch"
-    return f"the {which} pedal has been pressed for {_STUCK:g} s: release it if it is stuck"

@@ -169,7 +169,11 @@ class Desk:
             self.moved = Moved(True)
 
     def go(self, posture: str) -> Moved:
-        """Move to a named posture of the robot, or to a state stored by `keep`."""
+        """Move to a named posture of the robot, or to a state stored by `keep`.
+
+        Raises:
+            TwinError: there is no posture or state of this name.
+        """
         if posture in self._kept:
             return self.move_joints(self._kept[posture])
         if posture not in self.mechanism.postures:
@@ -258,7 +262,8 @@ class Desk:
         for bound in self.hand.bounds:
             beyond = bound.slack(q) < min(0.0, bound.slack(self.assembly.q)) - 1e-9
             if bound.kind == "motor" and beyond:
-                raise KinematicsError(f"{self._bound(bound)}, exceeded by {-bound.slack(q):.3g} {self._unit(bound)}")
+                by = f"{-bound.slack(q):.3g} {self._unit(bound)}"
+                raise KinematicsError(f"motor {bound.name} would exceed its limits of {self._limits(bound)} by {by}")
             if bound.kind == "gap" and beyond:
                 lower, upper = bound.name.split()
                 least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM
@@ -309,13 +314,15 @@ class Desk:
             lower, upper = bound.name.split()
             return f"{upper} - {lower} is at its minimum of {bound.least / MM:.3f} mm ({self._rail(lower, upper)})"
         if bound.kind == "motor":
-            a = self.mechanism.actuator(bound.name)
-            limits = " .. ".join(f"{v:.3g}" for v in a.limits or ())
-            return f"motor {a.name} is at its limits of {limits} {self._unit(bound)}"
+            return f"motor {bound.name} is at a limit ({self._limits(bound)})"
         joint = self.mechanism.joint(bound.name)
         return (
             f"{joint.name} is at its limit of {_shown(joint, bound.least if bound.kind == 'lower' else -bound.least)}"
         )
+
+    def _limits(self, bound: Bound) -> str:
+        limits = self.mechanism.actuator(bound.name).limits or ()
+        return f"{' .. '.join(f'{v:.3g}' for v in limits)} {self._unit(bound)}"
 
     def _unit(self, bound: Bound) -> str:
         return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
@@ -331,8 +338,8 @@ class Desk:
             if joint.name in (lower, upper):
                 other, side = (upper, "below") if joint.name == lower else (lower, "above")
                 at = _shown(joint, float(q[[j.name for j in self.joints].index(other)]))
-                least = f"{bound.least / MM:.3f} mm {side} {other} = {at}"
-                reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least} ({self._rail(lower, upper)})")
+                least = f"at least {bound.least / MM:.3f} mm {side} {other} = {at} ({self._rail(lower, upper)})"
+                reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least}")
         reasons += [self._bound(b) for b in dragged.stops if b.kind == "motor"]
         at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
         if dragged.singular:

@@ -1,4 +1,4 @@
-"""Largest forces on the hands between two pictures of a display, because a pulse can be shorter than a picture."""
+"""Largest forces on the hands between two pictures of a display: a pulse can be shorter than this time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class ForcePeaks(Block):
     """Stores the largest `<hand>.force` (3,) in N of all ticks since the last call of `take`; it writes no signal."""
 
     def __init__(self, hands: Sequence[str]) -> None:
-        """Watch some hands."""
+        """Watch the forces on the hands with these names."""
         self.outputs = {}
         self._names = {hand: f"{hand}.force" for hand in hands}
         self._peaks = {hand: np.zeros(3) for hand in hands}
@@ -28,6 +28,6 @@ class ForcePeaks(Block):
         return {}
 
     def take(self) -> dict[str, Array]:
-        """Return the largest force (3,) in N of each hand since the last call, in {H}."""
+        """Return the largest force (3,) in N on each hand since the last call, in {H}, the axes of the picture."""
         taken, self._peaks = self._peaks, {hand: np.zeros(3) for hand in self._peaks}
         return taken

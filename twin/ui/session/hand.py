@@ -41,7 +41,7 @@ class Hand:
         return Dragger(self.mechanism.with_rest(self.model.home().link_poses), self.bounds)
 
     def prepare(self) -> None:
-        """Compile the functions, so that the first drag does not wait for them; errors are raised by the drag."""
+        """Compile the functions, so that the first drag does not wait; an error is raised only by the drag."""
         with contextlib.suppress(AssemblyError, MechanismError):
             dragger, home = self.dragger, self.model.home()
             u = self._unknowns(home)
@@ -71,7 +71,10 @@ class Hand:
         return self._closed(now, dragged), dragged
 
     def tools(self, now: Assembly, q: Array) -> list[Array]:
-        """Return the tool poses (4, 4) at q (n,), solved with the home state and the present state as initial guess."""
+        """Return tool poses (4, 4) at q (n,), one for each initial guess with which the loops close.
+
+        Initial guesses are the home state, the present state, and the present state dragged to q.
+        """
         dragger, out = self.dragger, []
         with contextlib.suppress(AssemblyError, MechanismError):
             out.append(dragger.solver.forward(q))
@@ -107,7 +110,7 @@ class Hand:
         return np.concatenate([*parts, []])
 
     def _places(self, joint: str, count: int) -> slice:
-        """Return the indices of the last `count` coordinates of a passive joint; a slide's coordinate precedes them."""
+        """Return the indices in x of a joint's last `count` coordinates; a cylindrical joint has its slide first."""
         tree = self.model.tree
         model = tree.model.joints[tree.joint_id[joint]]
         end = model.idx_q + model.nq

@@ -1,4 +1,4 @@
-"""The machines of a console: packets and states between them and the World, requests of the trainer, deviations."""
+"""The machines of a console: their packets and states, requests to the trainer, deviations from the models."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class LiveMachines:
         self._machines.close()
 
     def ask(self, mode: Mode) -> None:
-        """Ask the trainer for teleoperation, a rehearsal, its judgement, or its replay."""
+        """Request a mode of the trainer: teleoperation, rehearsal, check of the rehearsed motion, or its replay."""
         self._asked += 1
         self._device.set(MODE, asked(mode, self._asked))
 
@@ -54,7 +54,10 @@ class LiveMachines:
             link.reader.press(button)
 
     def state(self, world: World) -> dict[str, Any] | None:
-        """Return the view, the mode, and run level, phase and problem of each machine; None without a trainer."""
+        """Return view ("real" or "virtual"), requested mode, and the state of each machine; None without a trainer.
+
+        The state of a machine is its run level, phase, reason of the trainer, and problem.
+        """
         if self._trainer is None:
             return None
         signals, bounds, out = world.signals, machine_scene.bounds(self._trainer), {}
@@ -71,7 +74,7 @@ class LiveMachines:
         return {"view": view, "mode": mode_of(signals[MODE][0]).name.lower(), "robots": out}
 
     def deviations(self, world: World) -> dict[str, dict[str, Any]]:
-        """Return, by machine, the distance of both tips in m, the differences of the joints, and the cue in N."""
+        """Return, by machine: distance in m of its tip from the model's, joint differences in rad or m, cue in N."""
         return {
             name: {
                 "tip": float(world.signals[f"{name}.deviation"][0]),

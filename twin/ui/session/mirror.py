@@ -93,7 +93,7 @@ class Mirror:
 
     @property
     def deviation(self) -> dict[str, Any]:
-        """Distance of both tips in m (`tip`), and desired minus measured joints (n,) in rad or m (`joints`)."""
+        """Distance in m of the tips of robot and ghost (`tip`), and desired minus measured q (n,) in SI (`joints`)."""
         body, T = self._tool
         tips = [(self.links[n][body] @ T)[:3, 3] for n in (self.name, self.ghost)]
         return {"tip": float(np.linalg.norm(tips[1] - tips[0])), "joints": self.world.signals[f"{self.name}.apart"]}

@@ -16,11 +16,12 @@ from twin.ui.session.feed import Surface
 from twin.ui.session.timeline import RATE
 
 _BEHIND = 2
-"""Maximum number of steps of the organs for each picture: one late picture is made up for; more would be late as well.
-On a slower page, the organs lag behind the links."""
+"""Maximum number of steps of the organs for each picture. Two steps make up for one late picture; more steps would make
+the next picture late, too. On a slower page, the organs lag behind the links."""
 
 _AWAY = spatial.pose(p=np.array([0.0, 0.0, 100.0]))
-"""Pose of the links before the first picture: a link that is inside an organ there has jumped into it."""
+"""Pose of the links before the first picture, far from the organs. A link that is inside an organ in the first picture
+thus counts as having jumped into it, and does not touch it until it is outside."""
 
 
 class OrganFeed:

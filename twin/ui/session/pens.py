@@ -153,7 +153,7 @@ class Pens:
         self.clutch = self.clutch if clutch is None else clutch
         self.camera = self.camera if camera is None else camera
 
-    def lead(self, client: str, hand: str, T_old: Array, T_new: Array) -> None:
+    def move(self, client: str, hand: str, T_old: Array, T_new: Array) -> None:
         """Move a hand so that its tool moves by the displacement from T_old to T_new, both (4, 4) in the World.
 
         While the camera pedal is pressed, both hands move, so that the scene moves by this displacement in the picture.
@@ -237,7 +237,7 @@ class Pens:
             self.release()
 
     def settle(self, hand: str) -> None:
-        """Move a hand whose arm cannot reach the goal back to the tool, so that the tool follows the next motion.
+        """Move a hand back to its tool if the arm cannot reach the goal, so that the tool follows the next motion.
 
         In planning mode, the arm rests, and nothing is moved.
         """

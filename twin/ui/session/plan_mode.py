@@ -2,10 +2,10 @@
 
     off -> aim -> plan -> preview -> run -> off
 
-In `aim`, the hand moves the target, which may pass through anything; all arms are at rest. `plan` searches in another
-process; the search begins already when the target rests, so that a user who stops before releasing the pedal does not
-wait for all of it. `preview` shows the motion until it is accepted. In `run`, the arm follows it; the poses are an
-input of the World and in its recording.
+In `aim`, the hand moves the target, which may pass through anything; all arms are at rest. In `plan`, another process
+searches a motion; the search begins as soon as the target rests, so that a user who pauses before releasing the pedal
+waits less. `preview` shows the motion until it is accepted. In `run`, the arm follows the motion; its poses are inputs
+of the World and are recorded.
 """
 
 from __future__ import annotations
@@ -40,23 +40,24 @@ _SHARE = 0.75
 """Part of the speeds of a machine's packets that a plan uses, so that the packets follow it closely."""
 
 _MOVED = 1e-3
-"""Difference in rad or m of a joint above which an arm is no longer where a plan left it."""
+"""Joint difference in rad or m above which an arm counts as moved since the plan."""
 
 _SAID = 6.0
-"""Time in s for which the end of a motion is told."""
+"""Time in s for which the message about the end of a motion is shown."""
 
 _SAME = 1e-4
-"""Largest difference in rad or m of all joints at which the target is where the arm is."""
+"""Joint difference in rad or m below which the target counts as being at the arm, if it holds for all joints."""
 
 _NEAR = 0.1 * MM, 0.1 * DEG
-"""Motion of the target that the ghost does not follow: less than is seen, and than an arm's deviation at the end of a
-motion. So a hand that trembles on its support rests, and its target is tested and planned for once."""
+"""Motion of the target in m and rad that the ghost does not follow: it is too small to be seen, and smaller than an
+arm's deviation at the end of a motion. A trembling hand thus counts as at rest, and its target is tested and planned
+for only once."""
 
 _AWAY = 1 * MM, 1 * DEG
-"""Motion of the target after which an error is no longer shown (ASSUMED)."""
+"""Motion of the target in m and rad after which an error is no longer shown (ASSUMED)."""
 
 _REST = 0.15
-"""Time in s without motion of a free target after which the search begins before the pedal is released."""
+"""Time in s for which a free target must rest before the search begins, while the pedal is still pressed."""
 
 
 @dataclass
@@ -90,13 +91,14 @@ class PlanMode:
         plans: the input device of the World.
         phase: see the module.
         hand, robot: the hand and its arm; "" if `phase` is "off".
-        said: what the user should know now; "" if there is nothing.
+        said: message for the user; "" if there is none.
         bad: whether `said` is an error.
-        blocked: why the target is not free; "" if it is, or is not known yet.
-        done: part of the search that is done, or of the motion that was made.
-        preview: the planned motion; None before.
+        blocked: why the target is not free; "" if it is free, or if this is not known yet.
+        done: fraction, 0 to 1, of the search or of the motion that is done.
+        ready: whether the geometry is loaded.
+        preview: the planned motion; None before it is found.
         ghost: T_base_body (4, 4) of the arm at the target, by body; empty: there is none.
-        changes: number of changes of `ghost` and `preview`, for the source of a stream.
+        changes: number of changes of `ghost` and `preview`; a stream sends them again if it has changed.
     """
 
     def __init__(self, scene: Scene, members: Mapping[str, Member], world: Callable[[], World], source: str) -> None:
@@ -138,7 +140,8 @@ class PlanMode:
             self.require_off()
         if robot in self._table.through:
             raise TwinError(
-                f"{robot} is kept in its port by software, and the planner does not know its port: move it by hand"
+                f"{robot} is kept in its port by software, which the planner does not model: move it directly with the "
+                "hands of the console"
             )
         if robot in self._machines and (p := self._world().signals[f"{robot}.phase"][0]) > TrainerPhase.REHEARSE:
             name = TrainerPhase(int(p)).name.lower()
@@ -173,7 +176,7 @@ class PlanMode:
             raise TwinError("there is no target yet: press Plan, and move the target")
         start = self._at(self.robot)
         if np.abs(self._q - start).max() < _SAME:
-            raise TwinError(f"the target is where {self.robot} is: move it away first")
+            raise TwinError(f"the target is where {self.robot} is: move the target away first")
         self._enter()
         ahead, self._ahead, self._error = self._ahead, None, None
         self._start, self.phase, self.done, self.said, self.bad = start, "plan", 0.0, "", False
@@ -222,7 +225,7 @@ class PlanMode:
             self._tell(why or "Cancelled: the arm stays where it is.", bool(why))
 
     def reset(self, why: str = "") -> None:
-        """End planning mode, and forget what was reported of the last motion: the World ends, or another one begins."""
+        """End planning mode, and delete the message about the last motion, for the end of a World or a new World."""
         self._stream.cancel()
         self.plans.stop(why)
         self._clear()
@@ -231,7 +234,7 @@ class PlanMode:
         """Check that no motion is planned or made.
 
         Raises:
-            TwinError: there is one.
+            TwinError: a motion is being planned or made.
         """
         if self.phase == "run":
             raise TwinError(f"{self.robot} follows a plan: wait until it has arrived, or cancel")
@@ -245,7 +248,7 @@ class PlanMode:
     # -- time -----------------------------------------------------------------------------------------
 
     def poll(self, arm: str) -> None:
-        """Take what the other process has found, and follow the target; `arm` is the arm of `hand` now."""
+        """Take the results of the other process, and follow the target; `arm` is the arm that `hand` controls now."""
         if self.phase == "off":
             return
         pieces, end = self._stream.poll()
@@ -322,7 +325,7 @@ class PlanMode:
                 self._stream.start(self._ahead.job)
 
     def _serves(self, job: Plan, start: Array) -> bool:
-        """Return whether a plan is from start (n,) to the target, among what surrounds the arm now."""
+        """Return whether a plan is from start (n,) to the target, in the present surroundings of the arm."""
         goes = np.array_equal(job.goal, self._q) and np.abs(job.start - start).max() <= _MOVED
         return job.room is self._room and bool(goes)
 
@@ -378,7 +381,7 @@ class PlanMode:
         return signals[f"{robot}.encoder" if f"{robot}.encoder" in signals else f"{robot}.q"]
 
     def _enter(self) -> None:
-        """Note where the other robots stand; the geometry is loaded again if one has moved since the last plan."""
+        """Store the joints of the other robots; if one has moved since the last plan, the geometry is loaded again."""
         signals, names = self._world().signals, [p.name for p in self._scene.places if p.name != self.robot]
         others = {n: signals[f"{n}.q"] for n in names if f"{n}.q" in signals}
         same = self._room is not None and self._room.robot == self.robot and others.keys() == self._stands.keys()

@@ -56,7 +56,7 @@ def clearance(preview: Preview) -> str:
 
 
 def curve(preview: Preview) -> tuple[Array, Array]:
-    """Return times (k,) in s and the smallest distances (k,) in m that are known of a planned motion."""
+    """Return times (k,) in s, and the minimum clearances (k,) in m of a planned motion that are known so far."""
     t, distance = ([getattr(c, name) for c in preview.clear] for name in ("t", "distance"))
     return np.concatenate([*t, np.zeros(0)]), np.concatenate([*distance, np.zeros(0)])
 
@@ -64,8 +64,8 @@ def curve(preview: Preview) -> tuple[Array, Array]:
 def ghost(mode: PlanMode, t: float) -> Mapping[str, Array]:
     """Return T_base_body (4, 4) of the ghost by body; empty if there is none.
 
-    It stands at the target. In a preview, which began `t` s ago, it repeats the motion; while the arm follows it, it
-    stands at its end.
+    Before a preview, the ghost is at the target. In a preview, which began `t` s ago, the ghost repeats the motion.
+    While the arm follows the motion, the ghost is at the end of the motion.
     """
     if mode.phase == "off":
         return {}

@@ -1,7 +1,8 @@
 """Work of planning mode in another process: tests of the target, the plan with its timing and preview, its clearance.
 
-The process keeps the obstacles of the last room, so that tests take milliseconds. A plan runs in a thread beside the
-generator, which yields its progress: where the generator is closed, the plan ends at its next report of progress.
+The process keeps the obstacles of the last room of each robot, so that tests take milliseconds. A plan runs in a
+thread, and the generator yields its progress. If the generator is closed, the plan ends at its next check for
+cancellation.
 """
 
 from __future__ import annotations
@@ -33,15 +34,16 @@ _PLACES = 64
 """Number of places along a path at which the clearance is shown."""
 
 _CLEARANCE = 2 * MM
-"""Smallest clearance of a plan in m: a search with less takes seconds, and an arm does not follow more closely."""
+"""Minimum clearance of a plan in m: with less, a search takes seconds, and arms do not follow paths more closely."""
 
 _SPEED, _RISE = (0.1, 1.0), 0.25
-"""Speed in m/s or rad/s of a joint without a limit; time in s to it for a joint without one (ASSUMED)."""
+"""Speed (m/s, rad/s) of a joint without a limit of speed; time in s to reach the speed for a joint without a limit of
+acceleration (both ASSUMED)."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """What an arm moves among.
+    """Surroundings in which an arm moves.
 
     Attributes:
         number: a different number for each state of the other robots.
@@ -58,7 +60,7 @@ class Room:
 
 @dataclass(frozen=True)
 class Check:
-    """Job: whether joint values q (n,) are free; yields a `Checked`. q None: only load the geometry."""
+    """Job: check whether joint values q (n,) are free, and yield a `Checked`; q None: only load the geometry."""
 
     room: Room
     q: Array | None = None
@@ -222,7 +224,7 @@ def _tips(arm: _Arm, trees: Sequence[Any]) -> Array:
 
 
 def _timed(path: Any, arm: _Arm, job: Plan) -> Array:
-    """Return s (k,) every `DT` of the fastest motion within the limits of the joints and of the tool."""
+    """Return s (k,), one value every `DT`: the fastest motion within joint limits, slowed to the tool's limits."""
     from twin.planning.timing import time_path
 
     timing = time_path(path, arm.speed, arm.acceleration, dt=DT)
@@ -251,7 +253,7 @@ _arms: dict[str, tuple[int, _Arm]] = {}
 
 
 def _arm_of(room: Room) -> _Arm:
-    """Return the arm of a room; that of the last room is kept."""
+    """Return the arm of a room; the arm of the last room of each robot is kept."""
     known = _arms.get(room.robot)
     if known is None or known[0] != room.number:
         known = _arms[room.robot] = room.number, _make(room)

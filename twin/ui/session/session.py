@@ -41,6 +41,7 @@ class Session:
     """A recorded session of one robot.
 
     Attributes:
+        robot: name of the robot.
         joints: names of the active joints, in the order of q.
         units: unit of each joint, "m" or "rad".
         moments: recorded states in the order of time; `add` appends a state.

@@ -14,10 +14,10 @@ from twin.simulation.world import World
 from twin.ui.session.feed import Surface
 
 _BALL = 2.5 * MM * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-"""Corners of the octahedron that marks a cell of the bed in m."""
+"""Corners (6, 3) in m of the octahedron that marks a cell of the bed, relative to the cell."""
 
 _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
-"""Its triangles, counter-clockwise as seen from outside."""
+"""Triangles of this octahedron, counter-clockwise as seen from outside."""
 
 _BED = (0.9, 0.75, 0.35)
 """Colour of the marks, linear."""
@@ -38,7 +38,7 @@ class WorldFeed:
     touching: Mapping[str, Sequence[str]] = {}
 
     def __init__(self, world: Callable[[], World], organ: Tissue) -> None:
-        """Prepare for the deformables of a World that a function returns, and for the bed of an organ."""
+        """Prepare for the deformables of the World that `world` returns, and for the bed of an organ."""
         self._world, self._organ, self._bed = world, organ, f"{organ.name}_bed"
         deformables = world().deformables
         self.surfaces = {d.name: Surface(d.mesh.triangles, d.mesh.color_rgba[:3]) for d in deformables}

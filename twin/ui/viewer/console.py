@@ -7,15 +7,13 @@ World (`twin.ui.session.console`).
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any
 
 import numpy as np
 import viser
 
-from twin.api import Robot
-from twin.api.machine import Machines
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
@@ -24,18 +22,16 @@ from twin.model import alignment
 from twin.model.body import Body
 from twin.model.console import CameraTable
 from twin.model.mechanism import Mechanism
-from twin.model.scene import Scene
-from twin.model.task import Task
-from twin.model.tissue import Tissue
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import Grip
-from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
+from twin.simulation.controllers.pivot import FULCRUMS
 from twin.ui.session import plan_view
-from twin.ui.session.console import LiveConsole, MakeReport
-from twin.ui.session.feed import Feed
+from twin.ui.session.console import LiveConsole
+from twin.ui.session.exercise import NO_TASK, Exercise
+from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.pens import Pens
 from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import Loop
@@ -91,44 +87,29 @@ class ConsoleFront(Loop):
     def __init__(
         self,
         title: str,
-        scene: Scene,
-        robots: Mapping[str, Robot],
-        props: Mechanism | None,
+        loaded: LoadedScene,
         server: viser.ViserServer,
+        exercise: Exercise = NO_TASK,
         stopping: threading.Event | None = None,
-        task: Task | None = None,
-        report: MakeReport | None = None,
-        fulcrum: Fulcrum = "compensated",
-        feed: Feed | None = None,
-        organs: Sequence[Tissue] = (),
-        machines: Machines | None = None,
     ) -> None:
         """Create World and page.
 
         Args:
             title: title of the page.
-            scene: a scene with a console.
-            robots: robots by name of their place.
-            props: mechanism of the props; None: no props.
+            loaded: a scene with a console; the models of its machines are shown as ghosts.
             server: the server of viser.
+            exercise: what is done at the console.
             stopping: set when the page shall end.
-            task: a task, or None.
-            report: makes the report of an attempt, see `LiveConsole`.
-            fulcrum: end of the instruments that the hands control at the start, see `LiveConsole`.
-            feed: deformables that are not in the World; None: none.
-            organs: the organs of the scene; only needed for a procedure, whose World has them.
-            machines: connections to the machines of the scene; their models are shown as ghosts.
 
         Raises:
             TwinError: the scene has no console, the console does not match its robots, or the task its props.
         """
         super().__init__(server, title, stopping)
-        more = {"report": report, "fulcrum": fulcrum, "organs": organs, "machines": machines}
-        self.console = LiveConsole(scene, robots, task=task, props=props, **more)
-        shown = self.console.feed or feed
-        self._fields = None if shown is None else FieldNodes(server, shown)
+        self.console = LiveConsole(loaded, exercise)
+        self._fields = None if self.console.feed is None else FieldNodes(server, self.console.feed)
         self.pens = Pens(self.console)
-        self._view_angle = scene.cameras[self.console.table.camera].view_deg * DEG
+        camera = loaded.scene.cameras[self.console.table.camera]
+        self._view_angle = camera.view_deg * DEG
         self._poses = poses = self.console.world.frame().link_poses
         self.nodes = {
             n: RobotNodes(server, f"/{n}", m.mechanism, poses[n], None if n in self.console.members else BLUE)
@@ -139,10 +120,10 @@ class ConsoleFront(Loop):
             self.nodes[item.name] = RobotNodes(server, f"/{item.name}", alone, poses[item.name])
         boxes = [n.box for n in self.nodes.values()]
         self.props: RobotNodes | None = None
-        goal = None if task is None else task.alignment
+        goal = None if exercise.task is None else exercise.task.alignment
         if goal is not None:
-            self._draw_line(server, scene.cameras[self.console.table.camera], goal.line)
-        if (props := alignment.beside(props, goal)) is not None:
+            self._draw_line(server, camera, goal.line)
+        if (props := alignment.beside(loaded.props, goal)) is not None:
             self.props = RobotNodes(server, f"/{props.name}", props, ReferenceModel(props).home().link_poses)
             boxes.append(self.props.box)
         found = np.concatenate([corners(b) for b in boxes])
@@ -224,14 +205,14 @@ class ConsoleFront(Loop):
                 return
             R = spatial.matrix_from_quat_wxyz(np.array(event.target.wxyz))
             T, client, phase = spatial.pose(R, np.array(event.target.position)), _name(event.client), event.phase
-            self.ask(hand, lambda: self._lead(hand, client, T, phase == "end"))
+            self.ask(hand, lambda: self._move(hand, client, T, phase == "end"))
 
         return arrows
 
-    def _lead(self, hand: str, client: str, T: Array, ended: bool) -> None:
+    def _move(self, hand: str, client: str, T: Array, ended: bool) -> None:
         T_old, self._at[hand] = self._at[hand], T
         self._dragged.discard(hand)
-        self.pens.lead(client, hand, T_old, T)
+        self.pens.move(client, hand, T_old, T)
         self._left_to_settle.add(hand)
         if not ended:
             self._dragged.add(hand)
@@ -370,7 +351,7 @@ class ConsoleFront(Loop):
         self._direct = None
         if (fulcrum := self.console.reading["fulcrum"]) is not None:
             self._direct = gui.add_checkbox("direct fulcrum", fulcrum == "direct", hint="The hands move the outer ends")
-            self._on(self._direct, "fulcrum", lambda c, v: self.console.lead_by(c, FULCRUMS[int(v)]))
+            self._on(self._direct, "fulcrum", lambda c, v: self.console.choose_fulcrum(c, FULCRUMS[int(v)]))
 
     def _tool(self, hand: str) -> str:
         """Return the title of the tool of a hand."""
@@ -482,7 +463,7 @@ def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -
 
     `planned` is the status of planning mode; None if there is nothing to say.
     """
-    led = [h["robot"] for h in reading["hands"].values() if h["follows"]]
+    moved = [h["robot"] for h in reading["hands"].values() if h["follows"]]
     walls = [f"{h['robot']}: {h['wall']}" for h in reading["hands"].values() if h["wall"]]
     if reading["stopped"]:
         return "bad", f"The simulation has stopped: {reading['stopped']}"
@@ -504,7 +485,7 @@ def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -
         return "good", "Clutch: only the arrows move; the instruments are at rest."
     if reading["mode"] == "camera":
         return "good", "Camera: both hands move the picture."
-    return "good", f"{reading['owner']} controls {' and '.join(led) or 'no arm'}."
+    return "good", f"{reading['owner']} controls {' and '.join(moved) or 'no arm'}."
 
 
 def hand_text(reading: Mapping[str, Any], hand: str) -> tuple[str, str]:
@@ -512,6 +493,6 @@ def hand_text(reading: Mapping[str, Any], hand: str) -> tuple[str, str]:
     now = reading["hands"][hand]
     plan = reading["plan"]
     aims = plan is not None and plan["phase"] == "aim" and now["follows"]
-    doing = now["wall"] or ("rests, its target follows" if aims else "follows" if now["follows"] else "is at rest")
+    doing = now["wall"] or ("is at rest; its target follows" if aims else "follows" if now["follows"] else "is at rest")
     tone = "warn" if now["wall"] else "good" if now["follows"] else "plain"
     return tone, f"{hand.capitalize()} hand: {now['robot']} {doing}"

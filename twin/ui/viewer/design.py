@@ -58,7 +58,7 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
     a, b = mechanism.joint(joint), mechanism.joint(other)
     shared = _shared(a, b)
     if joint == other or len(shared) != 1:
-        what = "are one" if joint == other else "share no body" if not shared else f"share {' and '.join(shared)}"
+        what = "are the same" if joint == other else "share no body" if not shared else f"share {' and '.join(shared)}"
         partners = sorted({d.other if d.joint == joint else d.joint for d in _of(mechanism, joint)})
         raise MechanismError(
             f"{mechanism.name}: joints '{joint}' and '{other}' {what}, so they have no distance; "

@@ -59,7 +59,7 @@ class MirrorFront(Loop):
             f"{mirror.name}: {mirror.level or 'does not answer'}",
             f"Deviation of the tips: {apart['tip'] / MM:.2f} mm",
             largest(apart["joints"], mirror.robot.mechanism.active),
-            "Machine solid; its desired joints as ghost.",
+            "Solid: the machine's measured joints. Ghost: its desired joints.",
             *([mirror.problem] if mirror.problem else []),
         ]
         said = "".join(f"<div style='padding:0 1em .4em'>{escape(line)}</div>" for line in lines)

@@ -21,7 +21,7 @@ from twin.ui.viewer.record_panel import RecordPanel
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
 MOST_POSTURES = 64
-"""Maximum number of postures in the list; at the maximum, `keep here` adds no posture."""
+"""Maximum number of postures in the list; at the maximum, `keep here` only says so."""
 
 CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
 _POINTS = 400
@@ -213,6 +213,8 @@ class Panels:
                 postures.options = a.desk.postures
                 postures.value = name
                 front.say(f"stored as '{name}'")
+            else:
+                front.say(f"not stored: the list has {MOST_POSTURES} postures, which is the maximum")
 
         go.on_click(posture)
         self.record = RecordPanel(front, a, self._move_tab, self._sliders, lambda: postures.value)

@@ -142,7 +142,7 @@ class PlanningPanel:
             self._ghost.write(poses)
 
     def _paint(self, blocked: bool) -> None:
-        """Show the ghost in red where the target is not free."""
+        """Show the ghost in red if the target is not free, else in blue."""
         if self._ghost is None or blocked == self._red:
             return
         self._red = blocked

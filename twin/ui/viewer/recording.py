@@ -69,7 +69,7 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
     """
     clock = front.clock
     if clock.duration <= 0:
-        raise TwinError("no protocol is loaded: load a protocol first (Play, protocol)")
+        raise TwinError("no protocol is loaded: choose a protocol in the tab Play first")
     was, clock.playing = clock.time, False
     front.gizmo.visible = False
     serializer = front.server.get_scene_serializer()

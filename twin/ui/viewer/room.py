@@ -9,7 +9,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 
 FIRST = 40
-"""Angle of view in deg from outside."""
+"""Angle of view in deg of the views from outside."""
 
 OUTSIDE = {
     "overview": np.array([1.0, -1.35, 0.6]),

@@ -1,4 +1,4 @@
-"""The scoreboard of a task with rings in the panel, and the window with the result at its end."""
+"""The scoreboard of a judged task in the panel, and the window with the result at the end of the task."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ScorePanel:
         self._end.on_click(_asking(end))
         self._again.on_click(_asking(restart))
         self._save = gui.add_button(
-            "Save the report", visible=False, hint="A page with measures, and paths of tips and rings"
+            "Save the report", visible=False, hint="A page with the measures and plots of the session"
         )
         self._save.on_click(self._send)
         self._window: viser.GuiModalHandle | None = None

@@ -140,8 +140,8 @@ class Door:
 def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.ViserServer:
     """Start a server and return it.
 
-    Port 0 is any free port. Without `gate` (access rules), requests are accepted with the name of `host` from the
-    server's own page.
+    Port 0 is any free port. `gate` has the access rules. None: the server accepts requests that name `host` or this
+    machine, from its own page or from programs that are not browsers.
 
     Raises:
         TwinError: this version of viser opens its socket differently.

@@ -45,12 +45,17 @@ class TrainerPanel:
             self._curve = DeviationCurve(gui, self._names, table.cue.tol_mm * MM)
             for mode, label, hint in _MODES:
                 on_click(gui.add_button(label, hint=hint), label, lambda client, mode=mode: self._train(client, mode))
-            for button, hint in (("start", "it moves to home"), ("stop", "it stops")):
-                made = gui.add_button(f"{button.capitalize()} the machines", hint=f"Press the button of each: {hint}")
+            for button, hint in (("start", "the machines move to home"), ("stop", "the machines stop")):
+                made = gui.add_button(
+                    f"{button.capitalize()} the machines", hint=f"Press the {button} button of each machine: {hint}"
+                )
                 on_click(made, button, lambda client, button=button: console.press(client, button))
 
     def show(self, now: float) -> None:
-        """Show levels and deviation at `now` in s; keep the hands active during a replay, which silence would stop."""
+        """Show levels and deviation at `now` in s.
+
+        During a replay, keep the hands active, because silent hands would stop the replay.
+        """
         found: dict[str, Any] = self._console.reading["machines"]
         robots = found["robots"]
         if self._pens.client is not None and any(r["phase"] == "replay" for r in robots.values()):

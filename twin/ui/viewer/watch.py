@@ -10,13 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 import viser
 
-from twin.api import Robot
 from twin.core.spatial import Array
 from twin.core.units import srgb
-from twin.model.mechanism import Mechanism
-from twin.model.scene import Scene
 from twin.reference import ReferenceModel
 from twin.ui.session.feed import Surface
+from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.viewer.console import AWAY, hand_text, status
 from twin.ui.viewer.loop import Loop
 from twin.ui.viewer.nodes import RobotNodes
@@ -37,7 +35,10 @@ class Stream(Protocol):
     problem: str
 
     def take(self) -> tuple[Mapping[str, Mapping[str, Array]], Mapping[str, Array]] | None:
-        """Return T_base_link (4, 4) by robot and link, and vertices (n, 3) by deformable, of the newest frame, once."""
+        """Return link poses and vertices of the newest frame; None if no frame has arrived since the last call.
+
+        Poses are T_base_link (4, 4) by robot and link. Vertices are (n, 3) in m in the World, by deformable.
+        """
         ...
 
     def close(self) -> None: ...  # noqa: D102
@@ -54,9 +55,7 @@ class WatchFront(Loop):
     def __init__(
         self,
         title: str,
-        scene: Scene,
-        robots: Mapping[str, Robot],
-        props: Mechanism | None,
+        loaded: LoadedScene,
         server: viser.ViserServer,
         stream: Stream,
         stopping: threading.Event | None = None,
@@ -64,14 +63,14 @@ class WatchFront(Loop):
         """Draw the scene; the robots are in their home postures until the first frame."""
         super().__init__(server, title, stopping)
         self.stream = stream
-        self._places = {p.name: p.T_world_base for p in scene.places}
-        homes = {n: r.reference().home().link_poses for n, r in robots.items()}
+        self._places = {p.name: p.T_world_base for p in loaded.scene.places}
+        homes = {n: r.reference().home().link_poses for n, r in loaded.robots.items()}
         self.nodes = {
             n: RobotNodes(server, f"/{n}", r.mechanism, {b: self._places[n] @ T for b, T in homes[n].items()})
-            for n, r in robots.items()
+            for n, r in loaded.robots.items()
         }
         boxes = [n.box for n in self.nodes.values()]
-        if props is not None:
+        if (props := loaded.props) is not None:
             drawn = RobotNodes(server, f"/{props.name}", props, ReferenceModel(props).home().link_poses)
             boxes.append(drawn.box)
             for body, handle in drawn.meshes:

@@ -80,7 +80,7 @@ def _check_nesting(scene: Scene, path: str, prim: Usd.Prim) -> Iterator[Finding]
 
 
 def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
-    """Return (low (3,), high (3,)) in m of the visible meshes' bounding box in the body's frame; None: no meshes."""
+    """Return (low (3,), high (3,)) in m of the meshes' bounding box in the body's frame; None without meshes."""
     corners = []
     for prim in below(scene, body):
         if prim.IsA(UsdGeom.Mesh):

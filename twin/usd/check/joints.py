@@ -44,14 +44,14 @@ _JOINT = Kind(
 _LIMITS = Kind(
     "stage.limits",
     "disagreement",
-    "exchange the limits: engines lock the joint, or exchange or ignore the limits",
+    "exchange the limits: otherwise, engines lock the joint, exchange its limits or ignore them",
     word="upper",
 )
 _JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:collisionEnabled = false")
 
 
 def deviation(kind: str, A: Array) -> tuple[Array, Array]:
-    """Return (offset (k,) in m, angle (k,) in rad) of relative poses A (k, 4, 4) in the locked directions."""
+    """Return (offset (k,) in m, angle (k,) in rad) of poses A (k, 4, 4) in the locked directions of a joint type."""
     p = A[:, :3, 3]
     offset = np.linalg.norm(p, axis=1)
     across = np.hypot(p[:, 0], p[:, 1])

@@ -34,6 +34,7 @@ LAYER_FIELDS = {
     "kilogramsPerUnit": "stage.layer_units",
     "timeCodesPerSecond": "stage.frame_rate",
 }
+"""Metadata that all layers must state with the same value, and the code of the finding on different values."""
 
 
 _DEFAULT_PRIM = Kind("stage.default_prim", "disagreement", "set defaultPrim to the root prim of the robot")
@@ -120,7 +121,7 @@ def _check_layers(scene: Scene) -> Iterator[Finding]:
                     code,
                     layer.GetDisplayName(),
                     f"layer {layer.GetDisplayName()} has {field} {its}, but the root layer has {mine}",
-                    suggestion="give all layers the same value; USD does not convert between them",
+                    suggestion="give all layers the same value: USD rescales times, but not units, between layers",
                 )
 
 

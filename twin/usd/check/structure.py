@@ -63,7 +63,7 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
             yield _LOOSE(body, f"body {body} has no joint")
         elif body not in ways or (held is not None and body not in held):
             yield _DISCONNECTED(
-                body, f"body {body} has only joints excluded from the articulation: it is not a link of the robot"
+                body, f"body {body} is not a link of the robot: the joints of the articulation do not connect it"
             )
     if held is None:
         yield _FLOATING("/", "no joint connects the robot to the world: its base falls in a simulator")

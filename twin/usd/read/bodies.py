@@ -109,7 +109,8 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
     if counts.sum() != len(indices):
         raise StageError(f"mesh {where}: its faces require {counts.sum()} indices, but it has {len(indices)}")
     if len(indices) and not (indices.min() >= 0 and indices.max() < n):
-        raise StageError(f"mesh {where}: an index refers to vertex {indices.max()}, but it has {n} vertices")
+        wrong = indices.min() if indices.min() < 0 else indices.max()
+        raise StageError(f"mesh {where}: an index refers to vertex {wrong}, but the mesh has {n} vertices")
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else np.zeros(0, int)
     fans = np.maximum(counts - 2, 0)
     first = np.repeat(starts, fans)
@@ -168,7 +169,7 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
     kilograms = mass.GetMassAttr().Get() if body.HasAPI(UsdPhysics.MassAPI) else 0.0
     diagonal = gf.vector(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0)) if kilograms else np.zeros(3)
     if not kilograms or not np.any(diagonal):
-        text = f"{body.GetPath()} has no mass with inertia; simulators estimate one from its colliders"
+        text = f"{body.GetPath()} states no mass or no inertia; simulators estimate what is missing from its colliders"
         notes.append(info("stage.read.inertia", str(body.GetPath()), text))
         return None
     center = gf.vector(mass.GetCenterOfMassAttr().Get())

@@ -64,7 +64,7 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     if len(robots) > 1:
         firsts = ", ".join(g[0] for g in robots)
         raise StageError(
-            f"{place}: {len(robots)} robots, with {firsts}. Choose one by its root prim: "
+            f"{place}: {len(robots)} robots, whose first bodies are {firsts}. Choose one by its root prim: "
             "twin new NAME --from FILE --root PRIM."
         )
     members = [p for p in bodies if p in set(robots[0])]
@@ -176,7 +176,7 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
 
 
 def _is_stated_base(scene: Scene, body: str) -> bool:
-    """Return whether the attribute `twin:base` of the parent prim has the name of this body (a prim path)."""
+    """Return whether `twin:base` of the parent prim is the name of the body at the prim path `body`."""
     prim = scene.bodies.get(body)
     name = prim.GetParent().GetAttribute("twin:base") if prim else None
     return bool(prim and name and name.Get() == prim.GetName())

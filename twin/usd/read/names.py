@@ -10,7 +10,7 @@ def identifier(name: str) -> str:
     """Return a name in lower case, with all characters except letters, digits and _ replaced by _.
 
     CamelCase is split by underscores, so that FrontLeftLeg and frontleftleg remain different; a name that does not
-    begin with a letter gets the prefix "n".
+    begin with a letter gets the prefix "n_"; an empty name becomes "n".
     """
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
     name = re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_")

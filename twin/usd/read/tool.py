@@ -17,8 +17,8 @@ _OWN = "tool"
 def with_tool(m: Mechanism, name: str | None = None) -> tuple[Mechanism, str]:
     """Return (mechanism with a tool frame, text on the choice or "" if the tool is named).
 
-    The tool is the frame or body `name`; else the tool of the file; else its only frame; else a frame added on the last
-    link of the longest chain, which is the leaf body with the most joints between it and the base.
+    The tool is the frame or body `name`; else the tool of the file; else the frame "tool"; else the only frame; else a
+    frame added on the last link of the longest chain, the leaf body with the most joints between it and the base.
 
     Raises:
         MechanismError: there is no frame or body of that name.

@@ -57,8 +57,9 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
     """Write a baked motion to the folder of the robot's layers.
 
     Raises:
-        StageError: times do not increase, an array has the wrong length, a body or joint is unknown, or a body rotates
-            by more than 90 degrees between samples.
+        StageError: times do not increase, an array has the wrong length, a body is unknown, or a body rotates by more
+            than 90 degrees between samples.
+        MechanismError: a joint is unknown.
     """
     codes = _time_codes(motion)
     layer_path = folder / "motion" / f"{motion.name}.usdc"
@@ -94,7 +95,7 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
 def _time_codes(motion: Motion) -> Array:
     times = np.asarray(motion.times_s, float)
     if times.ndim != 1 or not len(times) or times[0] < 0 or not np.all(np.diff(times) > 0):
-        raise StageError(f"motion '{motion.name}': times must be a list (k,) of increasing values that starts at 0 s")
+        raise StageError(f"motion '{motion.name}': times must be a list (k,) of increasing values in s, none below 0")
     codes = times * TIME_CODES_PER_SECOND
     # Multiples of 1/60 s are not exact in binary: round time codes that are nearly whole numbers.
     return np.where(np.abs(codes - np.round(codes)) < 1e-6, np.round(codes), codes)

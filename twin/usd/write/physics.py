@@ -80,8 +80,8 @@ def write_physics(
     """Write the physics layer.
 
     `link_poses` has T_world_body (4, 4) by body; the base is fixed to the root prim of the robot at its pose. At these
-    poses, `q_full` has the coordinate in m or rad of each joint with a single coordinate, and `efforts` the static
-    effort in N or N m of driven joints; 0 for other joints.
+    poses, `q_full` has the coordinate in m or rad of each joint with a single coordinate. `efforts` has the static
+    effort in N or N m of driven joints; joints that are not listed have none.
 
     Raises:
         StageError: UsdPhysics cannot hold the data of a joint, or a joint of the tree has no coordinate in `q_full`

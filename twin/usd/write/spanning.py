@@ -10,8 +10,8 @@ from twin.model.mechanism import Mechanism
 _KEPT = {"fixed": 0, "prismatic": 1, "cylindrical": 1, "free": 1, "revolute": 2, "spherical": 3}
 """Priority of joint types for the tree; joints with a lower number are chosen first.
 
-Ball joints have the highest number: a ball joint that closes a loop is three position constraints, which are exact in
-all engines, while a ball joint in the tree has no single coordinate for a table of joint values.
+Ball joints have the highest number. As a loop closure, a ball joint is three position constraints, which are exact in
+all engines; in the tree, it has no single coordinate for a table of joint values.
 """
 
 

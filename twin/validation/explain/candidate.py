@@ -71,7 +71,7 @@ class Candidate:
 class Found:
     """Search result for one group of rows: the edits that fix the rows, and the best edit that does not fix them.
 
-    A cure is an edited function that makes the rows agree. Its readings are the different edits that result in it.
+    A cure is an edited function that makes the rows agree. Its readings are the different edits that give it.
 
     Attributes:
         rows: the rows of the group.

@@ -129,7 +129,7 @@ def explain(
     def judged(model: ReferenceModel) -> Judge:
         return Judge(formula, variants, known(formula, model, parameters, variants=variants), tolerance)
 
-    corrected = correct(formula, cad, judged, lambda f: progress("correct the drawing", f)) if cad is not None else None
+    corrected = correct(formula, cad, judged, lambda f: progress("correct the CAD", f)) if cad is not None else None
     laps.end("drawing")
     drawn: Judge | None = None
     try:

@@ -39,8 +39,8 @@ class Fit:
 class Numbers:
     """Residuals of the used rows as functions of the parameters.
 
-    Helper rows are used only if no printed row is wrong. Rows with a residual that is not finite are not used;
-    `complete`: whether no wrong row is left out for this reason.
+    Helper rows are used only if all printed rows agree. Rows with a residual that is not finite are not used;
+    `complete`: whether all wrong rows have finite residuals.
     """
 
     def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0) -> None:

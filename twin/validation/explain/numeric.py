@@ -16,8 +16,10 @@ import numpy as np
 
 from twin.core.errors import KinematicsError, no_inverse
 from twin.core.spatial import Array
+from twin.robots import FORMULA_MODULE
 
 _SYMBOLIC = "twin.formula.symbolic"
+_TWIN = Path(__file__).resolve().parents[2]
 
 
 class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
@@ -58,7 +60,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
     def __getitem__(self, key: Any) -> Any:
         rows, columns = self.shape
         if not isinstance(key, tuple):
-            if columns != 1:  # as in CasADi, a single index counts down the columns
+            if columns != 1:  # as in CasADi, a single index counts column by column
                 flat = Matrix(np.swapaxes(self.a, 1, 2).reshape(len(self.a), -1, 1))
                 return flat[key, 0]
             key = (key, 0)
@@ -95,7 +97,7 @@ def _stack(args: tuple, axis: int) -> Any:
 
 
 def _elementwise(op: np.ufunc, count: int = 1) -> Callable:
-    """Return an elementwise function of `count` scalars or matrices (NumPy would use a further one as output)."""
+    """Return an elementwise function of `count` scalars or matrices (NumPy would use a further argument as output)."""
 
     def apply(*args: Any) -> Any:
         if len(args) != count:
@@ -311,13 +313,15 @@ _NOT_OURS = {
 def _ours(f: types.FunctionType) -> bool:
     """Return whether a function may use CasADi, directly or through helpers, and must be rebuilt."""
     module = f.__globals__.get("__name__", "")
-    return "site-packages" not in f.__code__.co_filename and module not in _NOT_OURS
+    if module.split(".")[0] == "twin" or module.startswith(FORMULA_MODULE):  # wherever they are installed
+        return module not in _NOT_OURS
+    return not {"site-packages", "dist-packages"} & set(Path(f.__code__.co_filename).parts)
 
 
 def of_formula(f: types.FunctionType) -> bool:
     """Return whether a function that a formula calls is in a formula file, not in the library."""
-    path = Path(f.__code__.co_filename)
-    return path != Path(__file__) and not {"kinematics", "formula"} & set(path.parts[-2:-1])
+    path = Path(f.__code__.co_filename).resolve()
+    return not path.is_relative_to(_TWIN) or path.is_relative_to(_TWIN / "robots")
 
 
 def _missing(name: str) -> Callable:

@@ -68,7 +68,10 @@ class Search:
         return list(out.values())
 
     def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
-        """Evaluate single edits of the given kinds in the statements of `own_sites`; `only`: keys of statements."""
+        """Evaluate single edits of the given kinds in the statements of `own_sites`.
+
+        `only`: (equation, index) of the statements to edit; None for all.
+        """
         out: list[Candidate] = []
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
@@ -111,7 +114,7 @@ class Search:
         return out
 
     def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
-        """Return the candidate for an edited helper, judged in every equation that calls it; None if not valid."""
+        """Return the candidate for an edited helper, judged in every equation that calls it; None if it cannot run."""
         first: Candidate | None = None
         passed: set[str] = set()  # equations already judged; the equations after them use the edited outputs
         for step in sorted(steps, key=self.judge.steps.index):

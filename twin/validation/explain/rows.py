@@ -49,9 +49,12 @@ class Place:
 class Step:
     """One equation, prepared to be run statement by statement.
 
-    `known`: outputs for which the mechanism also has a value. `held`: the known outputs that the function assigns to a
-    variable of the same name; they are compared at this assignment. `free`: name and values (k,) of the free parameter
-    (the swivel angle of a redundant mechanism), one value for each state.
+    `missing`: the symbols without a value, or the error, if the equation cannot be judged. `stuck`: whether a statement
+    uses an unknown name. `before`: the variables before each statement. `computed`: outputs of earlier equations.
+    `gave`: outputs of this equation; the known ones have the mechanism's values. `known`: outputs for which the
+    mechanism also has a value. `held`: the known outputs that the function assigns to a variable of the same name; they
+    are compared at this assignment. `free`: name and values (k,) of the free parameter (the swivel angle of a redundant
+    mechanism), one value for each state.
     """
 
     equation: Equation

@@ -89,9 +89,9 @@ class Row:
     """Physical limits that follow from one row of the tables.
 
     Attributes:
-        definite: whether J is positive definite with at least one sign of the products.
-        slack: sum of the two smaller principal moments minus the largest, in kg m2; negative values violate the
-            triangle inequality.
+        definite: whether J is positive definite with the products as printed and with the products negated.
+        slack: sum of the two smaller principal moments minus the largest, in kg m2, for the sign of the products with
+            the smaller value; negative values violate the triangle inequality.
         mass_printed: minimum mass in kg with the products as printed; infinite if no mass is possible.
         mass_negated: minimum mass in kg with the products negated; infinite if no mass is possible.
         repaired: names of the misprinted cells that were repaired.

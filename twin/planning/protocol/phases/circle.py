@@ -69,12 +69,12 @@ class Circle(Phase):
     def end_after(self, at: Begin) -> End:
         """Return the state at the end, which is the state at the start."""
         if np.linalg.norm(np.cross(at.tip - self.centre, self.normal)) < _NO_RADIUS:
-            raise at.refuse("it begins on the axis of the circle: the radius is 0")
+            raise at.refuse("it begins on the axis of the circle: the radius is 0; change centre_mm or the start")
         if at.rcm is None:
             return End(at.angles, at.tip, None)
         missed = spatial.point_to_line(at.rcm, at.tip, at.shaft)
         if missed > at.tolerance:
-            raise at.refuse(f"the shaft begins {missed / MM:.3f} mm beside the RCM")
+            raise at.refuse(f"the shaft begins {missed / MM:.3f} mm beside the RCM (allowed: {at.tolerance / MM:g} mm)")
         return End(at.angles, at.tip, at.rcm, None, "enforced", at.depth)
 
     def motion(self, course: Course, s: Array) -> Motion:

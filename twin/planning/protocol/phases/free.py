@@ -37,7 +37,9 @@ class FreeTable(PhaseTable):
     samples: Annotated[
         int,
         Field(
-            ge=0, le=100_000, description="number of samples up to which the first path found is improved; 0: it is not"
+            ge=0,
+            le=100_000,
+            description="number of samples up to which the first path found is improved; 0: it is not improved",
         ),
     ] = 0
 

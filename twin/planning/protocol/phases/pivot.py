@@ -11,6 +11,7 @@ from typing import ClassVar, Literal
 
 from twin.core import spatial
 from twin.core.spatial import Array
+from twin.core.units import MM
 from twin.planning.protocol.course import Course, Motion, RcmMode, rotation
 from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Trocar, Walk
 from twin.schema import Identifier
@@ -54,7 +55,7 @@ class Pivot(Phase):
     def end_after(self, at: Begin) -> End:
         """Return the state at the end: the pose of the waypoint, or its angles and depth about the RCM."""
         if at.rcm is None:
-            raise at.refuse("no RCM is registered yet")
+            raise at.refuse("no RCM is registered yet; add an insertion before it")
         if self.rcm == "monitored":
             angles, tip = at.pose(self.to)
             depth = float((tip - at.rcm) @ rotation(angles, at.order) @ at.n_tool_shaft)
@@ -62,8 +63,11 @@ class Pivot(Phase):
         angles, depth = at.waypoints[self.to].angles, at.waypoints[self.to].depth
         if depth is None:
             raise at.refuse(f"waypoint '{self.to}' has no depth")
-        if at.mode == "monitored" and spatial.point_to_line(at.rcm, at.tip, at.shaft) > at.tolerance:
-            raise at.refuse("it must keep the RCM, but its shaft misses the RCM at the start, after a monitored pivot")
+        if at.mode == "monitored" and (missed := spatial.point_to_line(at.rcm, at.tip, at.shaft)) > at.tolerance:
+            raise at.refuse(
+                f"it must keep the RCM, but after a monitored pivot its shaft begins {missed / MM:.3f} mm beside the "
+                f"RCM (allowed: {at.tolerance / MM:g} mm)"
+            )
         tip = at.rcm + depth * (rotation(angles, at.order) @ at.n_tool_shaft)
         return End(angles, tip, at.rcm, self.to, self.rcm, depth)
 

@@ -18,7 +18,7 @@ NAME = "planes"
 """Last part of the name of the signal with the planes of a robot."""
 
 _OPPOSITE = -0.5
-"""Cosine of the angle between two normals below which they count as those of opposite sides of a part."""
+"""Cosine of the angle between two normals below which they count as normals of opposite sides of a part."""
 
 _Touch = tuple[float, tuple[int, int], int, Array, Array]
 """A contact of an instrument: depth, both geoms (first the instrument's), body and deepest point of the instrument,
@@ -144,7 +144,7 @@ class Feel:
             if arm < 0:
                 self._grasps.pop(i, None)
             elif i not in pushed or self._grasps.get(i, (-1,))[0] != arm:
-                # While an object touches nothing else, its place in the jaws is the one that it would keep.
+                # While an object touches nothing else, its present pose in the jaws is the one without slip.
                 self._grasps[i] = arm, _back(d, self._hands[arm]) @ _pose(d, self._items[i])
 
     def _tool(self, d: mujoco.MjData, arm: int) -> Array:

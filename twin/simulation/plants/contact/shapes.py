@@ -51,7 +51,7 @@ def add_object(body: mujoco.MjsBody, item: Movable, **more: object) -> None:
 
 
 def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Array, owner: str, **more: object) -> None:
-    """Add the geom of a part to a MuJoCo body: a box or a capsule if it is one, else its convex hull.
+    """Add the geom of a part to a MuJoCo body: a box or a capsule if the part has this shape, else its convex hull.
 
     Args:
         spec: the model, which stores hulls.
@@ -87,7 +87,7 @@ def _hull(vertices: bytes) -> tuple[Array, float, Array, Array]:
     The box is given by the pose (4, 4) of the vertices' frame in its middle, and its edges (3,). The result is
     cached, because both arms of a scene have the same instruments, and a restarted World has the same parts.
     """
-    import trimesh  # late: it takes a second
+    import trimesh  # imported here, because the import takes a second
 
     hull = trimesh.convex.convex_hull(np.frombuffer(vertices).reshape(-1, 3))
     to_box, edges = trimesh.bounds.oriented_bounds(hull)

@@ -23,7 +23,7 @@ _DRAG = 2.0
 for ever."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step if the force is twice its limit; it is proportional to the excess."""
+"""Distance in m by which the jaws slide in a step if the force is twice its limit; proportional to the excess force."""
 
 _STIFF = [0.99, 0.999, 1e-4, 0.5, 2.0]
 """Impedance of the constraints in MuJoCo."""
@@ -40,8 +40,7 @@ class Grip:
         weights: (k,) the point is weights @ nodes.
         limit: maximum friction force of the jaws in N.
         p: (3,) position in m in the World at which the jaws hold the point.
-        offset: (3,) displacement in m of the
-            point from the jaws by slipping.
+        offset: (3,) displacement in m of the point from the jaws by slipping.
         force: (3,) force on the organ in the last step in N.
     """
 

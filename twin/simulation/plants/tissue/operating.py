@@ -107,7 +107,7 @@ class Operating(Tissues):
     """Writes the signals of `Tissues`, and the effects of tools. A grasper holds the organ or a vessel by friction.
 
     Signals that it reads, besides `<robot>.q`:
-        `<robot>.opening`: opening of the jaws, 0 (closed) to 1. A tool acts when the opening falls below 0.5.
+        `<robot>.opening`: opening of the jaws, 0 (closed) to 1. A tool acts when the opening falls to 0.5 or less.
         `<robot>.tool`: index of the requested tool, in the order of the scene.
         `<robot>.pedal`: 1 while cautery is on.
 

@@ -165,12 +165,12 @@ class Organ:
     # -- links ----------------------------------------------------------------------------------------------
 
     def _near(self, points: Array, corners: Array, T: Array) -> Array:
-        """Return those points of a link at T_world_link, in the World, that are in the box around the organ or beside.
+        """Return the points (k, 3) of a link, in the World, that are within 2 `SAMPLE` of the box around the organ.
 
         Args:
             points: (n, 3) points of the link in its frame in m.
-            corners: (8, 3) corners of the box around them.
-            T: its pose.
+            corners: (8, 3) corners of the box around the points.
+            T: (4, 4) T_world_link.
         """
         low, high = self.nodes.min(axis=0) - 2 * SAMPLE, self.nodes.max(axis=0) + 2 * SAMPLE
         at = corners @ T[:3, :3].T + T[:3, 3]
@@ -190,7 +190,8 @@ class Organ:
         if not len(near):
             return False
         vertices = self.tissue.weights @ self.nodes
-        return any(inside(p, vertices, self._triangles)[0] for p in near)  # most links inside show it by the first ones
+        # usually ends early: of most links that are inside, one of the first points is inside
+        return any(inside(p, vertices, self._triangles)[0] for p in near)
 
     def look(self, k: int, is_inside: bool) -> bool:
         """Store whether link k is inside the organ; return whether it may touch the organ."""

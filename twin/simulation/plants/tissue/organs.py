@@ -35,19 +35,19 @@ _LOOK = 12
 """Number of steps between two tests whether a link is inside an organ."""
 
 _STILL = 5e-6
-"""Organs are at rest if no node is farther than this in m from its rest position, and none moves farther per step. It
-is less than a step of the quantised vertices in the stream."""
+"""Organs are at rest if no node is farther than this in m from its rest position, and none moves farther per step.
+This is less than a step of the quantised vertices in the stream."""
 
 _ITERATIONS = 400
-"""Largest number of iterations of MuJoCo's solvers; at its 100, that of the stiffness ended at a relative residual of
-1.02e-8 instead of 1e-8 for a gallbladder half out of its bed."""
+"""Maximum number of iterations of MuJoCo's solvers. With MuJoCo's default of 100, the solver of the stiffness ended at
+a relative residual of 1.02e-8 instead of 1e-8 for a gallbladder half out of its bed."""
 
 _CROSSED = 3 * RADIUS
 """Surfaces of two organs cross if a contact is deeper than this in m: both are thickened by `RADIUS`, and contact holds
 them apart within 0.2 mm. Where surfaces cross, forces of contact would hold the organs in each other."""
 
 _PIERCED = 0.3
-"""Compression of an organ, see `Organ.compression`, at which a link that touches the organ goes into it; ASSUMED.
+"""Compression of an organ, see `Organ.compression`, below which a link that touches it counts as inside; ASSUMED.
 MuJoCo's elasticity cannot prevent this: a finite force inverts a cell."""
 
 _BEFORE = 0.3
@@ -289,7 +289,7 @@ class Organs:
             triangles, element = organ.tissue.surface.triangles, int(elements[k, side])
             if element < 0:
                 element = int(np.argmax((triangles == corners[k, side]).any(axis=1)))
-            # MuJoCo gives the force on the second one
+            # MuJoCo gives the force on the second body of a contact
             organ.touch = Touch(element, F[here[:, 1]].sum(axis=0) - F[here[:, 0]].sum(axis=0))
 
     # -- organs that cross ---------------------------------------------------------------------------------
@@ -369,7 +369,7 @@ class Organs:
         self._let_touch(organ, k)
 
     def mute(self, robot: str, on: bool) -> None:
-        """Switch off contact of a robot's links with the organ in its jaws (`on`), or on again once outside."""
+        """Switch off contact of a robot's links with the organ in its jaws (`on`), or on again once they are out."""
         organ = self.operable
         assert organ is not None
         links = [k for k, tool in enumerate(self.tools) if tool.robot == robot]
@@ -402,7 +402,7 @@ def _add(spec: mujoco.MjSpec, tool: Tool, period: float, bits: int) -> None:
 
 def _samples(tool: Tool) -> Array:
     """Return points (n, 3) on the convex hulls of a link's parts, in its frame in m."""
-    import trimesh  # late: it takes a second
+    import trimesh  # imported here, because the import takes a second
 
     out = [np.zeros((0, 3))]
     for part in tool.body.meshes:

@@ -30,9 +30,9 @@ class Sight:
 
 
 def _blocked(start: Array, rays: Array, vertices: Array, triangles: Index) -> np.ndarray:
-    """Return whether the lines from one start (3,) along rays (n, 3), to their ends, pass a triangle.
+    """Return (n,) bool: whether a triangle is between `start` (3,) and the end start + ray of each ray (n, 3).
 
-    The method is that of T. Moeller and B. Trumbore (1997), with what is the same for all rays computed once.
+    The method is that of T. Moeller and B. Trumbore (1997), with quantities that are equal for all rays computed once.
     """
     p, q, r = (vertices[triangles[:, k]] for k in range(3))
     e, g, s = q - p, r - p, start - p

@@ -22,7 +22,7 @@ _BEND = 0.02
 """Bending stiffness divided by stretching stiffness; ASSUMED, for a thin wall."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step if the force is twice its limit; it is proportional to the excess."""
+"""Distance in m by which the jaws slide in a step if the force is twice its limit; proportional to the excess force."""
 
 _STILL = 1e-7
 """A chain is at rest if no node moves further than this in m in a step."""
@@ -30,7 +30,7 @@ _STILL = 1e-7
 
 @dataclass
 class Held:
-    """A node that jaws hold at p (3,) in m with at most `limit` N; `slipped`: slip in m; `force` (3,): on it in N."""
+    """A node that jaws hold at p (3,) in m with at most `limit` N; `slipped`: slip in m; `force`: on it, (3,) in N."""
 
     node: int
     p: Array
@@ -106,7 +106,7 @@ class Tube:
         self._creeps = float(np.abs(dx).max()) > _STILL
         self.reaction = rest[0]
         for h in self.held.values():
-            h.force = -rest[h.node]  # what the jaws give to keep the node
+            h.force = -rest[h.node]  # force of the jaws on the node
             much = float(np.linalg.norm(h.force)) / h.limit
             if much > 1.0:
                 slide = min(much - 1.0, 2.0) * _SLIDE

@@ -23,7 +23,7 @@ class Volume:
         cube = cube + cube.transpose(2, 0, 1) + cube.transpose(1, 2, 0)  # a determinant is the same in cyclic order
         j, k = np.triu_indices(n, 1)
         factors = cube[:, j, k] - cube[:, k, j]
-        used = factors.any(axis=0)  # two nodes of which no triangle has corners in cells of both have none
+        used = factors.any(axis=0)  # two nodes that do not move the same triangle have the factor 0
         self._j, self._k, self._factors = j[used], k[used], factors[:, used]
 
     def at(self, nodes: Array) -> tuple[float, Array]:

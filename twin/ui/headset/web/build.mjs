@@ -19,7 +19,7 @@ const result = await build({
   minify: true,
   format: 'esm',
   target: 'es2022',
-  legalComments: 'none', // the licences of all that is bundled stand whole in THIRD_PARTY.txt
+  legalComments: 'none', // the complete licences of the bundled packages are in THIRD_PARTY.txt
   metafile: true,
   logLevel: 'warning',
 });

@@ -12,7 +12,7 @@ namespace Twin.Player
         private Vector3[] vertices = new Vector3[0];
 
         /// <summary>Create the mesh, without vertices.</summary>
-        /// <param name="parent">The object that stands where the scene's world does.</param>
+        /// <param name="parent">The object at the origin of the scene's world.</param>
         /// <param name="triangles">Indices of corners, counter-clockwise as seen from outside in the scene's world.</param>
         /// <param name="color">Linear red, green, blue and opacity.</param>
         /// <param name="material">Material that is copied; null: the mesh is not drawn.</param>
@@ -62,7 +62,10 @@ namespace Twin.Player
             {
                 if (triangles.Length == 0 || Largest(triangles) >= vertices.Length)
                 {
-                    return "'" + Mesh.name + "' has " + vertices.Length + " vertices; its triangles need others";
+                    string need = triangles.Length == 0
+                        ? "it has no triangles"
+                        : "its triangles need " + (Largest(triangles) + 1);
+                    return "'" + Mesh.name + "' has " + vertices.Length + " vertices; " + need;
                 }
 
                 Mesh.Clear();

@@ -4,8 +4,8 @@ using UnityEngine;
 namespace Twin.Player
 {
     /// <summary>Plays the deformables of an exported scene, such as soft organs, from the file organs.glb.</summary>
-    /// <remarks>Each deformable becomes a child of this object. This object stands where the scene's world does, rotated
-    /// as the root of the models: for glTFast by -90 degrees about x.</remarks>
+    /// <remarks>Each deformable becomes a child of this object. Place this object at the origin of the scene's world,
+    /// rotated as the root of the models: for glTFast by -90 degrees about x.</remarks>
     [AddComponentMenu("Twin/Deformable Player")]
     [DisallowMultipleComponent]
     public sealed class DeformablePlayer : MonoBehaviour
@@ -101,8 +101,8 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Advance the time by some s while playing, or show the time of `player`; LateUpdate calls this method in
-        /// each frame, after `player` has moved on.</summary>
+        /// <summary>Advance the time by `passed` s times the speed while playing, or show the time of `player`; LateUpdate
+        /// calls this method in each frame, after `player` has advanced its time.</summary>
         public void Tick(double passed)
         {
             if (player != null)

@@ -4,8 +4,8 @@ namespace Twin.Player
 {
     /// <summary>Draws the deformable bodies of a scene, such as soft organs, from the frames of a Stream Client.</summary>
     /// <remarks>Each deformable becomes a child of this object, with a mesh whose vertices are those of the displayed
-    /// frame. This object stands where the scene's world does, rotated as the root of the models: for glTFast by -90
-    /// degrees about x.</remarks>
+    /// frame. Place this object at the origin of the scene's world, rotated as the root of the models: for glTFast by
+    /// -90 degrees about x.</remarks>
     [AddComponentMenu("Twin/Deformables")]
     [DisallowMultipleComponent]
     public sealed class Deformables : MonoBehaviour

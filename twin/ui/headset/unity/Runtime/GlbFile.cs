@@ -4,7 +4,7 @@ using UnityEngine;
 
 namespace Twin.Player
 {
-    /// <summary>A file of glTF 2.0 in one piece (.glb), as far as twin writes it: a JSON part and one buffer.</summary>
+    /// <summary>A binary glTF 2.0 file (.glb) as twin writes it: a JSON part and one buffer.</summary>
     internal sealed class GlbFile
     {
         public const int Float = 5126;
@@ -18,7 +18,7 @@ namespace Twin.Player
         private readonly int buffer;
 
         /// <summary>Read the header and the JSON part.</summary>
-        /// <exception cref="FormatException">The file is truncated, or is not a glTF file in one piece.</exception>
+        /// <exception cref="FormatException">The file is truncated, or is not a .glb file.</exception>
         public GlbFile(byte[] data)
         {
             this.data = data;
@@ -69,7 +69,7 @@ namespace Twin.Player
         }
 
         /// <summary>Return the numbers of an accessor of indices of 32 bits.</summary>
-        /// <exception cref="FormatException">As above, or an index is not below `limit`.</exception>
+        /// <exception cref="FormatException">As for Floats, or an index is not below `limit`.</exception>
         public int[] Indices(int accessor, int limit)
         {
             var values = new int[Count(accessor, UInt32, 1)];
@@ -109,7 +109,7 @@ namespace Twin.Player
                 && (long)view.byteOffset + view.byteLength <= data.Length - buffer;
             if (!within || (view.byteStride != 0 && view.byteStride != element))
             {
-                throw new FormatException("accessor " + accessor + " is not within its buffer view, or not tight");
+                throw new FormatException("accessor " + accessor + " is not within its buffer view, or not tightly packed");
             }
 
             return buffer + (int)start;

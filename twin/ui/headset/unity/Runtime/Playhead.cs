@@ -46,7 +46,7 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Advance by some s, times the speed; return whether the motion has ended and stopped.</summary>
+        /// <summary>Advance by `passed` s times the speed; return whether the motion has ended and stopped.</summary>
         public bool Tick(double passed, float speed, bool loop)
         {
             double length = end - start;

@@ -349,7 +349,7 @@ namespace Twin.Player
                 if (robot == null || incoming.LinkCount != robot.links.Length)
                 {
                     Refused++;
-                    LastError = "frame with " + incoming.LinkCount + " links, but the robot has another number";
+                    LastError = "frame with " + incoming.LinkCount + " links, robot with " + (robot?.links.Length ?? 0);
                     return;
                 }
 

@@ -5,7 +5,7 @@ namespace Twin.Player
 {
     /// <summary>One protocol of one robot, written by `twin export`: joint values and link poses at keys.</summary>
     /// <remarks>The fields have the names of the JSON file (schema "twin-track", version 1), as JsonUtility requires.
-    /// All values are in the robot's world:  right-handed, z up, m, rad, quaternions x y z w.</remarks>
+    /// All values are in the robot's world: right-handed, z up, m, rad, quaternions x y z w.</remarks>
     [Serializable]
     public sealed class Track
     {
@@ -128,7 +128,8 @@ namespace Twin.Player
             Sample(key, share, link, out position, out rotation);
         }
 
-        /// <summary>Return the pose of a link between a key and the next key; see above.</summary>
+        /// <summary>Return the pose of a link between a key (share 0) and the next key (share 1), interpolated as
+        /// above.</summary>
         public void Sample(int key, double share, int link, out Vector3 position, out Quaternion rotation)
         {
             Key(key, link, out position, out rotation);
@@ -163,8 +164,8 @@ namespace Twin.Player
             return (float)(value + share * (next - value));
         }
 
-        /// <summary>Return the index of the phase at a time (s), or -1 before the first phase. Where two phases meet, the
-        /// later one is returned; after the end of a phase without successor, that phase.</summary>
+        /// <summary>Return the index of the last phase that has started at a time (s), even if it has ended; -1 before the
+        /// first phase.</summary>
         public int PhaseAt(double time)
         {
             int found = -1;

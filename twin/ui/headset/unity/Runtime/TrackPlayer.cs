@@ -126,7 +126,8 @@ namespace Twin.Player
             }
         }
 
-        /// <summary>Advance the time by some s while playing; Update calls this method in each frame.</summary>
+        /// <summary>Advance the time by `passed` s times the speed while playing; Update calls this method in each
+        /// frame.</summary>
         public void Tick(double passed)
         {
             if (!IsPlaying)

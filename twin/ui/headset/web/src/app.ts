@@ -198,7 +198,7 @@ export class App {
     if (!this.xr.presenting) return '';
     const act = this.hands.count ? 'pinch or pull the trigger' : 'look there for a moment';
     if (this.place.placing) return `Point at the floor and ${act}: the robot will be placed there.`;
-    if (this.place.leading) return 'Pinch to move the whole robot; pinch with both hands to turn and scale it.';
+    if (this.place.moving) return 'Pinch to move the whole robot; pinch with both hands to turn and scale it.';
     return '';
   }
 
@@ -226,7 +226,7 @@ export class App {
     }, wait);
   }
 
-  /** A message came: on slow graphics, the picture of a console, which shows frames, is not drawn for each of them. */
+  /** Request an update after a message; on slow graphics, a console draws pictures for frames, not for each message. */
   private inform(): void {
     this.stale = true;
     if (this.console && this.loaded && this.world.pace.slow && !this.xr.presenting) this.later(STILL);
@@ -411,8 +411,8 @@ export class App {
   }
 
   /**
-   * On slow graphics, draw a frame when it arrives, once in a display cycle: the time until the next cycle counts more
-   * than a newer frame.
+   * On slow graphics, draw a frame when it arrives, not in the next display cycle: this makes the delay shorter. Draw at
+   * most one frame per cycle.
    */
   private arrive(): void {
     if (this.ahead || this.xr.presenting || !this.loaded || !this.world.pace.slow || this.world.pace.busy) return;

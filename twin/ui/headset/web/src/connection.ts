@@ -74,13 +74,13 @@ export class Connection {
   /** Send a request; the promise resolves to its result and is never rejected. */
   ask(type: string, fields: object = {}): Promise<Answer> {
     if (this.socket?.readyState !== WebSocket.OPEN)
-      return Promise.resolve({ ok: false, code: 'offline', message: 'The line to the server is down.' });
+      return Promise.resolve({ ok: false, code: 'offline', message: 'There is no connection to the server.' });
     const id = ++this.number;
     this.socket.send(JSON.stringify({ type, id, ...fields }));
     return new Promise((resolve) => this.waiting.set(id, resolve));
   }
 
-  /** Send a message that the next one replaces; return false if it was omitted because too much is unsent. */
+  /** Send a message that a later one of its type replaces; return false if it was omitted, because too much is unsent. */
   tell(type: string, fields: object): boolean {
     if (this.socket?.readyState !== WebSocket.OPEN || this.socket.bufferedAmount > BACKLOG) return false;
     this.socket.send(JSON.stringify({ type, ...fields }));
@@ -116,7 +116,7 @@ export class Connection {
   private lost(): void {
     this.socket = null;
     for (const resolve of this.waiting.values())
-      resolve({ ok: false, code: 'offline', message: 'The line to the server is down.' });
+      resolve({ ok: false, code: 'offline', message: 'The connection to the server was lost.' });
     this.waiting.clear();
     this.reconnects++;
     this.say('reconnecting');

@@ -205,7 +205,7 @@ export class Console {
     if (!hand) return '';
     if (hand.waits) return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.waits}`;
     const aims = this.plan.phase === 'aim' && hand.follows;
-    const doing = hand.wall ? `${hand.wall}` : aims ? 'rests, its target follows' : hand.follows ? 'follows' : 'is at rest';
+    const doing = hand.wall ? `${hand.wall}` : aims ? 'is at rest; its target follows' : hand.follows ? 'follows' : 'is at rest';
     return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.robot} ${doing}`;
   }
 

@@ -11,7 +11,7 @@ const TAKE = 0.2; // opening of the gripper (0 to 1) below which a hand starts t
 const FASTEST = 3; // m/s: maximum plausible speed of a hand
 const QUICKEST = 20; // rad/s: maximum plausible angular speed of a hand
 const LEAP = [0.03, 0.5] as const; // m and rad: motion between two pictures that is always accepted
-/** Difference of a gripper's opening to its mean of the last `SETTLE` s above which fingers close or open it. */
+/** Fingers count as moving if a gripper's opening differs by more than this from its mean over the last `SETTLE` s. */
 const FINGERS = 0.1;
 const SETTLE = 0.05;
 const PULSE = [0.7, 120] as const; // strength (0 to 1) and duration in ms of the vibration at a limit
@@ -24,7 +24,7 @@ export const TRACKED: readonly (readonly [what: string, how: string])[] = [
   ['Jaws', 'trigger, or thumb and index finger'],
   ['Clutch', 'grip button, or one fist'],
   ['Camera', 'A, X or the stick pushed in, or two fists'],
-  ['Plan a motion', 'hold B or Y and move the target, release; then the panel'],
+  ['Plan a motion', 'hold B or Y and move the target, release; then use the panel'],
   ['Panel', 'a hand that points at it moves no instrument'],
 ];
 
@@ -121,7 +121,7 @@ export class ConsoleHands {
     }
   }
 
-  /** Vibrate the controller once for each new limit of its arm or of the camera, and as strongly as the force lasts. */
+  /** Vibrate the controller once for each new limit of its arm or of the camera, and in proportion to a lasting force. */
   private feel(side: Side, pad: Gamepad | undefined, now: number): void {
     const state = this.app.model.console;
     const limit = this.console.haptics && this.leading.has(side) && Boolean(state?.hands[side].wall || state?.camera);

@@ -22,9 +22,9 @@ import { pickNear, pickRay, rayOf } from './pick';
 
 const SLOTS = 4; // maximum number of input sources
 const DWELL = 1400; // ms of gaze at one target that count as a press
-const STILL = 0.02; // fraction of the panel by which the gaze may move meanwhile
+const STILL = 0.02; // motion of the gaze meanwhile, as a fraction of its distance (of 1 m, if the target is nearer)
 
-type Doing = 'nothing' | 'panel' | 'grab' | 'lead' | 'free';
+type Doing = 'nothing' | 'panel' | 'grab' | 'move' | 'free';
 
 class Hand {
   source: XRInputSource | null = null;
@@ -149,10 +149,10 @@ export class Hands {
     hand.ray.addEventListener('selectstart', () => this.start(hand));
     hand.ray.addEventListener('selectend', () => this.stop(hand));
     hand.ray.addEventListener('squeezestart', () => {
-      if (hand.doing === 'nothing' && !this.app.console) this.lead(hand, 'lead');
+      if (hand.doing === 'nothing' && !this.app.console) this.begin(hand, 'move');
     });
     hand.ray.addEventListener('squeezeend', () => {
-      if (hand.doing === 'lead') this.stop(hand);
+      if (hand.doing === 'move') this.stop(hand);
     });
   }
 
@@ -174,7 +174,7 @@ export class Hands {
     const tip = hand.pinch();
     const touched = tip ? pickNear(tip, app.members) : null;
     const hit = touched ?? pickRay(caster, app.members);
-    if (app.place.leading || !hit) return this.lead(hand, app.place.leading ? 'lead' : 'free');
+    if (app.place.moving || !hit) return this.begin(hand, app.place.moving ? 'move' : 'free');
     if (!app.take(hit)) return;
     hand.doing = 'grab';
     hand.near = touched !== null;
@@ -182,7 +182,7 @@ export class Hands {
     hand.local.copy(hit.point).applyMatrix4(hand.first.clone().invert());
   }
 
-  private lead(hand: Hand, how: 'lead' | 'free'): void {
+  private begin(hand: Hand, how: 'move' | 'free'): void {
     hand.doing = how;
     hand.last.copy(this.where(hand));
   }
@@ -205,7 +205,7 @@ export class Hands {
       if (uv) app.xrPanel.drag(uv);
     }
     if (hand.doing === 'grab') this.drag(hand);
-    if (hand.doing === 'lead' && !this.two) {
+    if (hand.doing === 'move' && !this.two) {
       const at = this.where(hand);
       app.place.shift(at.clone().sub(hand.last));
       hand.last.copy(at);
@@ -227,7 +227,7 @@ export class Hands {
   /** Two hands that hold no link turn and scale the whole robot. */
   private pair(): void {
     const { place } = this.app;
-    const [a, b] = this.hands.filter((h) => h.doing === 'free' || h.doing === 'lead');
+    const [a, b] = this.hands.filter((h) => h.doing === 'free' || h.doing === 'move');
     if (!a || !b) {
       if (this.two) {
         place.endTwo();

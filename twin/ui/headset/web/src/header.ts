@@ -2,7 +2,7 @@
 
 import type { App } from './app';
 
-const BESIDE = 0.3; // largest part of a width that the header covers where the robot is drawn beside it
+const BESIDE = 0.3; // maximum fraction of the width that the header covers if the robot is drawn beside it
 
 export class Header {
   private readonly bar = document.createElement('header');
@@ -39,7 +39,7 @@ export class Header {
     this.other.onclick = () => void app.xr.enter('immersive-vr');
   }
 
-  /** Height in pixels that the header covers of an area of this width; 0 where there is room for the robot beside it. */
+  /** Height in pixels that the header covers of an area of this width; 0 if there is space for the robot beside it. */
   covers(width: number): number {
     const { right, bottom } = this.bar.getBoundingClientRect();
     return right > BESIDE * width ? Math.round(bottom) : 0;

@@ -42,7 +42,7 @@ export const KEYS: readonly (readonly [what: string, keys: string])[] = [
   ['Forces on or off', 'T'],
   ['Plan a motion', 'hold P and move the target, release; Enter accepts, Escape cancels'],
   ['Swap the pictures', 'V'],
-  ['Move the other end of instruments in ports', 'G'],
+  ['Fulcrum: control the tips or the outer ends', 'G'],
 ];
 
 export class Keys {

@@ -16,7 +16,7 @@ const PHASES: Record<MachineState['phase'], string> = {
   replay: 'The machine and the model repeat the record.',
   done: 'The machine has repeated the record.',
   stopped: 'Stopped.',
-  follow: 'Machine solid; its desired joints as ghost.',
+  follow: 'Solid: the machine’s measured joints. Ghost: its desired joints.',
 };
 
 /** Buttons of the trainer: mode, label, hint. */
@@ -61,6 +61,7 @@ export class Machines {
     this.curve.height = 2 * HIGH;
     this.curve.setAttribute('role', 'img');
     this.curve.setAttribute('aria-label', 'Distance of the tips of machine and model over time');
+    if (info.trains) this.level.title = 'Tap the camera pedal to swap which one is solid';
     this.board.append(this.title, this.level, this.curve, this.apart, this.said);
     if (info.trains) this.board.append(this.row());
     parent.append(this.board);
@@ -93,7 +94,7 @@ export class Machines {
   hear(message: Message): void {
     if (message.type === 'state' && message.machines) {
       this.state = message.machines;
-      // the page keeps the hands during a replay: silence would stop it
+      // the page keeps the hands during a replay: silent hands would stop it
       if (Object.values(message.machines.robots).some((r) => r.phase === 'replay')) this.app.console?.pens.use();
     }
     if (message.type !== 'deviations') return;
@@ -140,7 +141,7 @@ export class Machines {
     this.draw();
   }
 
-  /** Make the arms solid and the others ghosts. */
+  /** Draw machines solid and models as ghosts, or the reverse, as the view requires. */
   private dress(view: MachinesState['view']): void {
     const loaded = this.app.members.filter((m) => m.robot).length;
     const now = `${view} ${loaded}`;
@@ -153,7 +154,7 @@ export class Machines {
     this.app.world.dirty = true;
   }
 
-  /** Width in pixels that the panel covers at the left; 0 on a phone, where it lies across. */
+  /** Width in pixels that the panel covers at the left; 0 on a phone, where it spans the width. */
   covers(): number {
     const { right } = this.board.getBoundingClientRect();
     return right < window.innerWidth / 2 ? right : 0;
@@ -164,12 +165,12 @@ export class Machines {
     const top = Math.round(low) + 10;
     const high = (this.app.console?.views.corner.top ?? window.innerHeight) - top - 10;
     const now = `${top} ${high} ${window.innerWidth} ${this.level.textContent} ${this.said.textContent}`;
-    if (now === this.around) return;
+    const over = () => this.board.scrollHeight - this.board.clientHeight;
+    if (now === this.around && over() <= 0) return; // the text of the deviations may need more lines than before
     this.around = now;
     Object.assign(this.board.style, { top: `${top}px`, maxHeight: `${high}px` });
-    // The buttons and what is said are always seen; the rest only where there is room above the small picture.
+    // The buttons and the message are always visible; the rest only if there is space above the small picture.
     const spare = [this.apart, this.curve, this.title];
-    const over = () => this.board.scrollHeight - this.board.clientHeight;
     for (const part of spare) part.hidden = false;
     this.said.style.maxHeight = '';
     for (const part of spare) part.hidden = over() > 0;

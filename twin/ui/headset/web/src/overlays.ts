@@ -220,7 +220,7 @@ export class Overlays {
   private sayOf(label: Label, at: Vector3, name: string, error: number | null, depth: number | null): void {
     const size = this.size;
     const lines = [name];
-    if (error !== null) lines.push(`shaft misses it by ${length(error)}`);
+    if (error !== null) lines.push(`shaft off by ${length(error)}`);
     if (depth !== null) lines.push(`depth ${length(depth)}`);
     label.sprite.position.copy(at).addScaledVector(new Vector3(0, 0, 1), 0.012 * size);
     label.say(lines.join('\n'), '#9a4f00', this.world.look, this.line);
@@ -233,7 +233,7 @@ export class Overlays {
     if (!on) {
       if (this.ghost) this.ghost.visible = false;
       this.ghostLabel.sprite.visible = false;
-      this.ghostText = model.state.variant ? 'These equations have no tool pose at this state.' : '';
+      this.ghostText = model.state.variant ? 'These equations give no tool pose at this state.' : '';
       return;
     }
     if (!this.ghost) {

@@ -2,11 +2,11 @@
 
 import type { WebGLRenderer } from 'three';
 
-/** Fraction of the pixels along each axis; from the second level on, still surroundings are drawn only once. */
+/** Fraction of the pixels along each axis, by level from 0; from level 1 on, still surroundings are drawn only once. */
 const SHARES = [1, 1, 0.7, 0.5, 0.35] as const;
 const SLOW = 22; // ms per picture above which, twice in sequence, the next picture has a lower quality
-const FAST = 12; // ms per picture below which, after enough of them, the next one has a higher quality
-/** Number of these pictures: at first, and at most; it doubles with each reduction, so that the quality does not alternate. */
+const FAST = 12; // ms per picture below which, after enough pictures in sequence, the next one has a higher quality
+/** Initial and maximum number of these fast pictures; it doubles with each reduction, so that quality does not alternate. */
 const PROOF = [30, 480] as const;
 const POLL = 2; // ms between two checks whether a picture is drawn
 const LOST = 2000; // ms after which a picture counts as drawn
@@ -27,7 +27,7 @@ export class Pace {
   private moving = false;
   private counts = false;
 
-  /** `software`: the renderer is a program, and starts at the lowest quality. */
+  /** `software`: pictures are drawn by software, without a graphics processor; the lowest quality is then the first. */
   constructor(
     private readonly renderer: WebGLRenderer,
     readonly software: boolean,
@@ -61,7 +61,7 @@ export class Pace {
     this.renderer.setPixelRatio(FULL * share);
   }
 
-  /** Do not wait for the last picture: the canvas was cleared, and would be empty for as long. */
+  /** Do not wait for the last picture: the canvas was cleared, and would stay empty until then. */
   forget(): void {
     this.gl.deleteSync(this.fence);
     this.fence = null;

@@ -26,7 +26,7 @@ export class DomPanel implements Drawer {
     // The height of the bar depends on its text and on the window; what is above it follows.
     const follow = () => document.documentElement.style.setProperty('--foot', `${this.foot.offsetHeight}px`);
     new ResizeObserver(follow).observe(this.foot);
-    // A window that becomes small folds its controls as one that is opened small.
+    // The controls of a window that becomes small are folded, as in a window that is small at the start.
     this.small.addEventListener('change', () => {
       this.folded = this.small.matches && this.heads.has('console');
       this.choose(this.open);
@@ -67,7 +67,7 @@ export class DomPanel implements Drawer {
     for (const update of this.updates) update();
   }
 
-  /** Pixels that the controls cover at the right and at the bottom; folded, they lie only in a corner of a small screen. */
+  /** Pixels that the controls cover at the right and at the bottom; folded, they cover only a corner, which does not count. */
   covers(): [right: number, bottom: number] {
     const [w, h] = [window.innerWidth, window.innerHeight];
     const side = this.side.getBoundingClientRect();

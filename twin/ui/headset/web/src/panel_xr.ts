@@ -92,7 +92,7 @@ export class XrPanel implements Drawer {
     this.group.lookAt(viewer);
   }
 
-  /** Move the panel into view if it has been out of view. */
+  /** Whether the panel is out of view: more than 2.2 m away, or more than 78 degrees from the view direction. */
   outOfSight(viewer: Vector3, forward: Vector3): boolean {
     const to = this.group.position.clone().sub(viewer);
     return to.length() > 2.2 || to.normalize().dot(forward) < 0.2;
@@ -239,7 +239,7 @@ export class XrPanel implements Drawer {
     this.zones.unshift(up, down);
   }
 
-  /** Draw a control and return the y of the next one; only controls completely between top and bottom are active. */
+  /** Draw a control and return the y of the next one; only controls whose middle is between top and bottom are active. */
   private control(c: Control, x: number, y: number, w: number, top: number, bottom: number): number {
     const pen = this.pen;
     const zone = (z: Zone): Zone => {
@@ -254,7 +254,7 @@ export class XrPanel implements Drawer {
       case 'button':
         return this.row([c], x, y, w, zone);
       case 'row':
-        return c.shown?.() === false ? 0 : this.row(c.items, x, y, w, zone);
+        return c.shown?.() === false ? y : this.row(c.items, x, y, w, zone);
       case 'choice':
         return this.choice(c, x, y, w, zone);
       case 'slider':

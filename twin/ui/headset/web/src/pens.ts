@@ -6,7 +6,7 @@ import type { ConsoleState, Side } from './protocol';
 
 export const SIDES: readonly Side[] = ['right', 'left'];
 
-/** Maximum speed in m/s and rad/s, and time in s that it counts; the server takes 30 mm or 0.5 rad in a tick for a jump. */
+/** Maximum speed in m/s and rad/s, and maximum time in s counted per message; for the server, 30 mm or 0.5 rad are a jump. */
 const FASTEST = 2;
 const QUICKEST = 30;
 const LONGEST = 0.01;
@@ -137,7 +137,7 @@ export class Pens {
 
   /**
    * Press or release a pedal; it remains pressed while any device presses it. If it changes, motion that was not yet
-   * sent is cancelled: it would lead what the hands control now, for example instruments instead of the camera.
+   * sent is cancelled, because it would move something else now, for example instruments instead of the camera.
    */
   press(pedal: Pedal, device: string, on: boolean): void {
     const held = this.pressed[pedal];

@@ -11,7 +11,7 @@ export class Place {
   /** Whether the next select event places the robot at the reticle. */
   placing = false;
   /** Whether a pinch moves the whole robot. */
-  leading = false;
+  moving = false;
   /** Reticle: a ring on the floor at the possible place of the robot. */
   readonly reticle = new Group();
   onChange: () => void = () => undefined;

@@ -1,6 +1,6 @@
 /**
- * Planning mode: the ghost of the arm at the target (red where it is not free), the planned motion, and its clearance.
- * A pedal begins: the hand moves the target; the release of the pedal plans. Then the motion is accepted or cancelled.
+ * Planning mode: the ghost of the arm at the target (red if the target is not free), the planned motion, its clearance.
+ * While a pedal is pressed, the hand moves the target; its release starts planning. The user then accepts or cancels.
  */
 
 import { BufferGeometry, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Mesh, MeshStandardMaterial, Object3D } from 'three';
@@ -16,7 +16,7 @@ import type { Message, PlanState } from './protocol';
 import { poseOf } from './robot';
 import { discard } from './world';
 
-const TAP = 250; // ms: a shorter press leaves the pedal down, until it is pressed again
+const TAP = 250; // ms: after a shorter press, the pedal counts as pressed until it is pressed and released again
 const OPACITY = 0.5;
 const TREE = 0x7b8794;
 const PROVEN = '#d81b2a'; // proven bound in the plot
@@ -70,7 +70,7 @@ export class Planning {
 
   // -- what the user asks for ---------------------------------------------------------------------------
 
-  /** Press or release the pedal: held, it is down while the hand moves the target; a tap leaves it down. */
+  /** Press or release the pedal, which lets the hand move the target; after a tap, it stays pressed for one more press. */
   press(device: string, on: boolean): void {
     const since = this.pressed.get(device);
     if (on === (since !== undefined)) return;
@@ -84,12 +84,12 @@ export class Planning {
     if (this.phase === 'aim' && performance.now() - (since as number) > TAP) this.ask('find');
   }
 
-  /** The device is gone: its pedal stays down, as after a tap. */
+  /** The device is gone: its pedal counts as pressed, as after a tap. */
   forget(device: string): void {
     this.pressed.delete(device);
   }
 
-  /** Let the hand move a target; in a preview, the same one again. */
+  /** Let the hand move a target; in a preview, let it move the same target again. */
   aim(): void {
     this.ask('aim');
   }
@@ -120,7 +120,7 @@ export class Planning {
     };
   }
 
-  /** Return the status of planning mode; null if it is off, and nothing is said of the last motion. */
+  /** Return the status of planning mode; null if the mode is off and there is no message about the last motion. */
   status(): Status | null {
     const { state } = this;
     if (!state) return null;
@@ -280,7 +280,7 @@ class Plot {
     this.at = t;
   }
 
-  /** Show the plot beside the small picture where there is room; there is none beside a window of tools. */
+  /** Show the plot beside the small picture if there is space; never beside a window of tools. */
   place(console: Console, on: boolean): void {
     const { corner } = console.views;
     const [right] = console.views.free;

@@ -52,9 +52,9 @@ export class Score {
   }
 
   /**
-   * Keep the board where it hides least of the endoscope's picture, and return whether its place has changed: with the
-   * stages of a procedure above the windows at the bottom, otherwise beside the small picture or, if the page is
-   * narrow, above it.
+   * Place the board so that it hides little of the endoscope's picture; return whether its place has changed. A board
+   * with the stages of a procedure is above the windows at the bottom. Other boards are beside the small picture or, if
+   * the page is narrow, above it.
    */
   private place(): boolean {
     const views = this.app.console?.views;
@@ -73,7 +73,7 @@ export class Score {
     return true;
   }
 
-  /** Width in pixels that the board covers at the left; 0 if it lies across. */
+  /** Width in pixels that the board covers at the left; 0 if it spans the width. */
   covers(): number {
     const beside = this.board.matches('.guided:not(.top):not([hidden])');
     return beside ? Math.round(this.board.getBoundingClientRect().right) : 0;
@@ -86,7 +86,7 @@ export class Score {
     return { top, 'max-height': high, 'min-width': views?.corner.width ?? 0 };
   }
 
-  /** Hide old events, then the last measures, then stages that are done if there is no room; none is cut in half. */
+  /** If there is no space, hide old events, measures from the last, the newest event, done stages, title; cut no line. */
   private fit(): void {
     const all = (what: string) => [...this.board.querySelectorAll<HTMLElement>(what)];
     const events = all('.events li').reverse();
@@ -159,7 +159,7 @@ function body(task: TaskState): HTMLElement[] {
 
 const MARK = { done: '✓', open: '○', failed: '✗' } as const;
 
-/** Return the stages of a procedure; what was measured is shown for those that failed, and for all at the end. */
+/** Return the stages of a procedure, with the measured value of failed stages; at the end, open stages have failed. */
 function stages(task: TaskState): HTMLElement {
   const list = make('ul', 'stages');
   for (const [title, state, text] of task.stages ?? []) {

@@ -103,7 +103,7 @@ export function atConsole(app: App, console: Console): Tab {
           label: () => 'Forces',
           on: () => console.haptics,
           press: () => console.toggleHaptics(),
-          hint: 'Arrows, vibrations and forces of pens where instruments touch something',
+          hint: 'Show contact forces by arrows, vibrations and forces of haptic pens',
         },
         { kind: 'button', id: 'swap', label: () => 'Swap the pictures', press: () => views.swap() },
         { kind: 'button', id: 'let-go', label: () => 'Release the hands', off: () => !console.pens.active, press: () => console.pens.drop() },

@@ -32,7 +32,7 @@ export function scene(app: App): Tab {
   if (around)
     rows.push([
       toggle('surroundings', 'Surroundings', () => !app.hidden, () => (app.hidden = !app.hidden)),
-      toggle('through', 'See through them', () => app.surroundings.seeThrough, () => {
+      toggle('through', 'Transparent', () => app.surroundings.seeThrough, () => {
         app.surroundings.seeThrough = !app.surroundings.seeThrough;
       }),
     ]);
@@ -109,16 +109,16 @@ export function scene(app: App): Tab {
           on: () => app.place.placing,
           off: () => !app.xr.canPlace,
           press: () => app.place.begin(),
-          hint: 'In AR',
+          hint: 'Only in AR',
         },
         {
           kind: 'button',
-          id: 'lead',
+          id: 'move',
           label: () => 'Move by hand',
-          on: () => app.place.leading,
+          on: () => app.place.moving,
           off: () => !app.xr.presenting,
           press: () => {
-            app.place.leading = !app.place.leading;
+            app.place.moving = !app.place.moving;
             app.refresh();
           },
           hint: 'In XR: pinch to move the whole robot; pinch with both hands to turn and scale it',

@@ -38,7 +38,7 @@ export interface Box {
 
 const SEEN = 0.4; // m: maximum distance drawn in the endoscope's view, which shows only the cavity
 const REST = 200; // ms between two updates of the small view while the large view changes
-/** On slow graphics, the small view is drawn in pauses of the motion of this many ms, or after the longest time. */
+/** On slow graphics, the small view is drawn after `PAUSE` ms without motion, or at the latest after `LONG_REST` ms. */
 const PAUSE = 600;
 const LONG_REST = 10000;
 /** Headings of the two pictures of a scene with a window of tools. */
@@ -66,7 +66,7 @@ export class Views {
   private readonly label = document.createElement('span');
   private readonly heading = document.createElement('span');
   private drawn = -Infinity;
-  /** Whether the last picture had the small view; the next one has not, or no picture would count for the quality. */
+  /** Whether the last picture had the small view; the next one has not, because such pictures do not count for the quality. */
   private both = false;
   private shadows = false;
 
@@ -370,7 +370,7 @@ export class Views {
     const width = right - world.beside;
     const high = this.flat && !this.headed ? TITLE : this.high;
     const [x, y] = large ? [(b.width - right - world.beside) / 2, (b.height - low - high) / 2] : [0, 0];
-    // Between the panels, a narrow picture shows as much beside its middle as above it, and a low one all of its middle.
+    // Between the panels, a narrow picture is reduced to show as much to the sides as upwards; a low one shows its middle.
     const fits = Math.min(width / (this.headed ? this.corner.top : bottom), this.flat ? (low - high) / bottom : 1);
     if (view === 'scope') camera.zoom = large ? Math.min(1, fits) : 1;
     else camera.zoom = large || !this.headed ? 1 : CLOSER;

@@ -221,7 +221,7 @@ export class World {
   }
 }
 
-/** Whether a graphics processor draws; where a program draws instead, antialiasing doubles the time of a picture. */
+/** Whether a graphics processor draws. If software draws, antialiasing is off, because it doubles the time of a picture. */
 function accelerated(): boolean {
   const gl = document.createElement('canvas').getContext('webgl2');
   const info = gl?.getExtension('WEBGL_debug_renderer_info');

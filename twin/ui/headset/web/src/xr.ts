@@ -152,7 +152,7 @@ export class Xr {
     this.app.refresh();
   }
 
-  /** Return the pose where a pointing hand, or else the gaze, hits a horizontal surface. */
+  /** Show the reticle where a pointing hand, or else the gaze, hits a horizontal surface; hide it without a hit. */
   private aim(frame: XRFrame, space: XRReferenceSpace): void {
     const { place, hands } = this.app;
     if (!place.placing) return place.aim(null);
@@ -198,7 +198,7 @@ export class Xr {
     app.hands.forget();
     app.console?.hands.forget();
     app.console?.screen.hide();
-    app.place.placing = app.place.leading = false;
+    app.place.placing = app.place.moving = false;
     app.place.aim(null);
     app.xrPanel.group.visible = false;
     app.place.reset();

@@ -1,0 +1,40 @@
+"""Ctrl-C while packages are imported: native libraries end with a segmentation fault then, or swallow the interrupt."""
+
+from __future__ import annotations
+
+import _thread
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+_IMPORTING = "<frozen importlib._bootstrap>"
+_AGAIN = 0.05
+"""Time in s between two checks whether an import has ended."""
+
+
+@contextlib.contextmanager
+def after_imports() -> Iterator[None]:
+    """Raise the KeyboardInterrupt of a Ctrl-C inside this context as soon as no import is in progress."""
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    at = frame
+    while at is not None:
+        if at.f_code.co_filename == _IMPORTING:
+            later = threading.Timer(_AGAIN, _thread.interrupt_main)
+            later.daemon = True
+            later.start()
+            return
+        at = at.f_back
+    signal.default_int_handler(number, frame)

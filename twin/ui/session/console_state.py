@@ -1,0 +1,102 @@
+"""The state of a console as plain data, from the signals of its World, and the log of what is new in it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twin.core.units import MM
+from twin.model.scene import Scene
+from twin.model.task import Task
+from twin.simulation import console_scene, operating_scene
+from twin.simulation.console_scene import HANDS, PEDALS, Member
+from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
+from twin.simulation.controllers.pivot import FULCRUMS
+from twin.simulation.world import World
+from twin.ui.session import walls
+
+_STUCK = 30.0
+"""Time in s for which a pedal is pressed before it is reported, because it may be stuck (ASSUMED)."""
+
+
+class ConsoleState:
+    """Describes pedals, hands and camera of a World with a console."""
+
+    def __init__(self, scene: Scene, members: Mapping[str, Member], task: Task | None, world: World) -> None:
+        """Describe a World from its start; `members`: robots by the names of their places."""
+        self._scene, self._table, self._members = scene, console_scene.console_of(scene), members
+        self._procedure = None if task is None else task.procedure
+        self._world, self._pressed = world, 0.0
+
+    def read(self, arms: Mapping[str, str]) -> dict[str, Any]:
+        """Return the present state; `arms`: the robot that each hand controls."""
+        signals, t = self._world.signals, self._world.t
+        mode, silent = float(signals["console.mode"][0]), bool(signals[f"{PEDALS}.silent"][0])
+        if mode == TOOLS or silent:
+            self._pressed = t
+        at = signals[f"{self._scene.cameras[self._table.camera].robot}.at"]
+        return {
+            "silent": silent,
+            "mode": "nothing" if mode == FREE else "camera" if mode == CAMERA else "instruments",
+            "scale": float(signals[f"{PEDALS}.scale"][0]),
+            "haptics": bool(signals["haptics.on"][0]),
+            "fulcrum": FULCRUMS[int(signals[console_scene.FULCRUM][0])] if self._table.instrument_mm else None,
+            "hands": {hand: self._hand(hand, arms[hand]) for hand in HANDS},
+            "camera": walls.of_camera(at, console_scene.drag(self._table)) if mode == CAMERA else None,
+            "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
+        }
+
+    def _hand(self, hand: str, arm: str) -> dict[str, Any]:
+        signals, wall = self._world.signals, None
+        if signals[f"{arm}.follows"][0]:
+            wall = walls.of_arm(self._members[arm], signals[f"{arm}.q"], signals[f"{arm}.goal"].reshape(4, 4))
+        follows = bool(signals[f"{arm}.follows"][0] or signals[f"{arm}.target"][0])
+        jumps = int(sum(signals[f"{a}.jumps"][0] for a in getattr(self._table, hand)))
+        tools = self._tools(arm) if self._scene.tools else {}
+        return {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps, **tools}
+
+    def _tools(self, arm: str) -> dict[str, Any]:
+        """Return the chosen tool of an arm; in a procedure also what it carries, and why it has not changed."""
+        signals, names = self._world.signals, [*self._scene.tools]
+        tool = names[int(signals[f"{arm}.tool"][0])]
+        if f"{arm}.carries" not in signals or self._procedure is None:
+            return {"tool": tool}
+        carries, waits = names[int(signals[f"{arm}.carries"][0])], None
+        if carries != tool:
+            port = operating_scene.port_of(next(p for p in self._scene.places if p.name == arm))
+            far = float(np.linalg.norm(signals[f"{arm}.tip"] - port)) / MM
+            change = f"at most {self._procedure.change_mm:g} mm from its port, now {far:.0f} mm"
+            holds = signals[f"{arm}.holds"][0] >= 0
+            do = "first release what it holds" if holds else f"draw the tip back to {change}"
+            waits = f"{self._scene.tools[tool].title} is not taken yet: {do}"
+        active = bool(signals[f"{arm}.pedal"][0] > 0.5) and self._scene.tools[carries].kind == "cautery"
+        opened = bool(signals[f"{arm}.opening"][0] > 0.5)
+        return {"tool": tool, "carries": carries, "waits": waits, "open": opened, "active": active}
+
+
+def log_changes(old: Mapping[str, Any], new: Mapping[str, Any], patience: float) -> list[str]:
+    """Log what is new in a state: silence, a stuck pedal, jumps and limits; return the jumps, which it does not show.
+
+    `patience` is the time in s without hands that counts as silence.
+    """
+    log, said = logging.getLogger(__name__), []
+    if new["silent"] and not old["silent"] and new["owner"] is not None:  # not after a release
+        log.warning("no state of the hands was received for %g s: nothing moves", patience)
+    if new["pedal"] and not old["pedal"]:
+        log.warning("%s", new["pedal"])
+    for hand, now in new["hands"].items():
+        before = old["hands"][hand]
+        if now["jumps"] > before["jumps"]:
+            said.append(f"the {hand} hand jumped: {now['robot']} ignores the jump and follows from the new pose")
+            log.warning("%s", said[-1])
+        if now["wall"] and now["wall"] != before["wall"]:
+            log.warning("%s: %s", now["robot"], now["wall"])
+    return said
+
+
+def _stuck(mode: float) -> str:
+    which = "camera" if mode == CAMERA else "clutch"
+    return f"the {which} pedal has been pressed for {_STUCK:g} s: release it if it is stuck"

@@ -1,0 +1,36 @@
+"""A scene with everything that a page shows of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from twin.api.machine import Machines
+    from twin.api.robot import Robot
+    from twin.model.mechanism import Mechanism
+    from twin.model.scene import Scene
+    from twin.model.tissue import Tissue
+    from twin.ui.session.feed import Feed
+
+
+@dataclass(frozen=True)
+class LoadedScene:
+    """A scene with its robots, props, deformables and machines.
+
+    Attributes:
+        scene: the scene.
+        robots: robots by the names of their places.
+        props: mechanism of the props; None: no props. A task with rings and the forces of contacts require it.
+        feed: deformables that are shown but not simulated; None: none.
+        organs: the organs of the scene; only needed for a procedure, whose World has them.
+        machines: connections to the machines of the scene, which the console ends; None: the scene has no machines.
+    """
+
+    scene: Scene
+    robots: Mapping[str, Robot]
+    props: Mechanism | None = None
+    feed: Feed | None = None
+    organs: Sequence[Tissue] = ()
+    machines: Machines | None = None
