@@ -225,6 +225,12 @@ def test_a_curved_surface_or_a_curve_has_no_volume(turned, dimension, said):
     assert drawn.figure(found).axes
 
 
+@pytest.mark.parametrize(("option", "most"), [("--sigma-um", "10000"), ("--encoder-deg", "10")])
+def test_an_error_that_is_not_small_is_refused(option, most, capsys):
+    assert cli.main(["tolerance", "sher", option, "1e9"]) == 2
+    assert f"give at most {most}; errors are propagated to first order" in capsys.readouterr().err
+
+
 def test_a_slide_without_limits_is_named(robots):
     m = planar_arm()
     robot = bare(replace(m, joints=(replace(m.joints[0], type="prismatic", limits=None), m.joints[1])))
