@@ -32,6 +32,14 @@ def test_schema_file_is_current(schemas, name):
     assert text == schemas[name], f"{committed} is not current. Write it anew with: python docs/make_schemas.py"
 
 
+def test_the_docs_name_every_key_that_a_protocol_requires():
+    told = (ROOT / "docs/your-own-robot.md").read_text(encoding="utf-8").partition("## The protocol")[2]
+    schema = json.loads((ROOT / "docs/schemas/protocol.schema.json").read_text(encoding="utf-8"))
+    keys = {key for table in (schema, *schema["$defs"].values()) for key in table.get("required", ())}
+    keys -= {"tolerances", "limits", "waypoints", "phases"}  # tables
+    assert {key for key in keys if f"`{key}`" not in told} <= {"body", "port"}  # the patient's, in its own example
+
+
 def test_no_other_schema_file_lies_about(schemas):
     assert {p.name for p in (ROOT / "docs/schemas").iterdir()} == set(schemas)
 

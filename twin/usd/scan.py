@@ -286,7 +286,7 @@ def said(error: object) -> str:
     except UnicodeDecodeError:
         return "the file contains text that is not UTF-8"
     if reasons := _REASON.findall(text):
-        return " ".join(reasons[0].split())
+        return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", " ".join(reasons[0].split()))
     lines = text.splitlines()
     return lines[-1].strip() if lines else "unknown format"
 

@@ -147,7 +147,7 @@ def _reason(error: Exception) -> str:
     """Return the first reason that USD gives, without the position in its source."""
     text = str(error)
     if found := _SAID.search(text):
-        return found[1].strip()[:200]
+        return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", found[1].strip())[:200]
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return lines[-1][:200] if lines else "unknown format"
 
