@@ -116,11 +116,11 @@ def around(
         count = search.count
         drawn += count
         if not found:
-            tried.append(f"{count} in a box that is {100 * beyond:.0f} % of the joint range wider than start and goal")
+            tried.append(f"{count} in a box that extends {100 * beyond:.0f} % of the joint range beyond start and goal")
             reached = search.reached()
             continue
         tried.append(
-            f"{count} in a box that is {100 * beyond:.0f} % wider (a path was found, but its corners cannot be rounded)"
+            f"{count} in a box that extends {100 * beyond:.0f} % (a path was found, but its corners cannot be rounded)"
         )
     raise NoPathError(
         f"no path around the obstacles was found: the straight path is not free, and no path was found through {drawn} "
