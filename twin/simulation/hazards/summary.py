@@ -152,10 +152,10 @@ class Hazards(Result):
 
     @property
     def word(self) -> str:
-        """The verdict as text."""
+        """The verdict as text; empty if no session without a fault has run."""
         if self.verdict == "disagree":
             return "False cues"
-        return "No cue without a fault" if FREE in self.by_class else "No session without a fault yet"
+        return "No cue without a fault" if FREE in self.by_class else ""
 
     def content(self) -> dict[str, Any]:
         """Return plain data."""
@@ -197,7 +197,7 @@ class Hazards(Result):
             yield Table((*head, "performed", "works again", "converted"), [_response(r) for r in self.responses])
         yield ""
         yield from self.assumed
-        yield f"{self.word}"
+        yield self.word or "No session without a fault has run: nothing is said about false cues"
         yield from self.findings
 
     def _detectors(self) -> Iterator[Part]:
