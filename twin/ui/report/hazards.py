@@ -98,7 +98,7 @@ def _times(ax: Axes, found: Hazards) -> None:
     ax.set_ylim(0, 1.02)
     ax.set_xlabel("time from the start of the fault [ms]")
     ax.set_ylabel("share of sessions with a force or a stop")
-    _legend(ax, loc="upper left", title=f"scripted trainee, {_sessions(len(rows))}")
+    _legend(ax, loc="best", borderaxespad=0.8, title=f"scripted trainee, {_sessions(len(rows))}")
 
 
 def _logarithmic(ax: Axes) -> None:

@@ -105,7 +105,8 @@ export class Machines {
     const { limit } = this.info;
     const tips = this.names.map((n) => `${(1000 * (message.robots[n]?.tip ?? 0)).toFixed(2)} mm`).join(', ');
     this.apart.textContent = `Deviation of the tips: ${tips} (last ${SECONDS} s${limit ? `; red: cue above ${(1000 * limit).toFixed(0)} mm` : ''})`;
-    this.off.textContent = this.names.map((n) => this.largest(n, message.robots[n]?.joints ?? [])).join('\n');
+    const off = this.names.map((n) => `${n}: ${this.largest(n, message.robots[n]?.joints ?? [])}`);
+    this.off.textContent = ['Largest joint differences:', ...off].join('\n');
   }
 
   /** Return the joint with the largest difference, as text. */
@@ -117,7 +118,7 @@ export class Machines {
       const shown = angle ? Math.abs(value) / DEG : Math.abs(value) * 1000;
       if (shown > size) [best, size, text] = [joint, shown, `${shown.toFixed(2)}${angle ? '°' : ' mm'}`];
     });
-    return `Largest joint difference: ${best} ${text}`;
+    return `${best} ${text}`;
   }
 
   /** Show state and curve; called with the other controls. */
@@ -201,9 +202,9 @@ export class Machines {
       pen.stroke();
       pen.setLineDash([]);
     }
-    pen.fillStyle = '#5a6b80';
+    pen.fillStyle = limit ? '#d62f2f' : '#5a6b80';
     pen.font = '10px sans-serif';
-    pen.fillText(`${(1000 * top).toFixed(1)} mm`, 4, 10);
+    pen.fillText(`${(1000 * (limit ?? top)).toPrecision(2)} mm`, 4, limit ? y(limit) + 11 : 11);
     pen.lineWidth = 1.6;
     this.names.forEach((_, i) => {
       pen.strokeStyle = ['#0a66c2', '#c7741b'][i % 2] as string;
