@@ -204,7 +204,7 @@ export class Machines {
     }
     pen.fillStyle = limit ? '#d62f2f' : '#5a6b80';
     pen.font = '10px sans-serif';
-    pen.fillText(`${(1000 * (limit ?? top)).toPrecision(2)} mm`, 4, limit ? y(limit) + 11 : 11);
+    pen.fillText(`${Number((1000 * (limit ?? top)).toPrecision(2))} mm`, 4, limit ? y(limit) + 11 : 11);
     pen.lineWidth = 1.6;
     this.names.forEach((_, i) => {
       pen.strokeStyle = ['#0a66c2', '#c7741b'][i % 2] as string;
