@@ -318,6 +318,8 @@ def test_the_summary_counts_by_class(table):
     assert (unfinished.code, unfinished.severity) == ("hazards.unfinished", "warning")
     false = [*rows[:3], rows[3] | {"cue": 3}]
     assert Hazards("r", table, 4, false, []).verdict == "disagree"
+    assert found.word == "No cue without a fault"
+    assert Hazards("r", table, 4, rows[:3], []).word == ""
 
 
 def test_a_roc_curve_has_known_points():

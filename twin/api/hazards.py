@@ -130,7 +130,7 @@ def hazards(
             stream.close()
         log.close()
     assumed = [
-        f"  ASSUMED {p.name} = {p.shown:g} {p.unit}: {p.note}"
+        f"  ASSUMED {p.name} = {p.shown:g}{'' if p.unit == '1' else f' {p.unit}'}: {p.note}"
         for p in (*parts.settings.parameters(), *plan.parameters())
         if p.provenance == "ASSUMED"
     ]

@@ -107,6 +107,11 @@ class Score(Result):
             )
         return rows
 
+    @property
+    def word(self) -> str:
+        """The verdict as text."""
+        return "The validator passes" if self.passed else "The validator fails"
+
     def content(self) -> dict[str, Any]:
         """Return plain data."""
         return {

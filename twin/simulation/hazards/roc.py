@@ -40,6 +40,11 @@ class Roc:
     area: float
     limit: float
 
+    @property
+    def used(self) -> str:
+        """The limit that the detector uses, with its unit."""
+        return f"{self.limit:g} mm" if self.unit == "mm" else f"factor {self.limit:g}"
+
     def at(self, limit: float) -> tuple[float, float]:
         """Return the fractions (detected, false) for a limit."""
         # the same scores are above `limit` as above the largest listed limit that is at most `limit`

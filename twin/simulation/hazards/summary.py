@@ -152,8 +152,10 @@ class Hazards(Result):
 
     @property
     def word(self) -> str:
-        """The verdict as text."""
-        return "False cues" if self.verdict == "disagree" else "No cue without a fault"
+        """The verdict as text; empty if no session without a fault has run."""
+        if self.verdict == "disagree":
+            return "False cues"
+        return "No cue without a fault" if FREE in self.by_class else ""
 
     def content(self) -> dict[str, Any]:
         """Return plain data."""
@@ -195,22 +197,22 @@ class Hazards(Result):
             yield Table((*head, "performed", "works again", "converted"), [_response(r) for r in self.responses])
         yield ""
         yield from self.assumed
-        yield f"{self.word}"
+        yield self.word or "No session without a fault has run: nothing is said about false cues"
         yield from self.findings
 
     def _detectors(self) -> Iterator[Part]:
         for c in self.roc:
             detected, false = c.at(c.limit)
-            size = f"{c.limit:g} mm" if c.unit == "mm" else f"factor {c.limit:g}"
             yield (
-                f"  {c.name}, {size}: {100 * detected:.1f} % of dangerous sessions in time, "
+                f"  {c.name}, {c.used}: {100 * detected:.1f} % of dangerous sessions in time, "
                 f"{100 * false:.2f} % false alarms, area below the curve {c.area:.3f}"
             )
         danger = [r for r in self.rows if dangerous(r)]
         if danger:
             share, free = float(np.mean([in_time(r) for r in danger])), self.by_class.get(FREE, [])
             wrong = sum(r["stop"] is not None for r in free)
-            yield f"  checks of the software: {100 * share:.1f} % in time, {wrong} of {len(free)} free sessions stopped"
+            free_text = f", {wrong} of {len(free)} sessions without a fault stopped" if free else ""
+            yield f"  checks of the software: {100 * share:.1f} % in time{free_text}"
 
 
 def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassRow:

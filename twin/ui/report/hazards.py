@@ -18,13 +18,16 @@ if TYPE_CHECKING:
 _LEAST = 1e-2
 """Smallest drawn deviation in mm; smaller deviations are drawn at this value."""
 
+_MANY = 300
+"""Number of sessions above which points are small, so that they do not cover each other."""
+
 
 def figure(found: Hazards) -> Figure:
     """Return a figure: a row of points for each class of faults; ROC curves; reaction times of the trainee."""
     with styled():
         n = len(found.by_class)
         height = 5.2 + 0.28 * n
-        out = sheet(f"{found.robot}: {len(found.rows)} sessions of '{found.table.title}'", height)
+        out = sheet(f"{found.robot}: {_sessions(len(found.rows))} of '{found.table.title}'", height)
         grid = out.add_gridspec(2, 2, height_ratios=[0.28 * n + 0.4, 3.3])
         out.subplots_adjust(left=0.22, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
         _peaks(out.add_subplot(grid[0, :]), found)
@@ -33,7 +36,12 @@ def figure(found: Hazards) -> Figure:
         return out
 
 
+def _sessions(n: int) -> str:
+    return f"{n} session{'' if n == 1 else 's'}"
+
+
 def _peaks(ax: Axes, found: Hazards) -> None:
+    size = 2.2 if len(found.rows) > _MANY else 5
     for k, (name, rows) in enumerate(found.by_class.items()):
         if k % 2:
             ax.axhspan(k - 0.5, k + 0.5, color=BAND, linewidth=0, zorder=0)
@@ -42,7 +50,7 @@ def _peaks(ax: Axes, found: Hazards) -> None:
         peaks = np.maximum([r["peak"] for r in rows], _LEAST)
         for part, color, label in ((~stopped, PALETTE[0], "not stopped"), (stopped, PALETTE[1], "stopped by a check")):
             ax.plot(
-                peaks[part], k + aside[part], "o", ms=2.2, alpha=0.5, color=color, mew=0, label=None if k else label
+                peaks[part], k + aside[part], "o", ms=size, alpha=0.5, color=color, mew=0, label=None if k else label
             )
         ax.text(-0.01, k, f"{name} ({len(rows)})", transform=ax.get_yaxis_transform(), ha="right", va="center")
     for limit, text in ((HARM, f"{HARM:g} mm: harm"), (3.0, "3 mm: cue")):
@@ -53,7 +61,9 @@ def _peaks(ax: Axes, found: Hazards) -> None:
     ax.set_yticks([])
     ax.grid(True, axis="x")
     ax.set_xlabel("peak deviation of the tip without a response [mm]")
-    _legend(ax, loc="lower right", markerscale=3)
+    low, high = ax.get_xlim()
+    ax.set_xlim(min(low, 0.8 * _LEAST), max(high, 10))  # room for the label of 3 mm
+    _legend(ax, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.3, ncols=2, markerscale=6.6 / size)
 
 
 def _roc(ax: Axes, found: Hazards) -> None:
@@ -62,9 +72,10 @@ def _roc(ax: Axes, found: Hazards) -> None:
         label = f"{c.name} (area {c.area:.3f})"
         ax.plot(c.false, c.detected, line, color=color, drawstyle="steps-post", label=label)
         detected, false = c.at(c.limit)
-        size = f"{c.limit:g} mm" if c.unit == "mm" else f"factor {c.limit:g}"
         ax.plot([false], [detected], "o", color=color, ms=6, clip_on=False, zorder=4)
-        ax.annotate(size, (false, detected), xytext=(7, -9), textcoords="offset points", fontsize=7.5)
+    if found.roc:
+        used = " or ".join(dict.fromkeys(c.used for c in found.roc))
+        ax.plot([], [], "o", color=INK, ms=6, label=f"limit in use, {used}")
     danger = [r for r in found.rows if dangerous(r)]
     if danger:
         share = float(np.mean([in_time(r) for r in danger]))
@@ -81,12 +92,13 @@ def _times(ax: Axes, found: Hazards) -> None:
     for color, key, text in ((PALETTE[0], "noticed", "could notice"), (PALETTE[1], "acted", "acted")):
         times = np.sort([max(r["response"][key], 1) for r in rows])
         if len(times):
-            ax.step(times, (1 + np.arange(len(times))) / len(times), where="post", color=color, label=text)
+            shares = np.linspace(0, 1, len(times) + 1)  # from 0, so that one session is a line too
+            ax.step(np.r_[times[0], times], shares, where="post", color=color, label=text)
     _logarithmic(ax)
     ax.set_ylim(0, 1.02)
     ax.set_xlabel("time from the start of the fault [ms]")
     ax.set_ylabel("share of sessions with a force or a stop")
-    _legend(ax, loc="upper left", title=f"scripted trainee, {len(rows)} sessions")
+    _legend(ax, loc="best", borderaxespad=0.8, title=f"scripted trainee, {_sessions(len(rows))}")
 
 
 def _logarithmic(ax: Axes) -> None:

@@ -26,7 +26,7 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
     return style.template("page.html.j2").render(
         result=result,
         title=title,
-        judged=result.judges,
+        judged=result.judges and bool(result.word),
         findings=by_severity(result.findings),
         parts=[*([rest.strip("\n")] if rest.strip() else []), *parts],
         picture=None if figure is None else Markup(style.svg(figure, name, title)),

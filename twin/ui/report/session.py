@@ -139,7 +139,7 @@ def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: 
         ax.plot(found.wire[:, x] / MM, found.wire[:, y] / MM, color=INK, lw=3, alpha=0.35)
         ax.plot(p[::step, x], p[::step, y], color=INK, lw=0.7, ls=(0, (4, 2)))
     ax.set_aspect("equal", adjustable="datalim")
-    ax.set_title(f"{title}: circle = start{legend}", loc="left", fontsize=9)
+    ax.set_title(f"{title}: circle = start{legend}", loc="left", fontsize=8)
     ax.set_xlabel(f"{'xyz'[x]} [mm]")
     ax.set_ylabel(f"{'xyz'[y]} [mm]")
     ax.grid(True, color=GRID)

@@ -33,7 +33,7 @@ def figure(found: Sweep) -> Figure:
         order = np.flatnonzero(best)[np.argsort(x[best])]
         ax.plot(x[order], y[order], color=PALETTE[0], linewidth=0.8)
         ax.scatter(x[order], y[order], s=22, color=PALETTE[0], label="Pareto-optimal")
-        ax.scatter(x[:1], y[:1], s=110, marker="*", color=PALETTE[1], zorder=3, label="as drawn")
+        ax.scatter(x[:1], y[:1], s=110, marker="*", color=PALETTE[1], zorder=3, label="CAD")
         ax.set_xlabel(objectives[0])
         ax.set_ylabel(objectives[1])
         ax.legend(loc="best")

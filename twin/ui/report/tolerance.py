@@ -28,10 +28,10 @@ def figure(found: ToleranceBudget) -> Figure:
     if rest:
         both = {k: sum(r[k] for r in rest) for k in ("position", "rotation")}
         rows = [*rows, {"what": f"{len(rest)} others", **both}]
-    height = 1.6 + 0.3 * len(budgets) + 0.27 * len(rows)
+    height = 1.7 + 0.3 * len(budgets) + 0.27 * len(rows)
     out = sheet(f"{robot}: tool error caused by part and encoder errors", height)
     top, bottom = out.subplots(2, 1, gridspec_kw={"height_ratios": [0.3 * len(budgets) + 0.2, 0.27 * len(rows)]})
-    out.subplots_adjust(left=0.19, right=0.96, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.9 / height * 2)
+    out.subplots_adjust(left=0.19, right=0.96, top=1 - 0.65 / height, bottom=0.5 / height, hspace=0.9 / height * 2)
     names = [b["state"] for b in budgets]
     values = np.array([b["within_position"] for b in budgets]) / UM
     colors = [FIT if required is None or v <= required / UM else UNFIT for v in values]

@@ -76,7 +76,10 @@ class Mirror:
         self.links = self.world.link_poses()
 
     def step(self) -> None:
-        """Set the robots to the newest state of the machine; at impossible joint values, both rest, see `problem`."""
+        """Move the robot to the measured joints of the machine's newest state, and the ghost to the desired joints.
+
+        If the machine does not answer, or its joint values are impossible, both stay; `problem` gives the reason.
+        """
         state = self._source.newest
         if not self._source.answers:
             state = None

@@ -197,7 +197,7 @@ class Panels:
                 step = 0.01
                 slider = gui.add_slider(
                     f"{joint.name} [{unit}]", round(low / scale, 2), round(high / scale, 2), step,
-                    float(np.clip(a.desk.assembly.q[i] / scale, low / scale, high / scale)),
+                    round(float(np.clip(a.desk.assembly.q[i] / scale, low / scale, high / scale)), 2),
                 )  # fmt: skip
                 slider.on_update(self._mover(i, scale, slider))
                 self._joint.append(slider)

@@ -80,7 +80,8 @@ def phases(spans: Sequence[tuple[str, float, float]], now: str) -> str:
     total = spans[-1][2] or 1.0
     cells = (
         f"<span title='{escape(name)}: {t0:.2f} to {t1:.2f} s' style='flex:0 0 {100 * (t1 - t0) / total:.2f}%;"
-        f"overflow:hidden;white-space:nowrap;padding:1px 3px;box-sizing:border-box;border-left:1px solid #8886;"
+        f"overflow:hidden;text-overflow:ellipsis;white-space:nowrap;padding:1px 3px;box-sizing:border-box;"
+        f"border-left:1px solid #8886;"
         f"{'background:#2b8be0;color:#fff' if name == now else 'background:#8882'}'>{escape(name)}</span>"
         for name, t0, t1 in spans
     )

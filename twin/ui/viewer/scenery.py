@@ -148,7 +148,7 @@ class Scenery:
         with gui.add_folder("Pictures"):
             shot = gui.add_button("Screenshot")
             turn = gui.add_button("Turntable (GIF)")
-            page = gui.add_button("Recording that plays without Python (HTML)")
+            page = gui.add_button("Recording without Python (HTML)")
             self._progress = gui.add_progress_bar(0.0, visible=False)
             shot.on_click(lambda e: self._busy(lambda p: recording.screenshot(e.client, front.title, p)))
             turn.on_click(lambda e: self._busy(lambda p: recording.turntable(e.client, front.title, p)))

@@ -38,9 +38,11 @@ export class Machines {
   private readonly board = make('section', 'machines');
   private readonly title = make('h2', '', 'Machine and model');
   private readonly level = make('p', 'machine-level');
+  private readonly view = make('p', 'machine-view');
   private readonly said = make('p', 'machine-said');
   private readonly curve = make('canvas', 'deviation-curve');
   private readonly apart = make('p', 'deviation-text');
+  private readonly off = make('p', 'deviation-joints');
   private readonly buttons = new Map<string, HTMLButtonElement>();
   private readonly names: string[];
   private points: { t: number; tips: number[] }[] = [];
@@ -61,8 +63,8 @@ export class Machines {
     this.curve.height = 2 * HIGH;
     this.curve.setAttribute('role', 'img');
     this.curve.setAttribute('aria-label', 'Distance of the tips of machine and model over time');
-    if (info.trains) this.level.title = 'Tap the camera pedal to swap which one is solid';
-    this.board.append(this.title, this.level, this.curve, this.apart, this.said);
+    if (info.trains) this.view.title = 'Tap the camera pedal to swap which one is solid';
+    this.board.append(this.title, this.level, this.view, this.curve, this.apart, this.off, this.said);
     if (info.trains) this.board.append(this.row());
     parent.append(this.board);
   }
@@ -102,10 +104,9 @@ export class Machines {
     while (this.points.length && (this.points[0] as { t: number }).t < message.time - SECONDS) this.points.shift();
     const { limit } = this.info;
     const tips = this.names.map((n) => `${(1000 * (message.robots[n]?.tip ?? 0)).toFixed(2)} mm`).join(', ');
-    this.apart.textContent = [
-      `Deviation of the tips: ${tips} (last ${SECONDS} s${limit ? `; red: cue above ${(1000 * limit).toFixed(0)} mm` : ''})`,
-      ...this.names.map((n) => this.largest(n, message.robots[n]?.joints ?? [])),
-    ].join('\n');
+    this.apart.textContent = `Deviation of the tips: ${tips} (last ${SECONDS} s${limit ? `; red: cue above ${(1000 * limit).toFixed(0)} mm` : ''})`;
+    const off = this.names.map((n) => `${n}: ${this.largest(n, message.robots[n]?.joints ?? [])}`);
+    this.off.textContent = ['Largest joint differences:', ...off].join('\n');
   }
 
   /** Return the joint with the largest difference, as text. */
@@ -117,7 +118,7 @@ export class Machines {
       const shown = angle ? Math.abs(value) / DEG : Math.abs(value) * 1000;
       if (shown > size) [best, size, text] = [joint, shown, `${shown.toFixed(2)}${angle ? '°' : ' mm'}`];
     });
-    return `Largest joint difference: ${best} ${text}`;
+    return `${best} ${text}`;
   }
 
   /** Show state and curve; called with the other controls. */
@@ -127,8 +128,9 @@ export class Machines {
     this.board.dataset['view'] = state.view;
     this.dress(state.view);
     const robots = this.names.map((n) => [n, state.robots[n]] as const);
-    this.level.textContent = robots.map(([n, r]) => `${n}: ${r?.level ?? 'does not answer'}`).join('\n') +
-      (this.info.trains ? `\nView: ${state.view === 'real' ? 'machine solid, model ghost' : 'model solid, machine ghost'} (tap the camera pedal)` : '');
+    this.level.textContent = robots.map(([n, r]) => `${n}: ${r?.level ?? 'does not answer'}`).join('\n');
+    if (this.info.trains)
+      this.view.textContent = `View: ${state.view === 'real' ? 'machine solid, model ghost' : 'model solid, machine ghost'} (tap the camera pedal)`;
     const one = robots[0]?.[1];
     const bad = robots.map(([, r]) => r?.problem ?? r?.why ?? '').find((t) => t) ?? '';
     this.said.textContent = bad || (one ? PHASES[one.phase] : '');
@@ -164,13 +166,13 @@ export class Machines {
     const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
     const top = Math.round(low) + 10;
     const high = (this.app.console?.views.corner.top ?? window.innerHeight) - top - 10;
-    const now = `${top} ${high} ${window.innerWidth} ${this.level.textContent} ${this.said.textContent}`;
+    const now = `${top} ${high} ${window.innerWidth} ${this.level.textContent} ${this.view.textContent} ${this.said.textContent}`;
     const over = () => this.board.scrollHeight - this.board.clientHeight;
     if (now === this.around && over() <= 0) return; // the text of the deviations may need more lines than before
     this.around = now;
     Object.assign(this.board.style, { top: `${top}px`, maxHeight: `${high}px` });
     // The buttons and the message are always visible; the rest only if there is space above the small picture.
-    const spare = [this.apart, this.curve, this.title];
+    const spare = [this.off, this.apart, this.curve, this.title, this.view];
     for (const part of spare) part.hidden = false;
     this.said.style.maxHeight = '';
     for (const part of spare) part.hidden = over() > 0;
@@ -200,6 +202,9 @@ export class Machines {
       pen.stroke();
       pen.setLineDash([]);
     }
+    pen.fillStyle = limit ? '#d62f2f' : '#5a6b80';
+    pen.font = '10px sans-serif';
+    pen.fillText(`${Number((1000 * (limit ?? top)).toPrecision(2))} mm`, 4, limit ? y(limit) + 11 : 11);
     pen.lineWidth = 1.6;
     this.names.forEach((_, i) => {
       pen.strokeStyle = ['#0a66c2', '#c7741b'][i % 2] as string;

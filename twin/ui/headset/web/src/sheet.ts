@@ -133,7 +133,7 @@ function simulation(app: App): Tab {
       kind: 'text',
       id: 'phases',
       tone: () => 'faint',
-      text: () => m.state.phases.map(([n, a, b], i) => `${i + 1}  ${n}  ${a.toFixed(1)}–${seconds(b)}`).join('\n'),
+      text: () => m.state.phases.map(([n, a, b], i) => `${i + 1}  ${n}  ${a.toFixed(2)}–${seconds(b)}`).join('\n'),
     },
     {
       kind: 'row',
