@@ -391,7 +391,7 @@ def test_loop_that_cannot_close(robot, judged, no_pictures):
     assert (code, report["verdict"]) == (1, "disagree")
     found = next(f for f in report["findings"] if f["code"] == "mechanism.no_assembly")
     assert found["where"] == "sils"
-    assert re.search(r"it moves \d+ % of the way, then loops open", found["message"])
+    assert re.search(r"it moves \d+ % of the way, then loops do not close", found["message"])
     assert found["suggestion"]
 
 

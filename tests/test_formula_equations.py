@@ -119,7 +119,7 @@ BAD = {
     "a statement that is not a row": ("q += 1", "q", "its rows must be assignments"),
     "a part of what it changes": ("q = 1\n    p = 2", "q", "return q, p"),
     "nothing returned": ("q = 1", "", "return q"),
-    "half of a row": ("q, far = 1, 2", "q, far", "0 rows of the equation assign it, not exactly one"),
+    "half of a row": ("q, far = 1, 2", "q, far", "0 rows of the equation assign exactly these symbols, not one row"),
 }
 
 

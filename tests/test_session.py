@@ -381,6 +381,9 @@ def test_a_session_of_another_scene_is_refused(recorded, near, davinci, tmp_path
     with pytest.raises(TwinError, match="scene 'vsrs' has no"):
         replay_session(recorded, "vsrs")
     strange = tmp_path / "a.session"
+    strange.write_bytes(with_head(recorded.read_bytes(), dt=0.002))
+    with pytest.raises(WorldError, match=r"has changed since .* or the first line .* \(a tick of 0.002 s\)"):
+        replay_session(strange, near)
     strange.write_bytes(with_head(recorded.read_bytes(), scene="nowhere"))
     with pytest.raises(TwinError, match="scene 'nowhere' is not built in: give its folder with --scene"):
         replay_session(strange)

@@ -319,7 +319,8 @@ def test_no_way_says_what_was_tried(monkeypatch):
     monkeypatch.setattr("twin.planning.around._ROUNDS", ((0.2, 20), (1.0, 30)))
     space = space_of(arm(1), *[replace(post(0.15, 0.0), name="room/wall")])
     with pytest.raises(
-        NoPathError, match=r"no path around .*20 up to 20 % of the joint range .*, 30 up to 100 % .* waypoint"
+        NoPathError,
+        match=r"no path around .*20 in a box that extends 20 % of the joint range .*, 30 in a box that extends 100 % .* waypoint",
     ) as raised:
         around(space, np.array([-1.5]), np.array([1.5]))
     assert str(raised.value).startswith(raised.value.reason)

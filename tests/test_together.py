@@ -240,7 +240,7 @@ def test_two_arms_of_a_scene_pass_each_other_and_one_stays_where_its_phases_end(
     assert [list(p.rounds) for p in plan.phases] == [["right"], []], "the other paths are straight"
     assert plan.as_dict()["search_times"] == {"right, to_w1 / to_w1": plan.phases[0].rounds["right"].times()}
     (first, *_) = (f.message for f in plan.findings if f.code == "clearance.proven")
-    assert "except bodies connected by a joint, bodies of one robot that are drawn nearer than twice" in first
+    assert "except bodies connected by a joint, bodies of one robot that in the CAD are nearer than twice" in first
 
 
 def test_limits_of_an_arm_are_tested_at_poses_in_its_own_base(tmp_path, stand):

@@ -625,6 +625,33 @@ def test_a_twin_follows_joint_packets(robot):
     mirror.close()
 
 
+class Given:
+    """A machine whose joint values are given."""
+
+    answers, problem, newest = True, "", None
+
+    def close(self):
+        """Do nothing."""
+
+
+def test_a_twin_rests_at_joint_values_that_are_impossible():
+    """A parallel robot whose loops stay open at the values that arrive, and values in another unit."""
+    sils, source = twin.load("sils"), Given()
+    mirror, home = Mirror(sils, source), np.array(sils.mechanism.posture("home"))
+    for q, said in (
+        (home + 0.3, "the loops cannot be closed at q = .*: check order and units of the machine's joints"),
+        (home * 1e20, r"a joint value of the machine is .*e\+19 rad or m \(limit 10000\): check its unit"),
+    ):
+        source.newest = State(Level.PEDAL_DN, False, 1, 0.0, 1, 1, 0, 0, 0, q, home, np.zeros(6))
+        before = mirror.links
+        mirror.step()
+        assert re.search(said, mirror.problem)
+        assert mirror.links is before or mirror.deviation["tip"] == pytest.approx(0)
+        source.newest = State(Level.PEDAL_DN, False, 1, 0.0, 1, 1, 0, 0, 0, home, home, np.zeros(6))
+        mirror.step()
+        assert mirror.problem == ""
+
+
 # -- measures ------------------------------------------------------------------------------------------
 
 

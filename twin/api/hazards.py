@@ -91,21 +91,12 @@ def hazards(
     """
     from twin.core.jobs import Stream
     from twin.simulation.hazards.campaign import load as load_campaign
-    from twin.simulation.hazards.log import Log
     from twin.simulation.hazards.summary import Hazards
 
     parts = software.parts(robot)
     path = campaign_file(robot, campaign)
     plan = load_campaign(path, parts.places)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    s = parts.settings
-    run = {"mode": s.mode, "overdrive": s.overdrive, "released": s.released.model_dump()}
-    log = Log(folder / FILE, {"log": "twin-hazards", "version": 2, "robot": robot.name, "campaign": digest, **run})
-    try:
-        _require_own(plan, log)
-    except TwinError:
-        log.close()
-        raise
+    log = _log(folder, robot, path, plan, parts)
     left = [i for i in range(len(plan)) if i not in log.rows][: len(plan) if sessions is None else sessions]
     count, many = max(1, min(processes or os.cpu_count() or 1, len(left))), len(left)
     streams: list[Stream[dict[str, Any]]] = [Stream(outcomes) for _ in range(count if left else 0)]
@@ -140,11 +131,26 @@ def hazards(
         log.close()
     assumed = [
         f"  ASSUMED {p.name} = {p.shown:g}{'' if p.unit == '1' else f' {p.unit}'}: {p.note}"
-        for p in (*s.parameters(), *plan.parameters())
+        for p in (*parts.settings.parameters(), *plan.parameters())
         if p.provenance == "ASSUMED"
     ]
     rows = [log.rows[i] for i in sorted(log.rows)]
     return Hazards(robot.name, plan.table, len(plan), rows, assumed)
+
+
+def _log(folder: Path, robot: Robot, file: Path, plan: Campaign, parts: Parts) -> Log:
+    """Return the log of a campaign file in a folder; it is created, or has only sessions of this campaign."""
+    from twin.simulation.hazards.log import Log
+
+    s, digest = parts.settings, hashlib.sha256(file.read_bytes()).hexdigest()
+    run = {"mode": s.mode, "overdrive": s.overdrive, "released": s.released.model_dump()}
+    log = Log(folder / FILE, {"log": "twin-hazards", "version": 2, "robot": robot.name, "campaign": digest, **run})
+    try:
+        _require_own(plan, log)
+    except TwinError:
+        log.close()
+        raise
+    return log
 
 
 def _require_own(plan: Campaign, log: Log) -> None:

@@ -77,9 +77,10 @@ class _Arm:
         return said(self.kinematics, margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor))
 
     def keep(self, phase: int) -> Keep:
-        """Return the test of states in a phase.
+        """Return the test whether states keep this arm's limits and its working mode at the start of a phase.
 
-        Its arguments are T_world_tool (k, 4, 4) of this arm, and q (k, ...) of all arms up to this arm, which is last.
+        Its arguments are T_world_tool (k, 4, 4) of this arm, in the World and not in the base as in other tests, and q
+        (k, m), the joint values of all arms up to this one. The last columns are this arm's.
         """
         from twin.planning.feasible import Anchor
         from twin.planning.freeing import kept

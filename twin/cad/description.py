@@ -183,7 +183,10 @@ class DriveSpec(Sourced):
 
 
 class JointSpec(Table):
-    """A joint with a frame on each of its two bodies; it moves along or about the z axis of these frames."""
+    """A joint with a frame on each of its two bodies.
+
+    A revolute, prismatic or cylindrical joint turns about or slides along the z axis of these frames.
+    """
 
     name: Identifier
     type: JointType

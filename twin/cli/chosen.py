@@ -46,7 +46,13 @@ def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
 
 
 def variants_of_each(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
-    """Return the variants by equation of each report to write; None: the default variants."""
+    """Return one entry for each report to write: the variant of each equation, or None for the default variants.
+
+    If several equations have a variant of the given name, each gets a report of its own, and all together get one.
+
+    Raises:
+        TwinError: no equation has a variant of a given name.
+    """
     chosen = asked(texts)
     if chosen is None:
         return [None]

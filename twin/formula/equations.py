@@ -222,7 +222,8 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
         at = [i for i, r in enumerate(out) if set(assigned(r.node)) == set(names)]
         if len(at) != 1:
             raise fail(
-                row.node, f"changes {', '.join(names)}: {len(at)} rows of the equation assign it, not exactly one"
+                row.node,
+                f"changes {', '.join(names)}: {len(at)} rows of the equation assign exactly these symbols, not one row",
             )
         out[at[0] : at[0] + 1] = [*waiting, row]
         waiting = []

@@ -116,10 +116,12 @@ def around(
         count = search.count
         drawn += count
         if not found:
-            tried.append(f"{count} up to {100 * beyond:.0f} % of the joint range beyond start and goal")
+            tried.append(f"{count} in a box that extends {100 * beyond:.0f} % of the joint range beyond start and goal")
             reached = search.reached()
             continue
-        tried.append(f"{count} up to {100 * beyond:.0f} % beyond (a path was found, but its corners cannot be rounded)")
+        tried.append(
+            f"{count} in a box that extends {100 * beyond:.0f} % (a path was found, but its corners cannot be rounded)"
+        )
     raise NoPathError(
         f"no path around the obstacles was found: the straight path is not free, and no path was found through {drawn} "
         f"free random configurations ({', '.join(tried)}){_enclosed(reached, count)}",

@@ -54,7 +54,11 @@ def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics
 
 
 def rcm_error(Ts_base_frame: Array, shaft_axis: Array, rcm: Array) -> Array:
-    """Return the distance (k,) in m from the RCM (3,) to the shaft axis, for poses (k, 4, 4) of the moved frame."""
+    """Return the distance (k,) in m from the RCM (3,), in base, to the shaft axis.
+
+    The axis passes through the origin of the frame that the protocol moves, with poses `Ts_base_frame` (k, 4, 4), along
+    `shaft_axis` (3,), a unit vector in this frame.
+    """
     return spatial.point_to_line(rcm, Ts_base_frame[:, :3, 3], Ts_base_frame[:, :3, :3] @ shaft_axis)
 
 

@@ -20,7 +20,10 @@ def clearance(seen: Certificate, phase: str, who: str = "", scene: str = "") -> 
     """
     if not np.isfinite(seen.found):
         return []
-    left = ["bodies connected by a joint", "bodies of one robot that are drawn nearer than twice the clearance"]
+    left = [
+        "bodies connected by a joint",
+        "bodies of one robot that in the CAD are nearer than twice the required clearance",
+    ]
     left += [f"bodies that touch by design (`touching` of scene {scene})"] if scene else []
     text = (
         f"all bodies{f' of {who}' if who else ''} keep at least {seen.proven / MM:.2f} mm from each other"

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from twin.codegen import Kernel
 
 _FREE = 1e12
-"""Squared rate that replaces a missing limit; the rate is a million times the mean rate."""
+"""Maximum of the squared rate (ds/dt)^2 without a limit of speed: 1e6 times the mean rate, which is about 1 here."""
 
 _FLAT = 1e-24
 """Minimum coefficient of y, the squared rate at the next grid point; since y <= `_FREE`, a row changes by <= 1e-12."""

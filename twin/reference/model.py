@@ -318,8 +318,8 @@ class ReferenceModel:
                 best = self.state(X[0] if converged[0] else x)
                 raise AssemblyError(
                     f"{self.mechanism.name}: the mechanism cannot be assembled at the target: it moves "
-                    f"{100 * s:.0f} % of the way, then loops open (smallest gap {best.worst_gap / MM:.3g} mm) or the "
-                    f"assembly mode changes",
+                    f"{100 * s:.0f} % of the way, then loops do not close, the tool misses its pose, or the assembly "
+                    f"mode changes (largest loop gap {best.worst_gap / MM:.3g} mm)",
                     best,
                     best.worst_gap,
                 )

@@ -37,6 +37,9 @@ from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, World
 
+TICK = 1e-3
+"""Usual duration of a tick in s."""
+
 HANDS = ("right", "left")
 """Names of the hands; the device of the pedals is named `pedals`."""
 
@@ -83,7 +86,7 @@ def world(
     scene: Scene,
     members: Mapping[str, Member],
     device: Block,
-    dt: float = 1e-3,
+    dt: float = TICK,
     records: bool = True,
     watch: Sequence[Block] = (),
     task: Task | None = None,
@@ -281,8 +284,11 @@ def identity(
     props: Mechanism | None = None,
     haptics: bool | None = None,
     organs: Sequence[Tissue] = (),
+    dt: float = TICK,
 ) -> str:
     """Return the hash "sha256:..." of the inputs of `world`: console, camera, places, start values, limits and frames.
+
+    The duration `dt` of a tick in s is included if it is not the usual one.
 
     The equations and the version of the program are not included. Numbers are rounded to 1e-9, so that the hash does
     not depend on the processor.
@@ -324,6 +330,8 @@ def identity(
         about.append([plain(a.tolerance), plain(a.off)])
     if task is not None and task.procedure is not None:
         about += operating_scene.about(scene, task, organs)
+    if dt != TICK:
+        about.append(["tick", dt])
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 

@@ -1,4 +1,8 @@
-"""Play the protocols of all robots of a scene in a World; measure minimum clearances, and distances from the ports."""
+"""Play the protocols of all robots of a scene in a World; measure clearances and deviations from ports.
+
+Measured are the minimum clearance of each pair of robots, and the distance of each robot's RCM or trocars from its
+ports.
+"""
 
 from __future__ import annotations
 

@@ -41,8 +41,9 @@ def arguments(command: Command) -> None:
     command.text(
         "--with",
         "ROBOT=PROTOCOL",
-        "with --avoid SCENE: also plan these robots of the scene, separated by commas. The first phases of all "
-        "protocols begin and end together, then the second ones. A robot avoids those before it; they may wait for it",
+        "with --avoid SCENE: also plan these robots of the scene, as pairs separated by commas. The n-th phases of all "
+        "protocols begin and end together. Robots are planned in the given order: each avoids the earlier ones, which "
+        "may wait for it",
         dest="beside",
     )
     command.number("--clearance-mm", "MM", "with --avoid: required minimum distance between bodies", _CLEARANCE)

@@ -140,8 +140,8 @@ def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
         path, node = target.get("path"), target.get("node")
         if path not in PATHS or node is None:
             if path not in ("weights", "pointer"):
-                text = f"clip '{clip}', channel {i}: target path '{path}' is not in the glTF specification."
-                file.ledger.wrong("gltf.channel", text, clip)
+                fault = "has no node" if path in PATHS else f"has the path '{path}', which glTF does not define"
+                file.ledger.wrong("gltf.channel", f"clip '{clip}', channel {i}: its target {fault}.", clip)
             continue
         file.item("nodes", node)
         where = str(file.item("nodes", node).get("name") or f"node {node}")

@@ -20,7 +20,7 @@ _SAME = 1e-5
 """Tolerance, in m and in components of unit vectors, for coinciding lines and for lines that meet in a point."""
 
 TOOL = "(tool)"
-"""Name of the frame that the protocol moves, if the track does not state its name."""
+"""Key of the robot's tool frame in all formats: tracks state its pose, but not its name."""
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,11 @@ class Physics:
     complete: bool = False
 
     def reduced(self, known: Collection[str]) -> list[Joint]:
-        """Return the joints between known links; chains over other links, and ties of two links, become one joint."""
+        """Return the joints between links of `known`.
+
+        Two joints that meet at another link become one joint; joints to dead ends are left out. A link outside `known`
+        at which three or more joints meet remains. All ties between the same two links become one joint.
+        """
         joints = [j for j in self.joints if not j.tied]
         pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n and n not in known]
         while pending:

@@ -116,7 +116,7 @@ def _check_gravity(ledger: Ledger, gravity: np.ndarray) -> None:
     shown = ", ".join(f"{g:g}" for g in gravity)
     if not gravity[2] < -0.999 * size:
         text = f"gravity is ({shown}) m/s2 in a world with z up: it does not point down."
-        ledger.wrong("physics.gravity", text, "gravity", suggestion="reverse it: (0, 0, -9.81)")
+        ledger.wrong("physics.gravity", text, "gravity", suggestion="gravity along -z: (0, 0, -9.81)")
     elif not GRAVITY[0] <= size <= GRAVITY[1]:
         grave = not 1.0 < size < 20.0  # gravity of other planets is allowed
         text = f"gravity is {size:g} m/s2; on earth it is 9.81 (x {size / 9.81:.4g})."

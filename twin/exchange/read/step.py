@@ -217,7 +217,8 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         sides = {"on_parent": p.on_parent.frame, "on_child": p.on_child.frame}
         lines += ["", f"# {one_line(p.why)}"]
         if p.misses:
-            lines.append(f"# In the CAD its two frames are {p.miss} apart (confidence {p.pair.confidence}).")
+            lines.append(f"# In the CAD, the two frames of this joint are {p.miss} apart.")
+            lines.append(f"# Confidence that its faces fit: {p.pair.confidence}.")
         joint = table("[[joint]]", name=p.name, type=p.type, parent=p.parent, child=p.child, **sides)
         lines += [f"# {line}" for line in joint[1:]]
     here = "{ position_mm = [0, 0, 0], angles_deg = [0, 0, 0] }"

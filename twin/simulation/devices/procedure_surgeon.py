@@ -36,17 +36,20 @@ class Manner:
     """Habits of the surgeon, SI; all ASSUMED.
 
     Attributes:
-        hand: tremor of a hand; the trocar does not reduce it.
+        hand: tremor of a hand, which is added to the position of the tip unscaled.
         aim: standard deviation of the aim in m, along each axis.
         quick, slow: mean speeds in m/s far from and near to tissue.
-        before: distance from which a tool approaches.
+        before: distance in m from a place at which the slow approach to it begins.
         lift: (3,) displacement in m by which the organ is lifted before clipping.
         peel: (3,) displacement in m by which it is lifted further for each freed cell of the bed.
         view: distance of the endoscope from the vessel in m.
         press: time in s for which jaws stay closed.
-        taken, cut, kept: positions along the vessel, as fractions of its length from the organ: of the first clip on
-            the organ's side (further clips are nearer to the organ), of the cut, and of the first clip on the other
-            side (further clips are farther from the organ). Clips are `apart` m from each other.
+        taken: position of the first clip on the organ's side of the cut, as a fraction of the vessel's length from the
+            organ; further clips are nearer to the organ.
+        cut: position of the cut, as the same kind of fraction.
+        kept: position of the first clip on the other side, as the same kind of fraction; further clips are farther from
+            the organ.
+        apart: distance in m between neighbouring clips.
     """
 
     hand: Hand = field(default_factory=lambda: Hand(tremor=0.1e-3))

@@ -259,7 +259,7 @@ def head_of(
 ) -> file.Head:
     """Return the first line of the session file of a World with a device."""
     own = {n: s for n, s in world.signals.sizes.items() if n in device.outputs}
-    identity = console_scene.identity(scene, members, task, props, _switch(condition), organs)
+    identity = console_scene.identity(scene, members, task, props, _switch(condition), organs, world.dt)
     name = None if task is None else task.name
     return file.head(scene.name, identity, world.dt, own, world.signals.sizes, name, seed, condition)
 
@@ -278,11 +278,13 @@ def require_scene(
     """
     if session.head.scene != scene.name:
         raise WorldError(f"{path}: the session was recorded in scene '{session.head.scene}', not in '{scene.name}'")
-    task = None if session.head.task is None else scene.tasks[session.head.task]
-    if session.head.identity != console_scene.identity(scene, members, task, props, _switch(session.head.condition)):
+    head = session.head
+    task = None if head.task is None else scene.tasks[head.task]
+    if head.identity != console_scene.identity(scene, members, task, props, _switch(head.condition), dt=head.dt):
         raise WorldError(
-            f"{path}: scene '{scene.name}' has changed since this session (places, limits, frames or the console): "
-            "restore the earlier scene to replay the session"
+            f"{path}: scene '{scene.name}' has changed since this session (places, limits, frames or the console), "
+            f"or the first line of the file has (a tick of {head.dt:g} s): restore the earlier scene or file to replay "
+            "the session"
         )
 
 

@@ -48,7 +48,7 @@ _BUDGET, _CHUNK = 0.012, 4
 """Maximum real time in s for steps of the World per call; usual number of steps between two checks of this time."""
 
 _OWED = 0.1
-"""Maximum delay in s of the World; a larger delay is dropped, so that the World runs slower than real time."""
+"""Maximum delay in s for which the World catches up; any more is lost, so that it runs slower than real time."""
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""

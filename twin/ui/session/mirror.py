@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from twin.api import Robot
+from twin.core.errors import AssemblyError
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.trainer import MODEL
@@ -18,6 +19,9 @@ from twin.simulation.world import Block, Placed, Signals, World
 
 _TICK = 1 / 60
 """Duration in s of a tick of the World."""
+
+_LARGEST = 1e4
+"""Largest joint value in rad or m that is shown (ASSUMED); at much larger values no pose can be computed."""
 
 
 class Source(Protocol):
@@ -56,7 +60,7 @@ class Mirror:
 
     def __init__(self, robot: Robot, source: Source) -> None:
         """Start in the posture home."""
-        self.robot, self._source = robot, source
+        self.robot, self._source, self._misfit = robot, source, ""
         self.name, self.ghost = robot.name, robot.name + MODEL
         q = np.array(robot.mechanism.posture("home"), float)
         self._states, self._links = MachineStates(self.name, q), LinkPoses(robot.loops)
@@ -72,11 +76,23 @@ class Mirror:
         self.links = self.world.link_poses()
 
     def step(self) -> None:
-        """Set the robots to the newest state of the machine."""
+        """Move the robot to the measured joints of the machine's newest state, and the ghost to the desired joints.
+
+        If the machine does not answer, or its joint values are impossible, both stay; `problem` gives the reason.
+        """
         state = self._source.newest
-        self._states.give(state if self._source.answers else None)
+        if not self._source.answers:
+            state = None
+        self._misfit = ""
+        if state is not None and (most := float(np.abs([state.q, state.wanted]).max())) > _LARGEST:
+            self._misfit = f"a joint value of the machine is {most:g} rad or m (limit {_LARGEST:g}): check its unit"
+            state = None
+        self._states.give(state)
         self.world.step()
-        self.links = self.world.link_poses()
+        try:
+            self.links = self.world.link_poses()
+        except AssemblyError as error:
+            self._misfit = f"{error}: check order and units of the machine's joints"
 
     @property
     def deviation(self) -> dict[str, Any]:
@@ -94,7 +110,11 @@ class Mirror:
     @property
     def problem(self) -> str:
         """Reason why the robot does not follow the machine; "" while the robot follows."""
-        return self._source.problem or ("" if self.level else "no state of the machine arrives: start the machine")
+        return (
+            self._misfit
+            or self._source.problem
+            or ("" if self.level else "no state of the machine arrives: start the machine")
+        )
 
     def close(self) -> None:
         """End the connection."""

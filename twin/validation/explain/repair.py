@@ -156,7 +156,7 @@ class Search:
 
     @cached_property
     def shaken(self) -> Judge:
-        """Judge of the formula at perturbed values that no mechanism has."""
+        """Judge of the formula with each number perturbed at random; rows that still agree do so by coincidence."""
         return self.judge.on(self.judge.truth.perturbed())
 
     @cached_property

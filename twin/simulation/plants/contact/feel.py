@@ -28,13 +28,13 @@ normal out of the other geom."""
 class Feel:
     """Finds the planes of all contacts at the present joint values.
 
-    Contacts of instruments are found at the poses given by their joint values, so that planes do not move while an
-    instrument is at rest: in the simulation, a jaw that presses with a limited torque yields and may vibrate. A held
-    object yields too: it stays outside of the parts that it touches and slips between the jaws. Its planes touch the
-    point where it would be without this slip. Objects that nobody holds have no planes.
+    Contacts of instruments are found at the commanded joint values, not at the simulated poses: a jaw whose torque is
+    limited yields when it presses, and may vibrate. A held object yields too: it stays outside of the parts that it
+    touches, and slips between the jaws. Its depth is measured at the point where its contact would be without this
+    slip. Objects that nobody holds have no planes.
 
-    Nothing stops an instrument, so that it can move through a part. While the two overlap, the plane keeps its
-    direction, so that the force pushes the instrument back to the side from which it came.
+    A part does not stop an instrument, which can move through it. If the normal of a contact changes to the opposite
+    side meanwhile, the plane before is kept: the force pushes the instrument back to the side from which it came.
     """
 
     def __init__(
