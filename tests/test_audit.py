@@ -133,6 +133,11 @@ def test_command_exits_with_2_where_nothing_can_be_read(tmp_path, capsys):
     assert main(["audit", str(tmp_path / "x.glb")]) == 2
     assert main(["audit", str(tmp_path / "none")]) == 2
     assert "the file or folder does not exist" in capsys.readouterr().err
+    (tmp_path / "x.usda").write_text("#usda 1.0\nhello")
+    assert main(["audit", str(tmp_path / "x.usda")]) == 2
+    said = capsys.readouterr().out
+    assert "x.usda:2:1: " in said
+    assert "pxr" not in said
 
 
 def test_a_robot_that_the_files_do_not_show_is_refused(good, capsys):

@@ -10,9 +10,34 @@ import pytest
 from twin.core.errors import KinematicsError
 from twin.robots import load_formula
 from twin.validation.explain.explain import explain, known
+from twin.validation.explain.source import Source
 from twin.validation.explain.tidy import tidy
 
 pytestmark = pytest.mark.usefixtures("sampled_once")
+
+
+def nested(x):
+    def twice(y):
+        return 2 * y
+
+    return twice(x)
+
+
+def branched(x):
+    if x is None:
+        return 0
+    return x
+
+
+@pytest.mark.parametrize(
+    ("function", "why"),
+    [(nested, "it defines the function twice inside"), (branched, "it returns from within a branch or a loop")],
+)
+def test_a_function_that_is_not_judged_is_told_why(function, why):
+    source = Source(function)
+    assert not source.plain
+    assert source.why.startswith(why)
+
 
 TIDY = (
     ("x = a - -rb**2", "-rb", "x = a + rb**2"),

@@ -136,6 +136,12 @@ def test_an_unknown_target_ends_the_command_before_anything_is_written(tmp_path,
     assert not (out / FILE).exists()
 
 
+@pytest.mark.parametrize("option", ["--campaign", "--sessions", "--processes"])
+def test_the_trends_refuse_the_options_of_a_campaign(option, capsys):
+    assert main(["hazards", "raven_left", "--trends", option, "1"]) == 2
+    assert f"{option} has no effect with --trends" in capsys.readouterr().err
+
+
 def test_an_unknown_campaign_is_named(parts):
     with pytest.raises(DescriptionError, match=r"table2\.toml: the file does not exist; campaigns .*: table1"):
         load(TABLE.with_name("table2.toml"), parts.places)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import twin
+from twin.cli import main
 from twin.core.errors import DescriptionError, MechanismError
 from twin.core.units import DEG
 from twin.simulation.dynamics import inertia
@@ -210,6 +211,14 @@ def test_a_wrong_machine_file_is_refused(left, tmp_path, before, after, message)
 def test_no_machine_file_is_said(left, tmp_path):
     with pytest.raises(DescriptionError, match="machine needs motors, gains and limits"):
         settings.load(tmp_path / settings.NAME, left[1].mechanism)
+
+
+def test_a_robot_without_a_machine_names_what_it_lacks_and_who_has_one(capsys):
+    assert main(["machine", "sils"]) == 2
+    said = capsys.readouterr().err
+    assert "sils has no machine: beside its TOML file there is no inertia.toml (masses) and no machine.toml" in said
+    assert "pa10, raven_left, raven_right" in said
+    assert "/" not in said
 
 
 BEFORE = 600

@@ -714,7 +714,7 @@ def test_files_that_hold_no_mechanism(tmp_path):
     with pytest.raises(StageError, match="there is no file"):
         read_stage(tmp_path / "nothing.usda")
     (tmp_path / "garbage.usda").write_text("hello")
-    with pytest.raises(StageError, match="not a readable USD file"):
+    with pytest.raises(StageError, match=r"not a readable USD file: (?!.*pxr)"):
         read_stage(tmp_path / "garbage.usda")
     (tmp_path / "robot.txt").write_text("hello")
     with pytest.raises(StageError, match="not a readable USD file"):

@@ -67,6 +67,12 @@ def test_claims_of_the_prose_are_checked(recomputed):
     assert any("the sign should be >=" in c for c in claims)
 
 
+def test_a_table_that_is_not_utf8_says_how_to_save_it(tmp_path, capsys):
+    (tmp_path / "latin.csv").write_bytes(b"group,time_s\nexp\xe9rt,3\n")
+    assert main(["study", str(tmp_path / "latin.csv")]) == 2
+    assert "latin.csv: not UTF-8 text at byte 16; save the file as UTF-8" in capsys.readouterr().err
+
+
 def test_a_study_that_fits_agrees(tmp_path, capsys):
     """Rows whose printed means and p follow from them: nothing is said."""
     file = tmp_path / "fits.toml"

@@ -34,6 +34,7 @@ from twin.model.body import Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
+from twin.ui.report import workspace as drawn
 
 ROBOTS = twin.names()
 
@@ -197,6 +198,37 @@ def test_a_mechanism_without_equations_goes_through_its_joints(robots):
     nearest = np.sqrt(0.3**2 + 0.2**2 + 2 * 0.3 * 0.2 * np.cos(2.0))
     assert radius.min() == pytest.approx(nearest, abs=0.02)
     assert found.facts["assembled"] == 1.0
+
+
+def test_the_workspace_of_a_planar_arm_is_an_area():
+    """The tool of this arm reaches a ring with the radii 0.1 and 0.5 m."""
+    found = joints.by_joints(bare(planar_arm((-np.pi, np.pi))), 100_000, 0.01)
+    said = found.content()
+    assert found.grid.shape[2] == 1
+    assert (said["dimension"], said["volume_dm3"]) == (2, None)
+    assert abs(said["area_cm2"] - 1e4 * np.pi * (0.5**2 - 0.1**2)) < said["area_error_cm2"] < 0.05 * said["area_cm2"]
+    assert "cm² (error of counting cells) of a plane" in "\n".join(found.text())
+
+
+@pytest.mark.parametrize(("turned", "dimension", "said"), [(True, 2, "a surface, whose size"), (False, 1, "a curve")])
+def test_a_curved_surface_or_a_curve_has_no_volume(turned, dimension, said):
+    m = planar_arm()
+    a, b = m.joints
+    if turned:  # the second axis is perpendicular to the first: the tool moves on a torus
+        b = replace(b, T_parent_joint=spatial.pose(np.eye(3)[[0, 2, 1]] * [1, -1, 1], [0.3, 0, 0]))
+    else:
+        b = replace(b, type="fixed", active=False, limits=None)
+    found = joints.by_joints(bare(replace(m, joints=(a, b))), 5_000)
+    assert found.content()["dimension"] == dimension
+    assert found.content()["volume_dm3"] is None
+    assert said in "\n".join(found.text())
+    assert drawn.figure(found).axes
+
+
+@pytest.mark.parametrize(("option", "most"), [("--sigma-um", "10000"), ("--encoder-deg", "10")])
+def test_an_error_that_is_not_small_is_refused(option, most, capsys):
+    assert cli.main(["tolerance", "sher", option, "1e9"]) == 2
+    assert f"give at most {most}; errors are propagated to first order" in capsys.readouterr().err
 
 
 def test_a_slide_without_limits_is_named(robots):

@@ -22,6 +22,13 @@ from twin.core.spatial import Array
 _FIRST = 50_000
 """Number of samples from which the extent of the grid is estimated."""
 
+_FLAT = 1e-6
+"""Extent along an axis, relative to the largest extent, below which all positions count as being in one plane."""
+
+_PLACES, _STEP, _RANK = 15, 1e-5, 1e-3
+"""(number of joint positions, step relative to the joint ranges, relative smallest singular value) for the rank of a
+position Jacobian."""
+
 _CELLS = 20_000_000
 """Maximum number of grid cells."""
 
@@ -50,9 +57,12 @@ def by_joints(
         )
     extent = np.ptp(p, axis=0)
     step = step or float(max(extent.max(), 1e-6)) / 64
-    margin = 0.05 * extent + 2 * step
+    flat = (
+        extent <= _FLAT * extent.max()
+    )  # one layer of cells, because positions of a plane or a line differ by rounding
+    margin = np.where(flat, 0, 0.05 * extent + 2 * step)
     low = p.min(axis=0) - margin
-    shape = np.ceil((extent + 2 * margin) / step).astype(int) + 1
+    shape = np.where(flat, 1, np.ceil((extent + 2 * margin) / step).astype(int) + 1)
     if shape.prod() > _CELLS:
         text = f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}: increase --step-mm"
         raise TwinError(text)
@@ -67,7 +77,7 @@ def by_joints(
         values, p = sample(first, last)
         good = (values[:, 0] > 0) & np.isfinite(p).all(axis=1)
         reached += int(good.sum())
-        index = np.round((p[good] - low) / step).astype(np.int64)
+        index = np.where(flat, 0, np.round((p[good] - low) / step)).astype(np.int64)
         inside = ((index >= 0) & (index < shape)).all(axis=1)
         outside += int((~inside).sum())
         at = index[inside] @ np.array([1, nx, nx * ny])
@@ -83,7 +93,25 @@ def by_joints(
     out[:, 2] = np.where(hits > 0, margins, 0)
     out[:, 3] = np.where(np.isfinite(singular), singular, np.nan)
     facts = {"sampled": "joints", "samples": count, "assembled": reached / count, "outside_of_box": outside}
-    return Workspace(robot.name, grid, out, facts)
+    return Workspace(robot.name, grid, out, facts, _dimension(robot, ranges, int((~flat).sum())))
+
+
+def _dimension(robot: Robot, ranges: Array, most: int) -> int:
+    """Return the dimension of the set of tool positions, at most `most`: the median rank of the position Jacobian.
+
+    The Jacobian is measured by differences at random joint positions; `most` is returned if none can be assembled.
+    """
+    n = len(ranges)
+    places = ranges[:, 0] + np.ptp(ranges, axis=1) * np.random.default_rng(0).uniform(0.05, 0.95, (_PLACES, n))
+    q = places[:, None] + np.vstack([np.zeros(n), _STEP * np.diag(np.ptp(ranges, axis=1))])
+    p = robot.loops.forward_many(q.reshape(-1, n)).Ts_base_tool[:, :3, 3].reshape(_PLACES, n + 1, 3)
+    J = p[:, 1:] - p[:, :1]
+    J = J[np.isfinite(J).all(axis=(1, 2))]
+    if not len(J):
+        return most
+    values = np.linalg.svd(J, compute_uv=False)
+    ranks = (values > _RANK * values.max(initial=0)).sum(axis=1)
+    return min(most, int(np.median(ranks)))
 
 
 def _ranges(robot: Robot) -> Array:

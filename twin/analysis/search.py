@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.analysis.cluster import cluster
 from twin.analysis.joints import by_joints
-from twin.analysis.workspace import Grid, Workspace, box, centre
+from twin.analysis.workspace import Grid, UnreachedError, Workspace, box, centre
 from twin.analysis.workspace import workspace as over_grid
 from twin.api import Progress, Robot
 from twin.api.robot import silent
@@ -36,7 +36,8 @@ def workspace(
     """Return the workspace of the tool.
 
     With a closed-form inverse, positions on a grid are evaluated in one or more orientations. Without it, or if
-    `by_joint_positions` is True, joint values are sampled.
+    `by_joint_positions` is True, joint values are sampled; also if no position of the grid is reached, as with a planar
+    robot, whose tool keeps neither its orientation nor the positions of a grid.
 
     Args:
         robot: a robot with CAD, or loaded from a stage.
@@ -67,7 +68,12 @@ def workspace(
     progress("find the extent", 0.0)
     T = centre(robot)
     turns = turns if tilt else 1
-    low, high = box(robot, T, tilt, turns)
+    try:
+        low, high = box(robot, T, tilt, turns)
+    except UnreachedError:
+        if scheduler or tilt:
+            raise
+        return by_joints(robot, count, step, progress)
     if step is None:
         step = float((np.prod(high - low) * turns / count) ** (1 / 3))
     nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)

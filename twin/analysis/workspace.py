@@ -11,6 +11,7 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -48,6 +49,10 @@ _COARSE, _GROWN = 32, 5
 """(number of positions along an edge while searching the box, maximum number of refinements)."""
 
 
+class UnreachedError(TwinError):
+    """No position of a grid is reached in its orientations."""
+
+
 @dataclass(frozen=True)
 class Grid:
     """Positions and orientations to evaluate.
@@ -77,6 +82,11 @@ class Grid:
     def poses(self) -> int:
         """Number of poses: positions times orientations."""
         return self.positions * self.turns
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Axes (0, 1, 2 for x, y, z) along which there are several positions."""
+        return tuple(a for a, n in enumerate(self.shape) if n > 1)
 
     def position(self, number: np.ndarray) -> Array:
         """Return the positions (k, 3) in m with indices (k,); x varies fastest."""
@@ -113,6 +123,41 @@ def _turned(w: ca.SX) -> ca.SX:
 
 
 @dataclass(frozen=True)
+class Measure:
+    """The size of a set of grid cells.
+
+    Attributes:
+        name: "volume", "area" or "length".
+        unit: unit in the keys of the JSON output, `symbol` in the text.
+        edge: edge length in m of a cube, square or line with the size 1.
+        dimension: 3, 2 or 1.
+    """
+
+    name: str
+    unit: str
+    symbol: str
+    edge: float
+    dimension: int
+
+    def cell(self, step: float) -> float:
+        """Return the size of a cell with an edge length of `step` m."""
+        return (step / self.edge) ** self.dimension
+
+    def key(self, what: str = "") -> str:
+        """Return the key of the JSON output."""
+        return "_".join(x for x in (self.name, what, self.unit) if x)
+
+
+_MEASURES = {
+    3: Measure("volume", "dm3", "dm³", 0.1, 3),
+    2: Measure("area", "cm2", "cm²", 0.01, 2),
+    1: Measure("length", "mm", "mm", MM, 1),
+}
+
+_SETS = {0: "one point", 1: "a curve", 2: "a surface", 3: "a volume"}
+
+
+@dataclass(frozen=True)
 class Workspace(Result):
     """The workspace of a robot.
 
@@ -120,12 +165,14 @@ class Workspace(Result):
         grid: the evaluated positions and orientations.
         values: (positions, 4) values, see `COLUMNS`.
         facts: further results, with the keys of the JSON output.
+        dimension: 3 if the reached positions fill a volume, 2 for a surface, 1 for a curve, 0 for a point.
     """
 
     robot: str
     grid: Grid
     values: np.ndarray
     facts: dict[str, Any] = field(default_factory=dict)
+    dimension: int = 3
 
     kind = "workspace"
     judges = False
@@ -146,9 +193,17 @@ class Workspace(Result):
         nx, ny, nz = self.grid.shape
         return self.values.reshape(nz, ny, nx, len(COLUMNS)).transpose(2, 1, 0, 3)
 
+    @property
+    def measure(self) -> Measure | None:
+        """What the cells of the grid measure; None for a curved surface, an inclined plane or a curve."""
+        return _MEASURES.get(self.dimension) if self.dimension == len(self.grid.axes) else None
+
     def content(self) -> dict[str, Any]:
-        """Return volumes in dm3, fractions, condition numbers and limits of the workspace as plain data."""
-        cell = (self.grid.step / 0.1) ** 3
+        """Return the size, fractions, condition numbers and limits of the workspace as plain data.
+
+        The size is a volume in dm3; for positions in one plane parallel to two axes of base it is an area in cm2, and
+        on a line parallel to an axis a length in mm. It is None for other surfaces and curves.
+        """
         good = self.values[self.reached]
         share, inverse = good[:, 0].astype(float), good[:, 1].astype(float)
         low = self.grid.position(np.flatnonzero(self.reached)).min(axis=0) if len(good) else np.full(3, np.nan)
@@ -162,9 +217,8 @@ class Workspace(Result):
             "orientations": g.turns,
             "tilt_deg": g.tilt / DEG,
             "step_mm": float(g.step / MM),
-            "volume_dm3": float(cell * len(good)),
-            "volume_error_dm3": volume_error(self.cube[..., 0] > 0, cell),
-            "volume_every_orientation_dm3": float(cell * (share == 1).sum()),
+            "dimension": self.dimension,
+            **self._size(share),
             "share_of_orientations": float(share.mean()) if len(good) else 0.0,
             "global_conditioning_index": float(np.average(inverse, weights=share)) if inverse.any() else None,
             "inverse_condition_quantiles": _quantiles(inverse) if inverse.any() else {},
@@ -175,16 +229,40 @@ class Workspace(Result):
             **self.facts,
         }
 
+    def _size(self, share: np.ndarray) -> dict[str, float | None]:
+        """Return the size with its error; `share` (k,) is the fraction of orientations at each reached position."""
+        none: dict[str, float | None] = dict.fromkeys(
+            ("volume_dm3", "volume_error_dm3", "volume_every_orientation_dm3")
+        )
+        m = self.measure
+        if m is None:
+            return none
+        cell, reached = m.cell(self.grid.step), self.cube[..., 0] > 0
+        # A sampled cell counts if any part is reached: on average half a cell too much at each face of the boundary.
+        faces = sum(int(np.diff(reached, axis=a).sum()) for a in self.grid.axes) if self.facts.get("sampled") else 0
+        found: dict[str, float | None] = {
+            m.key(): float(cell * len(share)),
+            m.key("error"): volume_error(reached, cell) + 0.5 * cell * faces,
+            m.key("every_orientation"): float(cell * (share == 1).sum()),
+        }
+        return {**none, **found}
+
     def text(self) -> Iterator[Part]:
-        """Yield volumes, condition numbers, margins and the best position."""
+        """Yield the size, condition numbers, margins and the best position."""
         s = self.content()
         yield f"{s['robot']} · {_what(s)} · cells of {s['step_mm']:.3g} mm"
         yield ""
         corner = ", ".join(f"{a:.0f} .. {b:.0f}" for a, b in zip(s["box_mm"]["low"], s["box_mm"]["high"], strict=True))
-        volume = f"{s['volume_dm3']:.4g} ± {s['volume_error_dm3']:.1g} dm³ (error of counting cells)"
-        yield f"  reached           {volume} in x, y, z = {corner} mm"
-        if s["orientations"] > 1:
-            yield f"  every orientation {s['volume_every_orientation_dm3']:.4g} dm³ are reached in every orientation"
+        m = self.measure
+        if m is None:
+            size = f"{_SETS[self.dimension]}, whose size is not computed,"
+        else:
+            error = float(f"{s[m.key('error')]:.1g}")  # one digit, without an exponent
+            size = f"{s[m.key()]:.4g} ± {error:g} {m.symbol} (error of counting cells)"
+            size += {2: " of a plane", 1: " of a line"}.get(self.dimension, "")
+        yield f"  reached           {size} in x, y, z = {corner} mm"
+        if s["orientations"] > 1 and m is not None:
+            yield f"  every orientation {s[m.key('every_orientation')]:.4g} {m.symbol} are reached in every orientation"
         if s["global_conditioning_index"] is not None:
             spread = ", ".join(f"{k}: {v:.3f}" for k, v in s["inverse_condition_quantiles"].items())
             yield f"  inverse condition mean {s['global_conditioning_index']:.3f} (quantiles {spread})"
@@ -210,13 +288,15 @@ def _what(s: Mapping[str, Any]) -> str:
 def volume_error(cube: np.ndarray, cell: float) -> float:
     """Return the uncertainty of a volume computed by counting cells, about two standard deviations.
 
-    The result is the standard deviation of eight volumes, from the interleaved grids with twice the step. Measurements
-    on SILS with shifted grids of 6 to 32 mm show that this is about twice the standard deviation of the full grid.
+    The result is the standard deviation of eight volumes, from the interleaved grids with twice the step; of four
+    areas, if there is one layer of cells. Measurements on SILS with shifted grids of 6 to 32 mm show that this is about
+    twice the standard deviation of the full grid.
     `cube` (nx, ny, nz) states whether each position is reached; the result has the unit of `cell`, the volume of one
     cell.
     """
-    parts = [cube[i::2, j::2, k::2].sum() for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-    return float(8 * cell * np.std(parts))
+    starts = product(*[range(min(n, 2)) for n in cube.shape])
+    parts = [cube[i::2, j::2, k::2].sum() for i, j, k in starts]
+    return float(len(parts) * cell * np.std(parts))
 
 
 def _quantiles(x: Array) -> dict[str, float]:
@@ -288,7 +368,7 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
     """Return the two corners (3,) in m of a box that contains all reached positions around a pose.
 
     Raises:
-        TwinError: no position near the pose is reached in its orientation.
+        UnreachedError: no position near the pose is reached in its orientation.
     """
     half, middle = _START, T[:3, 3]
     while True:
@@ -297,7 +377,7 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
             break
         half *= 2
     if not len(p):
-        raise TwinError(
+        raise UnreachedError(
             f"{robot.name}: no position within {half:g} m of the tool is reached in its present orientation; with "
             f"{len(robot.joints)} joints not every orientation is possible: give --tilt-deg, or --joints"
         )

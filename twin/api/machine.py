@@ -7,6 +7,7 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
 from twin.api.robot import Robot, load
+from twin.core import assets
 from twin.core.errors import DeviceError, TwinError, unknown
 from twin.core.processes import Apart
 
@@ -47,6 +48,14 @@ def machine_parts(
     if robot.files is None:
         raise TwinError(
             f"{robot.name} was loaded from a USD stage: a machine requires a robot folder with {settings.NAME}"
+        )
+    needed = {inertia.NAME: "masses", settings.NAME: "motors, gains and limits"}
+    missing = [f"no {n} ({what})" for n, what in needed.items() if not (robot.files.cad / n).is_file()]
+    if missing:
+        known = sorted(p.parent.name for p in (assets.data_folder() / "cad").glob(f"*/{settings.NAME}"))
+        raise TwinError(
+            f"{robot.name} has no machine: beside its TOML file there is {' and '.join(missing)}. Robots of twin with "
+            f"a machine: {', '.join(known)}"
         )
     model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
     table = settings.load(robot.files.cad / settings.NAME, model.mechanism)

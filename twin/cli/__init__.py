@@ -64,18 +64,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()  # raises a broken pipe here, where it is handled
         return code
     except TwinError as error:
-        if args.debug:
-            raise
+        _trace(args.debug)
         return _failed(type(error).__name__, str(error), args.json)
     except KeyboardInterrupt:
+        _settle(args)  # child processes were killed and have left their temporary folders
         print("twin: interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 2
     except Exception as error:
-        if args.debug:
-            raise
+        _trace(args.debug)
         from twin.core.atomic import no_room
 
         if full := no_room(error):
@@ -83,9 +82,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(error, UnicodeEncodeError) and any("\ud800" <= c <= "\udfff" for c in str(error.object)):
             text = f"{ascii(str(error.object))[:200]} is not valid UTF-8: rename the file or folder"
             return _failed("output", text, args.json)
-        # Python would exit with 1, which here means "disagree".
         text = f"internal error, {type(error).__name__}: {error}. Please report it with the output of --debug."
         return _failed(type(error).__name__, text, args.json)
+
+
+def _trace(debug: bool) -> None:
+    """With --debug, print the traceback of the current error; raised, it would exit with 1, which means "disagree"."""
+    if debug:
+        import traceback
+
+        traceback.print_exc()
 
 
 def _settle(args: argparse.Namespace) -> None:

@@ -8,6 +8,7 @@ rejects them, and the checker reports them.
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -275,12 +276,18 @@ def _open(path: Path) -> Usd.Stage:
     return stage
 
 
+_REASON = re.compile(r"Error in '[^']*' at line \d+ in file \S+ : '(.*?)'\s*(?=Error in '|\Z)", re.DOTALL)
+
+
 def said(error: object) -> str:
-    """Return the last line of an error of USD, or a fixed text if the error is not UTF-8."""
+    """Return the first reason in an error of USD, without its source lines; a fixed text if the error is not UTF-8."""
     try:
-        lines = str(error).strip().splitlines()
+        text = str(error).strip()
     except UnicodeDecodeError:
         return "the file contains text that is not UTF-8"
+    if reasons := _REASON.findall(text):
+        return " ".join(reasons[0].split())
+    lines = text.splitlines()
     return lines[-1].strip() if lines else "unknown format"
 
 

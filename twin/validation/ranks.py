@@ -255,7 +255,9 @@ def _read(path: Path) -> Users:
     """Return the table of a CSV file."""
     try:
         rows = list(csv.reader(read_text(path, "CSV", "utf-8-sig").splitlines()))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise DescriptionError(f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8") from None
+    except (OSError, csv.Error) as error:
         raise DescriptionError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not rows or _GROUP not in (head := [h.strip() for h in rows[0]]):
         raise DescriptionError(f"{path}:1: the header needs a column '{_GROUP}', as in: {_GROUP},time_s,errors")

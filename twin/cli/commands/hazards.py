@@ -6,6 +6,10 @@ import argparse
 from pathlib import Path
 
 from twin.cli.parser import Command
+from twin.core.errors import TwinError
+
+_DEFAULT = "table1"
+"""Name of the campaign without --campaign."""
 
 EXAMPLES = """\
   twin hazards raven_left --campaign table1
@@ -21,8 +25,8 @@ def arguments(command: Command) -> None:
     text = "instead of a campaign, run the two experiments of the paper: deviation at each motion scale, and deviation "
     text += "with the command of the first motor stuck every 8 s"
     command.flag("--trends", text)
-    text = "name of a campaign of the robot, or path of a file (default table1)"
-    command.text("--campaign", "NAME", text, default="table1")
+    text = f"name of a campaign of the robot, or path of a file (default {_DEFAULT})"
+    command.text("--campaign", "NAME", text)
     text = "maximum number of sessions to run now (default: all that are not yet in the log)"
     command.integer("--sessions", text, least=0)
     command.integer("--processes", "number of processes (default: number of processors)", least=1)
@@ -39,16 +43,22 @@ def run(args: argparse.Namespace) -> int:
     from twin.api.hazards import hazards as campaign
     from twin.cli import show
 
+    if args.trends:
+        for name in ("campaign", "sessions", "processes"):
+            if getattr(args, name) is not None:
+                text = "it runs the two experiments of the robot's campaigns/trends.toml, in this process"
+                raise TwinError(f"--{name} has no effect with --trends: {text}. Omit one of the two options")
+    name = args.campaign or _DEFAULT
     robot = api.load(args.robot)
     software = Software(args.mode, args.overdrive, None if args.released is None else tuple(args.released.split(",")))
-    folder = show.folder(args, robot.name, "trends" if args.trends else f"{Path(args.campaign).stem}-hazards")
+    folder = show.folder(args, robot.name, "trends" if args.trends else f"{Path(name).stem}-hazards")
     with show.progress(args.quiet or args.json) as progress:
         if args.trends:
             found = trends(robot, software=software, progress=progress)
         else:
             found = campaign(
                 robot,
-                args.campaign,
+                name,
                 folder,
                 source=args.robot,
                 sessions=args.sessions,

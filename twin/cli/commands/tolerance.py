@@ -6,7 +6,7 @@ import argparse
 
 from twin.cli.parser import Command, count
 from twin.core.errors import TwinError
-from twin.core.units import DEG, UM
+from twin.core.units import DEG, MM, UM
 
 EXAMPLES = """\
   twin tolerance sher                              in every posture, with the robot's requirement
@@ -16,6 +16,10 @@ EXAMPLES = """\
 
 _SAMPLES = 10_000_000
 """Largest number of samples; each needs about 100 bytes of memory."""
+
+
+_LARGEST, _WIDEST = 10 * MM, 10 * DEG
+"""Largest standard deviations of a position in m and of a rotation in rad."""
 
 
 def arguments(command: Command) -> None:
@@ -48,6 +52,15 @@ def run(args: argparse.Namespace) -> int:
     if args.samples > _SAMPLES:
         raise TwinError(f"--samples {args.samples}: give at most {_SAMPLES}")
     required = show.micrometres("--require-um", args.require_um)
+    for option, value, most in (
+        ("--sigma-um", args.sigma_um, _LARGEST / UM),
+        ("--encoder-um", args.encoder_um, _LARGEST / UM),
+        ("--sigma-deg", args.sigma_deg, _WIDEST / DEG),
+        ("--encoder-deg", args.encoder_deg, _WIDEST / DEG),
+    ):
+        if value > most:
+            text = "errors are propagated to first order, which holds for small errors"
+            raise TwinError(f"{option} {value:g}: give at most {most:g}; {text}")
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "tolerance")
     spread = Spread(args.sigma_um * UM, args.sigma_deg * DEG, args.encoder_um * UM, args.encoder_deg * DEG)

@@ -118,6 +118,9 @@ class World:
         return {name: out[name] for name in prims}
 
 
+_SAID = re.compile(r" at line \d+ in file \S+ : '([^\n]*?)'?$", re.MULTILINE)
+
+
 def _open(path: Path) -> Usd.Stage:
     try:
         stage = Usd.Stage.Open(str(path))
@@ -141,7 +144,11 @@ def _evaluating() -> Iterator[None]:
 
 
 def _reason(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    """Return the first reason that USD gives, without the position in its source."""
+    text = str(error)
+    if found := _SAID.search(text):
+        return found[1].strip()[:200]
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     return lines[-1][:200] if lines else "unknown format"
 
 

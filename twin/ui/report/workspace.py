@@ -21,7 +21,10 @@ _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 @styled()
 def figure(found: Workspace) -> Figure:
-    """Return a figure with three sections and the distribution of the conditioning."""
+    """Return a figure with sections and the distribution of the conditioning.
+
+    There are three sections, or one if all positions are in one plane.
+    """
     robot, low, step, summary = found.robot, found.grid.low, found.grid.step, found.content()
     cube = found.cube
     shape = cube.shape
@@ -31,11 +34,14 @@ def figure(found: Workspace) -> Figure:
     cut = _cut(reached, shown)
     most = float(np.nanquantile(shown, 0.995)) if reached.any() else 1.0
 
-    out = sheet(f"{robot}: workspace of the tool{_around(summary)}", 7.4)
-    axes = out.subplots(2, 2)
-    out.subplots_adjust(left=0.08, right=0.9, top=0.9, bottom=0.08, wspace=0.28, hspace=0.3)
+    sections = _SECTIONS if len(found.grid.axes) == 3 else (_flat(found.grid.axes),)
+    rows = 2 if len(sections) > 1 else 1
+    out = sheet(f"{robot}: workspace of the tool{_around(summary)}", 3.7 * rows)
+    axes = out.subplots(rows, 2)
+    out.subplots_adjust(left=0.08, right=0.9, top=1 - 0.2 / rows, bottom=0.16 / rows, hspace=0.3)
+    out.subplots_adjust(wspace=0.28 if rows == 2 else 0.55)
     images = []
-    for ax, (a, b, c) in zip(axes.flat, _SECTIONS, strict=False):
+    for ax, (a, b, c) in zip(axes.flat, sections, strict=False):
         plane = np.take(shown, cut[c], axis=c)
         edges = [
             (low[a] - step / 2) / MM,
@@ -49,12 +55,17 @@ def figure(found: Workspace) -> Figure:
         ax.set_ylabel(f"{'xyz'[b]} [mm]")
         ax.grid(visible=False)
         ax.locator_params(nbins=5)
-    bar = out.add_axes((0.915, 0.55, 0.014, 0.33))
+    bar = out.add_axes((0.915, 0.55, 0.014, 0.33) if rows == 2 else (0.42, 0.16, 0.014, 0.55))
     out.colorbar(images[0], cax=bar)
     label = "inverse condition number" if conditioned else "margin to the joint limits"
     bar.set_title(label.replace(" ", "\n"), fontsize=7.5, loc="left")
-    _volumes(axes[1][1], shown[reached], cube[reached], step, label)
+    _sizes(axes.flat[-1], shown[reached], cube[reached], found, label)
     return out
+
+
+def _flat(axes: tuple[int, ...]) -> tuple[int, int, int]:
+    """Return the section that contains all positions, which differ only along these axes."""
+    return next(s for s in _SECTIONS if set(axes) <= set(s[:2]))
 
 
 def _around(summary: Mapping[str, Any]) -> str:
@@ -75,9 +86,10 @@ def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
     return (int(nearest[0]), int(nearest[1]), int(nearest[2]))
 
 
-def _volumes(ax: Axes, shown: np.ndarray, values: np.ndarray, step: float, label: str) -> None:
-    """Draw, as a function of a minimum value, the volume of the cells whose conditioning is at least this value."""
-    cell = (step / 0.1) ** 3
+def _sizes(ax: Axes, shown: np.ndarray, values: np.ndarray, found: Workspace, label: str) -> None:
+    """Draw, as a function of a minimum value, the size of the cells whose conditioning is at least this value."""
+    m = found.measure
+    cell = m.cell(found.grid.step) if m is not None else 1
     share = values[:, 0].astype(float)
     ordered = np.sort(shown.astype(float))
     thin = np.unique(np.linspace(0, len(ordered) - 1, 400).astype(int)) if len(ordered) else np.zeros(0, int)
@@ -88,6 +100,6 @@ def _volumes(ax: Axes, shown: np.ndarray, values: np.ndarray, step: float, label
         ax.plot(full[thin], cell * (len(full) - thin), color=PALETTE[1], label="in every orientation")
         ax.legend(loc="upper right")
     ax.set_xlabel(f"minimum {label}")
-    ax.set_ylabel("volume [dm³]")
+    ax.set_ylabel(f"{m.name} [{m.symbol}]" if m is not None else "number of cells")
     ax.set_ylim(bottom=0)
     ax.set_xlim(left=0)

@@ -154,6 +154,10 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     yield _STATE(joint.path, text, Quantity(off[worst], unit), STATE_TOL, when=line.labels[worst])
 
 
+FOLDER = "; in a robot folder: add a [[drive]] to its TOML file"
+"""Second way to add a drive, for the owner of a folder that the stage was made from."""
+
+
 def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     kinds = [k for k in joint.prim.GetAppliedSchemas() if k.startswith("PhysicsDriveAPI:")]
     wrong = [k.partition(":")[2] for k in kinds if k.partition(":")[2] != joint.instance]
@@ -172,7 +176,7 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
             joint.path,
             f"joint {joint.path} is active, but {'its drive has no gains' if drive else 'has no drive'}: it moves "
             "freely in a simulator",
-            suggestion=f"apply PhysicsDriveAPI:{joint.instance} with stiffness and damping",
+            suggestion=f"apply PhysicsDriveAPI:{joint.instance} with stiffness and damping{FOLDER}",
         )
     if drive is None:
         return

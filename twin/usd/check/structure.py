@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from pxr import UsdPhysics
 
 from twin.core.findings import Finding, Kind, disagreement
+from twin.usd.check.coordinates import FOLDER
 from twin.usd.scan import RawJoint, Scene
 
 _EMPTY = Kind("stage.empty", "error", "apply PhysicsRigidBodyAPI to the links and join them")
-_DRIVE_MISSING = Kind("stage.drive_missing", "warning", "apply PhysicsDriveAPI to the actuated joints")
+_DRIVE_MISSING = Kind("stage.drive_missing", "warning", f"apply PhysicsDriveAPI to the actuated joints{FOLDER}")
 _FLOATING = Kind("stage.floating", "info", "fix the base with a PhysicsFixedJoint, unless the robot walks or flies")
 _LOOP = Kind(
     "stage.loop", "disagreement", "author physics:excludeFromArticulation = true on the joint that closes the loop"

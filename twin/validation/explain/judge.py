@@ -88,7 +88,7 @@ class Judge:
             self.notes.append(f"{equation.name} ({variant}) was not judged: {error}")
             return None
         if not source.plain:
-            self.notes.append(f"{equation.name} ({variant}) was not judged: it returns from within a branch or a loop")
+            self.notes.append(f"{equation.name} ({variant}) was not judged: {source.why}")
             return None
         codes = [source.compiled(s) for s in source.statements]
         required, optional = arguments(function)
