@@ -151,7 +151,7 @@ def test_numpy_and_casadi_styles_agree_and_go_forward(tmp_path):
 
 
 def test_parameters_are_in_si_and_can_be_replaced(tmp_path):
-    text = HEXAPOD.replace('mm(165.0, "ASSUMED", "circle of', 'mm(165.0, "PUBLISHED", "Table 7, circle of')
+    text = HEXAPOD.replace('mm(165.0, "ASSUMED", "radius of', 'mm(165.0, "PUBLISHED", "Table 7, radius of')
     kin = compiled(text, LEGS, tmp_path)
     first = kin.formula.parameters[0]
     assert (first.name, first.unit, first.shown, first.provenance) == ("r_a", "mm", 165.0, "PUBLISHED")

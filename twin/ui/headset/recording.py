@@ -74,7 +74,7 @@ class Recording:
         Raises:
             RefusedError: the maximum number or total size of recordings is reached.
         """
-        if self._saved >= FILES or self._written >= IN_ALL:
+        if self._saved >= FILES or self._written + self._size >= IN_ALL:
             text = (
                 f"{self._saved} recordings with {self._written / 1e6:.0f} MB: one run of the server records at most "
                 f"{FILES} recordings and {IN_ALL / 1e6:.0f} MB; start the server again"
@@ -115,7 +115,7 @@ class Recording:
         self.running = False
         path, frames, documents, requests = self.path, self._frames, self._documents, self._requests
         self._saved += 1
-        self._written += self._size
+        self._written, self._size = self._written + self._size, 0
         self.path = path.with_name(f"{self._stem}-{self._saved + 1}{path.suffix}")
 
         def write() -> None:
