@@ -607,10 +607,14 @@ def test_interrupt_waits_for_an_import(tmp_path, monkeypatch):
         import_module("interrupted_module")
         time.sleep(5)
 
-    with pytest.raises(KeyboardInterrupt), after_imports():
-        interrupted()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # another test may have left its own
+    try:
+        with pytest.raises(KeyboardInterrupt), after_imports():
+            interrupted()
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert not hasattr(sys.modules.pop("interrupted_module"), "swallowed")
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 # ----------------------------------------------------------------------------------------- terminals and pipes
