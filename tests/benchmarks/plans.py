@@ -3,10 +3,11 @@
 The judge shares no test of distances and no choice of pairs with the planner. Its poses are those of the reference
 model, by Pinocchio, which the planner uses for the rest pose only; its pairs are all pairs of bodies, of the CAD and
 of the scene, that no joint connects and that do not touch when drawn; coal computes every distance between their
-triangles. It looks at 400 moments, equally spaced in time, of each timed path, then more closely around the nearest;
-at 50 for bodies that are always close. Boxes and hulls only leave out pairs that cannot be the nearest. Start and
-goal are drawn by seed within the limits of the joints; all but one pair in 20 are drawn again until the straight path
-between them is not free. SILS has no scene: a cube stands in the way of its tool.
+triangles. It looks at 400 moments, equally spaced in time, of each timed path, and at the one that the certificate
+names, then more closely around the nearest; at 50 for bodies that are always close. Boxes and hulls only leave out
+pairs that cannot be the nearest. Start and goal are drawn by seed within the limits of the joints; all but one pair in
+20 are drawn again until the straight path between them is not free. SILS has no scene: a cube stands in the way of its
+tool.
 
 Each plan is one line of a file, so that a run that was ended goes on where it was:
 
@@ -230,7 +231,7 @@ def one(problem, number):
     row["timed"] = time.process_time() - began
     seen = space.certify(path)
     row["certified"] = time.process_time() - began - row["timed"]
-    s = timing.s[np.linspace(0, len(timing.s) - 1, MOMENTS).astype(int)]
+    s = np.union1d(timing.s[np.linspace(0, len(timing.s) - 1, MOMENTS).astype(int)], seen.s)
     least, inner = judge.least(path, s)
     return row | {
         "duration": timing.duration,
