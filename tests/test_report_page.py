@@ -10,7 +10,7 @@ from twin.ui.report import render_html
 pytestmark = pytest.mark.browser
 
 WIDER = """[...document.querySelectorAll("body *")]
-    .filter(e => e.getBoundingClientRect().right > innerWidth + 1 && !e.closest(".scroll"))
+    .filter(e => e.getBoundingClientRect().right > innerWidth + 1 && !e.closest(".scroll, figure"))
     .map(e => `${e.tagName}.${e.className}`)"""
 
 
@@ -25,7 +25,7 @@ def page(request, browser, tmp_path_factory):
 
 
 @pytest.mark.parametrize("width", [320, 390, 768, 1280])
-def test_nothing_but_wide_tables_scrolls_sideways(page, width):
+def test_only_wide_tables_and_figures_scroll_sideways(page, width):
     page.set_viewport_size({"width": width, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.evaluate(WIDER) == []
