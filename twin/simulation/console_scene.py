@@ -46,8 +46,7 @@ HANDS = ("right", "left")
 PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
 
 ORGANS = 16e-3
-"""Time in s between two steps of the organs of a procedure; with shorter steps, a served World lags behind real
-time."""
+"""Time in s between two steps of organs on pages; with shorter steps, a served World lags behind real time."""
 
 
 @dataclass(frozen=True)

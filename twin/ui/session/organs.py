@@ -10,10 +10,10 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.model.body import Body
 from twin.model.tissue import Tissue
+from twin.simulation.console_scene import ORGANS
 from twin.simulation.frame import Frame
 from twin.simulation.plants.tissue import Organs, Tool
 from twin.ui.session.feed import Surface
-from twin.ui.session.timeline import RATE
 
 _BEHIND = 2
 """Maximum number of steps of the organs for each picture. Two steps make up for one late picture; more steps would make
@@ -40,7 +40,7 @@ class OrganFeed:
         self.surfaces = {t.name: Surface(t.surface.triangles, t.color_rgba[:3]) for t in tissues}
         self.touching = {robot: tuple(b.name for b in bodies) for robot, bodies in links.items()}
         tools = [Tool(robot, body) for robot, bodies in links.items() for body in bodies]
-        self.organs = Organs(tissues, tools, [_AWAY] * len(tools), 1 / RATE)
+        self.organs = Organs(tissues, tools, [_AWAY] * len(tools), ORGANS)
         self._left, self._first = 0.0, True
         self._fields = {t.name: t.surface.vertices for t in tissues}
 
@@ -51,7 +51,7 @@ class OrganFeed:
         the time in s since the last call.
         """
         poses = [links[tool.robot][tool.body.name] for tool in self.organs.tools]
-        self._left = min(self._left + passed * RATE, float(_BEHIND))
+        self._left = min(self._left + passed / ORGANS, float(_BEHIND))
         steps, self._first = max(int(self._left + 1e-9), int(self._first)), False
         self._left = max(self._left - steps, 0.0)
         moved = False
