@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from made import headset_page as headset
@@ -37,10 +36,10 @@ def test_the_force_of_the_board_is_seen_and_felt(page):
     page("window.pad.axes = [0, 0, 0, 0]; window.pad.buttons[3] = {pressed: false, value: 0}")
     page.until("window.felt.length > 3", "a rumble that lasts")
     page.until("twin.app.console.forces.arrows.right.visible", "an arrow")
-    force = np.array(page("twin.app.console.forces.now.right.toArray()"))
-    last = page("window.felt.at(-1)")
-    assert last["strongMagnitude"] == pytest.approx(min(1, np.linalg.norm(force) / 3.3), abs=0.1)
-    assert last["duration"] < 200
+    # one reading of both: at the first contact, the force can be zero for a moment
+    same = f"{NOW} > 0.5 && Math.abs(window.felt.at(-1).strongMagnitude - Math.min(1, {NOW} / 3.3)) < 0.1"
+    page.until(same, "a rumble as strong as the force")
+    assert page("window.felt.at(-1).duration") < 200
     up = page(
         "(() => {const a = twin.app.console.forces.arrows.right, v = a.position.clone().set(0, 1, 0);"
         " return v.applyQuaternion(a.quaternion).y})()"
@@ -49,7 +48,7 @@ def test_the_force_of_the_board_is_seen_and_felt(page):
     tip = page("twin.app.console.tip('right').distanceTo(twin.app.console.forces.arrows.right.position)")
     assert tip < 1e-6
     assert page("twin.app.console.forces.now.left.length()") == 0
-    assert "right" in page("twin.app.console.forces.text()")
+    page.until("twin.app.console.forces.text().includes('right')", "a text")
     page.page.keyboard.press("t")
     page.until("!twin.app.console.haptics", "the switch")
     page.until(f"{NOW} === 0", "no force")
