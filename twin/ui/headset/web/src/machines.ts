@@ -7,6 +7,8 @@ import type { MachinesInfo, MachinesState, MachineState, Message } from './proto
 const SECONDS = 12;
 const [WIDE, HIGH] = [184, 84];
 const SMALLEST = 0.001;
+/** Height of a panel that is as wide as the page, as a fraction of the space above the small picture. */
+const ACROSS = 0.4;
 const DEG = Math.PI / 180;
 
 const PHASES: Record<MachineState['phase'], string> = {
@@ -165,7 +167,9 @@ export class Machines {
   private place(): void {
     const low = document.querySelector('header')?.getBoundingClientRect().bottom ?? 0;
     const top = Math.round(low) + 10;
-    const high = (this.app.console?.views.corner.top ?? window.innerHeight) - top - 10;
+    const above = (this.app.console?.views.corner.top ?? window.innerHeight) - top - 10;
+    // A panel as wide as the page, as on a phone, leaves the lower part of the picture to the instruments.
+    const high = this.covers() ? above : Math.round(ACROSS * above);
     const now = `${top} ${high} ${window.innerWidth} ${this.level.textContent} ${this.view.textContent} ${this.said.textContent}`;
     const over = () => this.board.scrollHeight - this.board.clientHeight;
     if (now === this.around && over() <= 0) return; // the text of the deviations may need more lines than before
