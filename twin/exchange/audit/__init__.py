@@ -10,7 +10,7 @@ compare_physics    compare joints, drives, masses, frames, surfaces, colours bet
 claims      check what files state about themselves: errors between keys, assumptions, README.txt
 unity, proof                       check the other contents of a bundle
 diagnose    find a common mistake that explains a difference
-scene       audit an exported scene: each robot's folder; the scene's stages are compared with these folders
+scene       audit an exported scene: the folder of each robot, then the scene's stages against these folders
 """
 
 from __future__ import annotations

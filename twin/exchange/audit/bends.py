@@ -28,7 +28,10 @@ _TIMES = 16
 
 
 def audit_bends(folder: Path) -> list[Ledger]:
-    """Return one ledger, in a list, with the findings on the deformables of a scene; [] without organs.glb."""
+    """Check the deformables of an exported scene; return a list of one ledger, or [] if organs.glb does not exist.
+
+    The ledger has the checks and the findings.
+    """
     glb, usd = folder / GLB, folder / USD
     ledger = Ledger(GLB, "twin.exchange.audit bends", "1")
     if not glb.is_file():
@@ -86,7 +89,7 @@ class _Played:
         return self._file.accessor(self._primitive(name)["indices"]).astype(int).reshape(-1, 3)
 
     def vertices(self, name: str, t: float) -> Array:
-        """Return the vertices (n, 3) in m at a time in s, z up."""
+        """Return the vertices (n, 3) of the mesh `name` at time t in s, in m with z up."""
         primitive = self._primitive(name)
         v = self._file.accessor(primitive["attributes"]["POSITION"]).copy()
         targets = primitive.get("targets", [])

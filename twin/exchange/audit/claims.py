@@ -1,4 +1,4 @@
-"""Check statements of files other than poses: errors between keys, header entries, assumptions, README.txt."""
+"""Check what files state in addition to poses: errors between keys, header entries, assumptions, README.txt."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ _MOTION = re.compile(
 
 
 def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> None:
-    """Report statements of a README.txt that differ from the files in its folder."""
+    """Report statements of a README.txt that are not true of the files in the same folder."""
     try:
         raw = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -23,9 +23,9 @@ _LOOKS = 20
 
 
 def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
-    """Return a text on the mistake that explains wrong poses; "" if no known mistake explains them.
+    """Return a text that names the mistake which explains wrong poses; "" if no known mistake explains the poses.
 
-    `found` has the poses (k, 4, 4) in the file, `meant` the expected poses, by link.
+    `found` has the poses (k, 4, 4) of each link in the file; `meant` has the expected poses.
     """
     names = [n for n in found if n in meant]
     if not names:

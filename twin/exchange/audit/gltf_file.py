@@ -46,10 +46,10 @@ class Gltf:
         return value
 
     def item(self, name: str, index: Any) -> dict[str, Any]:
-        """Return one object of a top-level array.
+        """Return the object number `index` of the top-level array `name`.
 
         Raises:
-            ReadError: the index does not exist.
+            ReadError: the array has no object with this number.
         """
         values = self.items(name)
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):

@@ -16,18 +16,19 @@ from twin.exchange.audit.report import Measured, ReadError
 
 @dataclass(frozen=True)
 class Node:
-    """A node.
+    """A node of a glTF file.
 
     Attributes:
         index: number of the node in the file.
-        name: its name, or "".
-        parent: index of its parent; -1: none.
+        name: name of the node, or "".
+        parent: index of the node's parent; -1: the node has no parent.
         translation: (3,) in m, relative to the parent, at rest.
         rotation: quaternion (4,), x y z w, at rest.
         scale: (3,) at rest.
-        matrix: T_parent_node (4, 4) at rest, used instead of the entries above; None if the file has none.
-        spec: its JSON object.
-        copied: whether its extras repeat the extras of an ancestor, because some exporters copy extras to meshes.
+        matrix: T_parent_node (4, 4) at rest, used instead of translation, rotation and scale; None if the node has
+            no matrix.
+        spec: JSON object of the node.
+        copied: whether the node's extras repeat the extras of an ancestor; some exporters copy extras to meshes.
     """
 
     index: int

@@ -32,7 +32,7 @@ _BALL, _SLIDE, _HINGE, _FREE = 1, 2, 3, 0
 
 
 class Mjcf:
-    """An MJCF that MuJoCo has compiled."""
+    """An MJCF file, compiled by MuJoCo."""
 
     def __init__(self, path: Path, ledger: Ledger) -> None:
         self._ledger = ledger
@@ -169,7 +169,10 @@ class Mjcf:
         return None
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Compare the joint ranges of the file with the joint limits in a track."""
+        """Compare the joint ranges of the file with the joint limits in a track.
+
+        `name` is the file name of the track; `low` and `high` have the limits of each joint in m or rad.
+        """
         m = self.model
         for j in range(m.njnt):
             joint = m.joint(j).name

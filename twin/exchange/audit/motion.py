@@ -35,7 +35,7 @@ class Shape:
 
     Attributes:
         low, high: corners (3,) of the bounding box in m.
-        volume: signed volume in m3; without meaning if the meshes are not closed.
+        volume: signed volume in m3; valid only if all meshes are closed.
         closed: whether all meshes are closed.
         points: vertices (n, 3) of the triangles in m.
         area: surface area in m2.
@@ -51,7 +51,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Clip:
-    """A motion.
+    """A motion of a robot, as a file states it.
 
     Attributes:
         times: times (k,) of the keys in s.
@@ -80,14 +80,15 @@ class Content:
         ledger: findings of the reader.
         format: "glb", "usd", "usdz", "tracks", "csv", "mjcf", "urdf".
         clips: motions, in the order of the file.
-        rest: T_world_link (4, 4) by link, without any motion.
-        declared: names of the links that the file marks (as rigid bodies, in extras); None: no link is marked.
+        rest: T_world_link (4, 4) at rest, by link.
+        declared: names of the nodes that the file marks as links (USD: rigid bodies, glTF: extras); None: the file
+            marks no links.
         shapes: meshes by link.
         colors: for each link, the fraction of its area by colour (linear rgba).
         physics: masses, joints and frames in the file; None: the file has no such data.
         model_hash: hash, stated in the file, of the mechanism that the file was made from; "" if not stated.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...
-        known: links that any file in the folder marks; None if no file marks links.
+        known: names of the links that at least one file in the folder marks; None if no file marks links.
         extra: data of the file that only one check needs, such as limits or phases.
     """
 
@@ -124,9 +125,9 @@ class Content:
 
     @property
     def links(self) -> tuple[str, ...] | None:
-        """Names of the links that the file marks; else of its nodes that other files mark as links.
+        """Names of the links that the file marks.
 
-        None: no file marks links.
+        If the file marks no links: names of its nodes that other files mark as links; None if no file marks links.
         """
         if self.declared is not None:
             return self.declared
@@ -161,7 +162,7 @@ def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
 
 
 def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str) -> None:
-    """Compare a stated rate in Hz with the key times (k,) in s; the last interval may be shorter."""
+    """Compare a stated key rate in Hz with the key times (k,) in s; only the last interval may be shorter."""
     steps = np.diff(times)
     if not len(steps):
         return
@@ -193,7 +194,11 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
 def check_quaternions(
     ledger: Ledger, xyzw: Array, times: Array | Sequence[float], where: str, code: str, blended: bool = True
 ) -> None:
-    """Report faults of the quaternions (k, 4) of a link: length and, if `blended` (interpolated), sign and step."""
+    """Report faults of the quaternions (k, 4) of a link: a length that is not 1, sign changes, large rotations.
+
+    Sign changes and rotations by more than `MAX_STEP` between two keys are faults only if players interpolate the
+    quaternions (`blended`).
+    """
     if not np.all(np.isfinite(xyzw)):
         text = f"{where}: a quaternion is not finite."
         ledger.wrong(f"{code}.finite", text, where)
@@ -261,7 +266,10 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
 
 
 def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
-    """Return (distance in m, key, angle in rad, key): maximum differences between poses (k, 4, 4), and their keys."""
+    """Return the maximum differences between two motions of a link, both as poses (k, 4, 4).
+
+    The result is (distance in m, key at which it occurs, angle in rad, key at which it occurs).
+    """
     apart = np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1)
     turn = angle(poses[:, :3, :3], others[:, :3, :3])
     i, j = int(np.argmax(apart)), int(np.argmax(turn))

@@ -1,7 +1,7 @@
 """Check the remote centres of motion (RCM) of a track against the motion of the shaft.
 
-The distance of the shaft axis from the stated RCM is a fault only if the protocol enforces the RCM.
-Also for an RCM that is not enforced: if all shaft axes of a phase meet in one point, the stated RCM must be that point.
+A distance of the shaft axis from the stated RCM is a fault only if the protocol enforces the RCM. But if all shaft axes
+of a phase meet in one point, the stated RCM must be that point, whether or not the RCM is enforced.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ class _Stay:
     lines: Mapping[str, tuple[Array, Array]]
 
     def missed(self, point: Array) -> dict[str, Array]:
-        """Return the distances (k,) in m of a point from the shaft axes, by frame."""
+        """Return the distances (k,) in m of a point from the shaft axis at each of the k keys, by frame."""
         return {n: np.linalg.norm(np.cross(d, point - p), axis=1) for n, (p, d) in self.lines.items()}
 
 
 def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> None:
     """Report shaft axes that miss the RCM of their phase, and RCMs that are not the centre of rotation of the shaft.
 
-    `local` has the poses of the n named frames of the track in their links, flat (7 n,): x y z in m, quaternion x y z
-    w.
+    `local` is the list (7 n,) of the poses of the track's n named frames in their links: x y z in m, quaternion x y z
+    w of each frame.
     """
     stays = _stays(data, clip, local, ledger)
     if stays is None:

@@ -31,7 +31,7 @@ class Check:
     Attributes:
         check: short description.
         file: path relative to the audited folder.
-        tool, version: checker or library that measured, and its version.
+        tool, version: name and version of the checker or library that measured.
         worst: the maximum deviation in `unit`; None if nothing can be measured.
         unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
@@ -75,7 +75,10 @@ class AuditReport(Result):
         return {"path": self.path, "files": self.files, "checks": [c.as_dict() for c in self.checks]}
 
     def text(self, everything: bool = False) -> Iterator[Part]:
-        """Yield the text: files, the worst check of each kind, findings; with `everything` all checks and notes."""
+        """Yield the parts of the report: files, the worst check of each kind, findings without notes.
+
+        If `everything` is True, all checks and all findings are included.
+        """
         yield f"{self.path}\n\n  {_VERDICTS[self.verdict]}\n"
         if self.files:
             rows = [
@@ -184,7 +187,7 @@ class Measured(NamedTuple):
 
 
 def um(value: float, limit: float | None = None) -> Measured:
-    """Return a length and its limit, both in m, converted to micrometres."""
+    """Convert a length and its limit from m to micrometres."""
     return Measured(value * 1e6, None if limit is None else limit * 1e6, "um")
 
 
@@ -239,9 +242,9 @@ class Ledger:
         when: str = "",
         fits: bool | None = None,
     ) -> None:
-        """Add a check. Its verdict is "agree" if `worst` is within the tolerance, or if one of the two is None.
+        """Add a check. Its verdict is "agree" if `worst` is at most `tolerance`, or if `worst` or `tolerance` is None.
 
-        If `fits` is given, it alone decides the verdict.
+        If `fits` is given, the verdict is "agree" if `fits` is True, else "disagree".
         """
         if fits is None:
             fits = worst is None or tolerance is None or bool(worst <= tolerance)
@@ -251,7 +254,7 @@ class Ledger:
 
     @property
     def findings(self) -> list[Finding]:
-        """Return at most `MOST` findings of a code; the last one counts the rest."""
+        """Return the findings, at most `MOST` with the same code; the last of them states how many were omitted."""
         out = list(self.found)
         for code, count in self._count.items():
             if count > MOST:
@@ -272,7 +275,7 @@ def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> A
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """Return a quantity as text with a suitable unit."""
+    """Return a value with its unit as text, such as "1.5 mm"; a unit is chosen that suits the value."""
     if unit == "m" and math.isfinite(value):
         factor, unit = next((f, u) for most, f, u in _LENGTHS if abs(value) < most)
         value *= factor

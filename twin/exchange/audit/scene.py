@@ -33,7 +33,8 @@ Audited = tuple[list[Content], list[Ledger]]
 class Shown:
     """Base pose and motion of a robot in an exported scene.
 
-    `T_world_base` (4, 4) is the pose in scene.json; at the times (k,) in s, `links` has T_base_link (k, 4, 4) by link.
+    `T_world_base` (4, 4) is the base pose in scene.json; `links` has the poses T_base_link (k, 4, 4) at `times` (k,) in
+    s, by link.
     """
 
     T_world_base: Array

@@ -38,8 +38,8 @@ class UrdfJoint:
     """A joint of a URDF.
 
     Attributes:
-        parent, child: names of its links.
-        link: its pose in the parent, kind of motion and axis.
+        parent, child: names of the two links.
+        link: pose of the joint in the parent, kind of motion and axis.
         limits: (lower, upper) in rad or m; None if not stated.
         effort: maximum effort in N or N m; None if not stated.
         speed: maximum speed in m/s or rad/s; None if not stated.
@@ -136,7 +136,10 @@ class Urdf:
         return sorted(self.links, key=lambda n: len(self._way(n, self.root)))
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Compare the joint limits of the file with those in a track."""
+        """Compare the joint limits of the file with the joint limits in a track.
+
+        `name` is the file name of the track; `low` and `high` have the limits of each joint in m or rad.
+        """
         for joint in self.above.values():
             if joint.name not in low or joint.limits is None:
                 continue
@@ -163,7 +166,7 @@ def parse_xml(path: Path) -> ET.Element:
 
 
 def assumed_masses(path: Path) -> frozenset[str]:
-    """Return the links whose mass is unknown, as a comment of the file states."""
+    """Return the names of the links whose mass is unknown according to a comment in the file."""
     stated = re.findall(
         r"<!--[^>]*?the mass of ([^>]*?) is unknown", path.read_text(encoding="utf-8", errors="replace")
     )
@@ -260,10 +263,12 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Sha
 def named_mesh(
     path: Path, name: str, scale: Array, checked: dict[str, tuple[Array, Array] | None], ledger: Ledger, code: str
 ) -> tuple[Array, Array] | None:
-    """Return (points (n, 3) in m, triangles (m, 3)) of a mesh file, checked once; None if it cannot be read.
+    """Return (points (n, 3) in m, triangles (m, 3)) of a mesh file; None if the file cannot be read.
 
-    `name` is the path of the mesh file relative to the robot's file `path`; `scale` (3,) converts its units to m;
-    `checked` stores the meshes already read; `code` is the first part of the codes of the findings.
+    A mesh file that several links use is read and checked once.
+
+    `name` is the path of the mesh file relative to the robot's file `path`; `scale` (3,) converts the mesh's units to
+    m; `checked` stores the meshes already read; `code` is the first part of the codes of the findings.
     """
     key = f"{name} {scale.tolist()}"
     if key in checked:

@@ -97,16 +97,16 @@ class World:
         return self.placed(self.maps(prim, codes))
 
     def placed(self, M: Array) -> Array:
-        """Return poses (k, 4, 4) in metres, z up, from matrices T_stage_prim (k, 4, 4)."""
+        """Convert matrices T_stage_prim (k, 4, 4) to poses T_world_prim (k, 4, 4) in metres, z up."""
         T, _ = poses.split(M)
         T[..., :3, 3] *= self.meters
         return poses.pose(self._R) @ T
 
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
-        """Return T_world_prim (k, 4, 4) by name; the outer loop is over time, because each time step clears a cache."""
+        """Return T_world_prim (k, 4, 4) of each prim at k time codes, in metres with z up, by the names in `prims`."""
         moving = {n: p for n, p in prims.items() if len(_codes(p))}
         raw = {n: np.zeros((len(codes), 4, 4)) for n in moving}
-        for k, code in enumerate(codes.tolist()):
+        for k, code in enumerate(codes.tolist()):  # time is the outer loop, because SetTime clears the cache
             self._cache.SetTime(Usd.TimeCode(code))
             for name, prim in moving.items():
                 raw[name][k] = self._cache.GetLocalToWorldTransform(prim)

@@ -22,7 +22,7 @@ LAYERS = (".usd", ".usda", ".usdc")
 
 
 def trouble(data: bytes) -> str:
-    """Return the fault in the header of a binary USD file as text; "" for a valid header or another format."""
+    """Return the fault in the header of a binary USD file as text; "" if the header is valid or the file not binary."""
     if not data.startswith(b"PXR-USDC"):
         return ""
     if len(data) < 88:
@@ -47,7 +47,7 @@ def trouble(data: bytes) -> str:
 
 
 def check_usdz(path: Path, ledger: Ledger) -> bool:
-    """Report faults of the archive; return whether its stage can be opened.
+    """Report faults of a .usdz archive; return whether the stage in the archive can be opened.
 
     Several layers are allowed, but three.js displays nothing for an archive with sublayers, and reports no error.
     """
