@@ -260,7 +260,7 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
         low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
         tree.check_limits(track.file, low, high)
     if not tracks:
-        text = "there is no track, so the joints of this file are not moved and its link poses are not compared."
+        text = "there is no track with joint values, so this file's link poses along the motions are not checked."
         ledger.add("compare.no_track", "info", text)
     return tree.content
 

@@ -52,7 +52,7 @@ def audit_bends(folder: Path) -> list[Ledger]:
             open_edges = _unpaired(shown.triangles(name))
             ledger.row(f"edges of '{name}' that do not join two triangles", float(open_edges), "found", 0.0)
             if open_edges:
-                text = f"'{name}' is open: {open_edges} edges do not join two triangles."
+                text = f"mesh '{name}' is not closed: {open_edges} edges do not join exactly two triangles."
                 ledger.wrong("bend.open", text, name, size=Measured(open_edges, 0.0))
     except (ReadError, Tf.ErrorException, KeyError, TypeError, ValueError, IndexError) as error:
         text = f"the deformables cannot be read: {type(error).__name__}, {str(error)[:200]}."
@@ -106,7 +106,7 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
     rate = stage.GetTimeCodesPerSecond()
     meshes = {p.GetName(): UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)}
     for name in sorted({*shown.names} ^ {*meshes}):
-        text = f"'{name}' is in only one of {GLB} and {USD}."
+        text = f"deformable '{name}' is in only one of the files {GLB} and {USD}."
         ledger.wrong("bend.missing", text, name)
     for name in shown.names:
         if name not in meshes:
@@ -124,12 +124,10 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
             worst, when = np.inf, "triangles"
         ledger.row(f"vertices of '{name}' against {USD}", worst, "m", TOLERANCE, where=name, when=when)
         if not worst <= TOLERANCE:
-            off = (
-                f"differ by {quantity(worst, 'm')}"
-                if np.isfinite(worst)
-                else "have different vertex counts or triangles"
-            )
-            text = f"'{name}': {GLB} and {USD} {off}."
+            if np.isfinite(worst):
+                text = f"the vertices of '{name}' differ by {quantity(worst, 'm')} between {GLB} and {USD}."
+            else:
+                text = f"mesh '{name}' has different vertex counts or triangles in {GLB} and {USD}."
             ledger.wrong("bend.vertices", text, name, size=Measured(worst, TOLERANCE, "m"), when=when)
 
 

@@ -23,7 +23,7 @@ The ratio 4 is normal for a stage, whose stated error is measured with every sec
 """
 
 _FLOOR = (1e-6, 1e-6, 1e-6)
-"""Estimated errors (position in m, rotation in rad, joint gap in m) up to which rounding of a track dominates."""
+"""Estimated errors (position in m, rotation in rad, joint gap in m) up to which the cause may be rounded numbers."""
 
 _STATED = (
     ("between_position", "any point of a link between keys", "m"),
@@ -205,7 +205,7 @@ def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> No
     tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
     said = {m["name"]: m for m in _MOTION.finditer(text)}
     for name in tables.keys() - said.keys() if said else ():
-        ledger.wrong("readme.motion", f"motion '{name}' is missing in the list of README.txt.", name)
+        ledger.wrong("readme.motion", f"motion '{name}' is missing from the list of motions in README.txt.", name)
     for name, m in said.items():
         if (track := tables.get(name)) is None:
             if tables:

@@ -508,7 +508,8 @@ def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: s
         return f"{subject} {said[bool(mine)]}; in {others} it {said[bool(right)]}."
     if q.relative and isinstance(mine, int | float):
         ratio = f" (x {mine / right:.4g})" if right else ""
-        return f"{subject}: {name} is {mine:.6g} {q.unit}; in {others} it is {right:.6g} {q.unit}{ratio}."
+        word = _WORDS.get(name, name)
+        return f"{subject}: {word} is {mine:.6g} {q.unit}; in {others} it is {right:.6g} {q.unit}{ratio}."
     off = q.apart(mine, right)
     if name in ("mass centre", "place", "frame pose", "pose"):
         return f"{subject}: {_WORDS.get(name, name)} differs by {quantity(off, 'm')} from {others}."
@@ -533,7 +534,9 @@ _WORDS = {
     "frame pose": "pose of the frame on its link",
     "pose": "relative pose of the two links",
     "place": "axis or centre of the joint",
-    "link": "its link",
+    "link": "link of the frame",
+    "largest effort": "maximum effort",
+    "largest speed": "maximum speed",
     "held": "bodies fixed to the world",
     "weighed": "presence of a mass",
     "closed": "closed or open meshes",

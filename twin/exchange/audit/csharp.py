@@ -100,7 +100,7 @@ class Script:
                 if not done:
                     raise CSharpError(f"{name} returns nothing")
                 return result
-        raise CSharpError(f"there is no {name} for {len(given)} arguments of these types")
+        raise CSharpError(f"no method '{name}' accepts {len(given)} arguments of these types")
 
     def constant(self, name: str) -> float:
         """Return the value of the constant with the given name in the script."""

@@ -74,7 +74,7 @@ def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:
     for axis, name in enumerate("xyz"):
         flip = np.eye(4)
         flip[axis, axis] = -1
-        text = f"the frame is mirrored: left-handed, {name} is negated"
+        text = f"the frame is mirrored (left-handed): {name} has the opposite sign"
         out.append((text, lambda M, flip=flip: flip @ M @ flip))
     for factor, text in _FACTORS.items():
         out.append((text, lambda M, f=factor: poses.pose(M[..., :3, :3], f * M[..., :3, 3])))

@@ -101,7 +101,7 @@ def read_nodes(file: Gltf) -> list[Node]:
         out.append(Node(i, name if isinstance(name, str) else "", parent[i], t, r, s, matrix, spec, copied))
         size = float(np.linalg.norm(r))
         if abs(size - 1) > UNIT_TOL:
-            text = f"node '{out[-1].label}': its rotation quaternion has length {size:.6g}, not 1."
+            text = f"the rotation quaternion of node '{out[-1].label}' has length {size:.6g}, not 1."
             file.ledger.wrong("gltf.quaternion", text, out[-1].label, size=Measured(size, 1.0))
     return out
 

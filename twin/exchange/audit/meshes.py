@@ -83,7 +83,7 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
     against = float(-along[along < 0].sum() / 3)
     if total > 0 and against > AGAINST * total:
         text = (
-            f"mesh '{where}': normals of {100 * against / total:.3g} % of its area point against the winding of the "
+            f"mesh '{where}': normals of {100 * against / total:.3g} % of the area point against the winding of the "
             "faces: the mesh looks lit from inside."
         )
         ledger.wrong(f"{code}.normals_against", text, where, size=Measured(against / total, AGAINST))

@@ -17,7 +17,7 @@ from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
 
 UNIT_TOL = 1e-4
-"""Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
+"""Maximum difference of a quaternion's length from 1 that is taken as a rounding error of single precision."""
 
 MAX_STEP = np.radians(120)
 """Maximum rotation in rad between two keys: players turn the shorter way, which may be the wrong way."""
@@ -156,7 +156,7 @@ def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
         )
         return False
     if abs(times[0]) > START_TOL:
-        text = f"clip '{clip}' starts at {times[0]:.6g} s, not at 0: players wait until then, or skip that time."
+        text = f"clip '{clip}' starts at {times[0]:.6g} s, not at 0: players wait until this time, or begin there."
         ledger.add(f"{code}.start", "warning", text, clip, size=Measured(times[0], 0.0, "s"))
     return True
 
@@ -177,7 +177,7 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
         k, worst = len(steps) - 1, float(steps[-1] * stated - 1)
     if worst > 1e-3:
         text = (
-            f"clip '{clip}': its stated rate is {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
+            f"clip '{clip}': the stated rate is {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
             f"({1 / steps[k]:.6g} Hz)."
         )
         ledger.wrong(
@@ -206,7 +206,7 @@ def check_quaternions(
     size = np.linalg.norm(xyzw, axis=1)
     k = int(np.argmax(np.abs(size - 1)))
     if abs(size[k] - 1) > UNIT_TOL:
-        text = f"{where}: a quaternion has length {size[k]:.6g}: players normalise it, scale the node by it, or fail."
+        text = f"{where}: a quaternion has length {size[k]:.6g}, not 1: players normalise it, scale the node, or fail."
         ledger.wrong(f"{code}.quaternion", text, where, size=Measured(size[k], 1.0), when=f"t = {times[k]:.4g} s")
         return
     if not blended:
@@ -230,8 +230,8 @@ def check_quaternions(
     if len(turn) and np.max(turn) > MAX_STEP:
         k = int(np.argmax(turn))
         text = (
-            f"{where} turns {np.degrees(turn[k]):.4g} deg between {times[k]:.4g} and {times[k + 1]:.4g} s; above 180 "
-            "deg players rotate backwards."
+            f"{where} rotates by {np.degrees(turn[k]):.4g} deg between {times[k]:.4g} and {times[k + 1]:.4g} s; "
+            "above 180 deg, players rotate backwards."
         )
         ledger.wrong(
             f"{code}.step",
@@ -251,7 +251,7 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
         away = np.linalg.norm(T[:, :3, 3], axis=1)
         if len(away) and np.max(away) > FAR:
             text = (
-                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin: its numbers look like "
+                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin: the numbers look like "
                 "millimetres, but the file is in metres."
             )
             ledger.add(
@@ -283,7 +283,9 @@ def check_names(content: Content) -> None:
         for name in dict.fromkeys(names):
             if not name or name != name.strip() or not name.isprintable():
                 trouble = (
-                    "is empty" if not name.strip() else "has a line break, a control character or spaces at an end"
+                    "is empty"
+                    if not name.strip()
+                    else "has a line break, a control character, or a space at its start or end"
                 )
                 text = f"the name {name!r} of a {kind} {trouble}."
                 content.ledger.wrong(f"{content.format}.name", text, repr(name))

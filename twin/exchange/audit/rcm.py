@@ -24,7 +24,7 @@ BESIDE = 1e-4
 """Maximum distance in m of a stated RCM from the point in which all shaft axes meet."""
 
 SPREAD = 1e-4
-"""Minimum mean squared sine of the angles between lines and their mean direction, for a determined meeting point."""
+"""Minimum mean squared sine of the angles between lines and their mean direction; below it, no point is determined."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
         beside = 0.0 if centre is None else float(np.linalg.norm(centre - stay.point))
         if centre is not None and beside > BESIDE and missed > POSITION_TOL:
             text = (
-                f"phase '{stay.name}': the shaft turns about ({', '.join(f'{c:.5g}' for c in centre)}) m, "
+                f"phase '{stay.name}': the shaft rotates about ({', '.join(f'{c:.5g}' for c in centre)}) m, "
                 f"{quantity(beside, 'm')} from the stated RCM."
             )
             ledger.wrong("tracks.rcm", text, stay.name, size=um(beside, BESIDE), when=at)
@@ -89,7 +89,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
             text = f"phase '{stay.name}': the shaft (axis of '{name}') misses the RCM by {quantity(missed, 'm')}."
             ledger.wrong("tracks.rcm", text, name, size=um(missed, POSITION_TOL), when=at)
     if where:
-        ledger.row("RCM: distance of the shaft", worst, "m", POSITION_TOL, where=where, when=when)
+        ledger.row("distance of the shaft axis from the RCM", worst, "m", POSITION_TOL, where=where, when=when)
 
 
 def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> list[_Stay] | None:
@@ -132,7 +132,7 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
         first = point[3 * int(np.flatnonzero(has)[0]) :][:3]
         off = float(np.linalg.norm(np.subtract(stated, first)))
         if off > POSITION_TOL:
-            text = f"entry 'rcm' is {quantity(off, 'm')} from the RCM of the first phase with an RCM."
+            text = f"entry 'rcm' is {quantity(off, 'm')} from the RCM of the first phase that has an RCM."
             ledger.wrong("tracks.rcm", text, "rcm", size=um(off))
     return out
 

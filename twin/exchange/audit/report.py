@@ -15,13 +15,13 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 
 POSITION_TOL = 1e-6
-"""Maximum distance in m between equal poses of a link in two files."""
+"""Maximum distance in m between the positions of a link in two files that agree."""
 
 ROTATION_TOL = 1e-4
-"""Maximum angle in rad between equal poses of a link in two files."""
+"""Maximum angle in rad between the rotations of a link in two files that agree."""
 
 MOST = 5
-"""Maximum number of findings of one code in one file; the last finding states how many were omitted."""
+"""Maximum number of findings with the same code in one file; the last of them states how many were omitted."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class AuditReport(Result):
 _VERDICTS = {
     "agree": "PASS: all files are valid and consistent with each other",
     "disagree": "FAIL: files are invalid or inconsistent with each other; see the findings",
-    "unchecked": "UNCHECKED: something could not be read or checked",
+    "unchecked": "UNCHECKED: a file could not be read, or nothing could be checked",
 }
 _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
 
@@ -140,12 +140,12 @@ def _shown(value: float | None, unit: str) -> str:
 
 
 ADVICE: Mapping[str, str] = {
-    "audit.no_checks": "audit them together with an export of the same robot in another format, or with --robot NAME",
+    "audit.no_checks": "audit an export of the same robot in another format with these files, or use --robot NAME",
     "claims.between_position": "measure the error between keys again",
     "claims.between_rotation": "measure the error between keys again",
     "claims.joint_gap": "measure the error between keys again",
     "compare.between": "use LINEAR interpolation between the keys",
-    "compare.joint": "joint values are radians and metres",
+    "compare.joint": "write joint values in radians and metres",
     "compare.model_hash": "export all files again, together",
     "compare.pose": "find out which file is wrong: `twin audit --robot NAME` computes the correct poses",
     "compare.shape": "check units, mirroring and the link of each mesh",
@@ -154,20 +154,20 @@ ADVICE: Mapping[str, str] = {
     "gltf.matrix": "write translation, rotation and scale instead of a matrix",
     "gltf.quaternion": "normalise the quaternion; its order in glTF is x, y, z, w",
     "gltf.scale": "scale the mesh points instead",
-    "index": "indices run from 0 to the number of points minus 1",
+    "index": "number the points from 0 to their count minus 1",
     "mjcf.loop": "check the anchors of the equality constraints, and the zero positions of the joints",
-    "name": "letters, digits and underscores are safe in every format",
+    "name": "use only letters, digits and underscores, which every format allows",
     "normals_against": "reverse the normals or the winding",
     "proof.hash": "export again; the measured values belong to the original file",
     "quaternion": "normalise the quaternion",
     "quaternion_sign": "negate quaternions so that successive quaternions have a positive dot product",
     "step": "write more keys",
     "usd.joint_gap": "check the joint's frames and the poses of its bodies",
-    "usdz.alignment": "pad the extra field of its header",
+    "usdz.alignment": "pad the extra field of the file's zip header",
     "winding": "reverse the faces of the mesh, so that they are counter-clockwise seen from outside",
     "winding_mixed": "orient all faces counter-clockwise seen from outside",
 }
-"""Suggestions by code of the finding; without a format, such as "step", the suggestion applies to every format."""
+"""Suggestions by finding code; a code without a format, such as "step", applies to every format ("gltf.step")."""
 
 
 class ReadError(Exception):

@@ -70,7 +70,7 @@ class Urdf:
         self._ledger = ledger
         root = parse_xml(path)
         if root.tag != "robot":
-            raise ReadError(f"its root is <{root.tag}>, not <robot>")
+            raise ReadError(f"the root element is <{root.tag}>, expected <robot>")
         links = [e.get("name", "") for e in root.findall("link")]
         if twice := {n for n in links if links.count(n) > 1}:
             ledger.wrong("urdf.duplicate_name", f"two links are named '{min(twice)}'.", min(twice))
@@ -81,13 +81,13 @@ class Urdf:
                 continue
             if joint.child in self.above:
                 two = f"{self.above[joint.child].name} and {joint.name}"
-                text = f"link '{joint.child}' is the child of two joints, {two}: "
-                ledger.wrong("urdf.tree", text + "URDF is a tree.", joint.child)
+                text = f"link '{joint.child}' is the child of two joints, {two}, but a URDF must be a tree."
+                ledger.wrong("urdf.tree", text, joint.child)
                 continue
             self.above[joint.child] = joint
         roots = [n for n in links if n not in self.above]
         if len(roots) != 1:
-            raise ReadError(f"it has {len(roots)} root links ({', '.join(roots[:3])}), expected one")
+            raise ReadError(f"the file has {len(roots)} root links ({', '.join(roots[:3])}), expected one")
         for link in links:
             self._way(link, roots[0])
         self.root, self.links = roots[0], links
@@ -147,8 +147,11 @@ class Urdf:
             ends = zip(joint.limits, its, strict=True)
             off = max((abs(a - b) for a, b in ends if abs(b) < 1e29), default=0.0)  # a slide may have no limit
             if off > 1e-6:
-                text = f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}; in {name}: "
-                self._ledger.wrong("urdf.limits", text + f"{its[0]:g} .. {its[1]:g}.", joint.name, size=off)
+                text = (
+                    f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}; in {name} they are "
+                    f"{its[0]:g} .. {its[1]:g}."
+                )
+                self._ledger.wrong("urdf.limits", text, joint.name, size=off)
 
 
 def parse_xml(path: Path) -> ET.Element:
@@ -162,7 +165,7 @@ def parse_xml(path: Path) -> ET.Element:
     except DoctypeError as error:
         raise ReadError(f"{error}") from error
     except (ET.ParseError, LookupError, ValueError) as error:
-        raise ReadError(f"it is not XML: {error}") from error
+        raise ReadError(f"the file is not XML: {error}") from error
 
 
 def assumed_masses(path: Path) -> frozenset[str]:

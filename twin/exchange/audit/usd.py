@@ -125,13 +125,13 @@ def _open(path: Path) -> Usd.Stage:
     try:
         stage = Usd.Stage.Open(str(path))
     except (Tf.ErrorException, RuntimeError) as error:
-        raise ReadError(f"it is not a readable USD file: {_reason(error)}") from error
+        raise ReadError(f"the file is not a readable USD file: {_reason(error)}") from error
     if not stage:
-        raise ReadError("it is not a readable USD file")
+        raise ReadError("the file is not a readable USD file")
     with contextlib.suppress(Tf.ErrorException):
         stage.Reload()  # USD caches layers in memory, but the file may have changed
     for error in stage.GetCompositionErrors():
-        raise ReadError(f"its layers cannot be composed: {str(error).strip()[:200]}")
+        raise ReadError(f"the layers of the stage cannot be composed: {str(error).strip()[:200]}")
     return stage
 
 
@@ -140,7 +140,7 @@ def _evaluating() -> Iterator[None]:
     try:
         yield
     except (Tf.ErrorException, RuntimeError) as error:
-        raise ReadError(f"it cannot be evaluated: {_reason(error)}") from error
+        raise ReadError(f"the stage cannot be evaluated: {_reason(error)}") from error
 
 
 def _reason(error: Exception) -> str:
@@ -323,5 +323,5 @@ def _check_gaps(
     if placed:
         ledger.row("joint gap along the motion", worst, "m", GAP_TOL, where=where, when=when)
     if worst > GAP_TOL:
-        text = f"joint {where}: its two frames are {quantity(worst, 'm')} apart."
+        text = f"joint {where}: the joint frames on the two bodies are {quantity(worst, 'm')} apart."
         ledger.wrong("usd.joint_gap", text, where, size=um(worst, GAP_TOL), when=when)
