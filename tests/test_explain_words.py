@@ -102,7 +102,7 @@ def test_a_symbol_that_nobody_values_is_found_with_what_is_meant(sils_text, sils
     (finding,) = (f for f in x.invariants if f.code == "formula.unvalued")
     assert "uses 'L_H'" in finding.message
     assert "L_B = 612 mm" in finding.suggestion
-    assert "that uses it agrees" in finding.suggestion
+    assert "that uses L_B agrees" in finding.suggestion
     from twin.kinematics import compile_formula
 
     with pytest.raises(

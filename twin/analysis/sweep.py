@@ -123,7 +123,7 @@ def sweep(
     Args:
         robot: a robot with CAD, and with equations if an objective requires them.
         vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
-        folder: function from a hash of the request to the folder in which each result is stored immediately.
+        folder: function that takes the hash of the request and returns the folder for its results.
         source: name or path by which workers load the robot.
         objectives: names in `twin.analysis.design.OBJECTIVES`; default: "tolerance" if all factors are distances, else
             "volume" and "conditioning".

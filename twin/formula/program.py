@@ -72,7 +72,10 @@ class Program:
 
     @cached_property
     def inverse(self) -> Evaluator:
-        """Function of the pose (16,): q (n), and the norm of the pose minus the pose rebuilt from its coordinates."""
+        """Function of the pose (16,) that returns q (n) and a misfit.
+
+        The misfit is the norm of the difference between the pose and the pose rebuilt from its coordinates.
+        """
         T = symbolic.unflat(self._z, 4, 4)
         misfit = _length(ca.vec(flow.to_pose(self.formula, self._symbols) - T))
         return Evaluator("inverse", self._z, ca.vertcat(self._q, misfit))
@@ -127,11 +130,11 @@ class Program:
 
     @cached_property
     def newton(self) -> Evaluator:
-        """Newton's method, as a function of q and a start pose: pose (16,), joint error, travel and aspects.
+        """Newton's method, a function of q and a start pose that returns pose (16,), joint error, travel and aspects.
 
-        The joint error is a norm in m or rad. The travel is the norm of the translation (divided by the characteristic
-        length) and the rotation in rad. One call returns all results, because separate Python calls would take ten
-        times as long as the solution.
+        The joint error is a norm in m or rad. The travel is the norm of the motion from the start pose: its translation
+        divided by the characteristic length, and its rotation in rad. One call returns all results, because separate
+        Python calls would take ten times as long as the solution.
         """
         n = len(self.order)
         xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)

@@ -82,7 +82,10 @@ class PlainRows(ABC):
         """Return the outputs for the values of the symbols."""
 
     def arguments(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
-        """Return the arguments from the symbols; `convert` converts one symbol, `join` builds an array."""
+        """Return {argument: value} for a call of the function, from the values of the symbols.
+
+        `convert` converts one value to the form that the function requires; `join` joins several values to one array.
+        """
         out = {}
         for n in self.argument_names:
             if n == POSE:

@@ -117,7 +117,7 @@ def _finding(c: Clause, variants: Mapping[str, str]) -> Finding:
 
 
 def number(x: float) -> str:
-    """Return a number as text: three decimals, or scientific notation below 0.001 and from 1e6."""
+    """Return a number as text: with three decimals, or in scientific notation if its size is < 0.001 or >= 1e6."""
     return f"{x:.3f}" if 1e-3 <= abs(x) < 1e6 else f"{x:.1e}" if x else "0"
 
 

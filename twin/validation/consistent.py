@@ -59,7 +59,7 @@ class Fix:
         """The fix, its size and reachability in one sentence."""
         size = [f"{self.moved / MM:.2f} mm"] if self.moved > 0 else []
         size += [f"{self.turned / DEG:.2f} deg"] if self.turned > 0 else []
-        reach = f"the robot reaches it ({self.why})" if self.reachable else f"out of reach: {self.why}"
+        reach = f"the robot can do the protocol ({self.why})" if self.reachable else f"out of reach: {self.why}"
         drift = (
             f"; on the straight path, the shaft would still miss the RCM by {self.straight / MM:.2f} mm at a point "
             "between the ends of the path"

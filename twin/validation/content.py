@@ -192,7 +192,7 @@ def _meshes(a: Body, b: Body) -> Iterator[Finding]:
         off = float(np.abs(mesh.vertices - other.vertices).max(initial=0.0)) if same else np.inf
         limit = 1e-6 + SINGLE * float(np.abs(mesh.vertices).max(initial=0.0))
         if off > limit or not np.array_equal(mesh.triangles, other.triangles):
-            much = f"up to {off / MM:.4g} mm off" if same and off > limit else "a different mesh"
+            much = f"displaced by up to {off / MM:.4g} mm" if same and off > limit else "a different mesh"
             yield _lost("mesh", mesh.name, f"is {much} on the stage")
     for name in (m.name for m in b.meshes if m.name not in ours):
         yield _lost("mesh", name, "is on the stage only")

@@ -36,7 +36,7 @@ class Group(Table):
 
 
 class Pair(Table):
-    """Two compared groups and their printed p-value; None if the paper only states "not significant"."""
+    """Two compared groups and the printed p-value (None if the paper only states "not significant")."""
 
     between: tuple[str, str]
     printed_p: Annotated[float, Field(ge=0, le=1)] | None = None

@@ -24,7 +24,7 @@ _UNSCORED = {
 
 
 class Item(Table):
-    """A question, the scales to which it belongs, and whether a high answer lowers their scores (`reversed`)."""
+    """A question, the scales to which it belongs, and whether a high answer lowers these scales (`reversed`)."""
 
     name: str
     scales: list[Identifier] = Field(min_length=1)

@@ -176,7 +176,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
                 shown = (
                     f"{np.degrees(middle):.6g}°" if truth.kinds[place.symbol] == "angle" else f"{middle * 1e3:.6g} mm"
                 )
-                zero = f"its zero position differs by {shown} from the mechanism's"
+                zero = f"its zero position differs by {shown} from the zero position in the mechanism"
             message = " and ".join(x for x in (text, zero) if x)
             if message:
                 groups.setdefault(message, []).append((place, float(left)))

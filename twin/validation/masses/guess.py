@@ -102,7 +102,7 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
                 tensor[np.ix_(order, order)],
             )
     for power in (-3, -2, -1, 1, 2, 3):
-        words = f"the whole tensor seems to be {10.0**-power:g} times its value (a lost decimal mark, or a wrong unit)"
+        words = f"the tensor seems to be {10.0**-power:g} times its correct value (lost decimal mark, or wrong unit)"
         yield "decimal", words, tensor * 10.0**power
     for (i, j), entry in zip(_PLACES, _NAMES, strict=True):
         for power in (-2, -1, 1, 2):
