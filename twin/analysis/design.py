@@ -116,7 +116,7 @@ def factor(robot: api.Robot, text: str) -> Factor:
         return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, drawn)
     parameters = {p.name: p for p in robot.formula.parameters}
     if name not in parameters:
-        raise TwinError(f"--vary: {unknown('parameter', name, parameters)} (or a distance: body:joint-joint)")
+        raise TwinError(f"--vary: {unknown('parameter', name, parameters)}; a distance is written body:joint-joint")
     unit = unit or (parameters[name].unit if parameters[name].unit in _UNITS else "")
     return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, float(parameters[name].value))
 

@@ -36,7 +36,7 @@ _SWEEPS, _BESIDE = 12, 1e-13
 
 
 def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
-    """Return the limits that involve several joints: motor limits behind a transmission, and gaps on one rail."""
+    """Return the limits that involve several joints: motor limits behind a transmission, and gaps along a rail."""
     return tuple(b for b in bounds if b.kind in ("motor", "gap"))
 
 

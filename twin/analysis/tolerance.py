@@ -253,7 +253,7 @@ def _within(covariance: Array) -> tuple[float, float]:
 
 
 def as_dict(budget: Budget) -> dict[str, Any]:
-    """Return plain data in SI units."""
+    """Return a budget as plain data in SI units."""
     sd = np.sqrt(np.diag(budget.covariance))
     out: dict[str, Any] = {
         "state": budget.name,
@@ -335,7 +335,7 @@ class ToleranceBudget(Result):
         return 1 if self.findings else 0
 
     def content(self) -> dict[str, Any]:
-        """Return plain data; a key names its unit if the unit is not an SI unit."""
+        """Return all budgets as plain data; keys of values that are not in SI units end with the unit."""
         s = self.spread
         return {
             "robot": self.robot,

@@ -190,7 +190,7 @@ class Workspace(Result):
 
     @property
     def cube(self) -> np.ndarray:
-        """The values as an array (nx, ny, nz, 4)."""
+        """The values of the positions as an array (nx, ny, nz, 4); the last axis has the order of `COLUMNS`."""
         nx, ny, nz = self.grid.shape
         return self.values.reshape(nz, ny, nx, len(COLUMNS)).transpose(2, 1, 0, 3)
 

@@ -127,11 +127,11 @@ class PlainRows(ABC):
         return parts
 
     def error(self, text: str, line: int | None = None) -> KinematicsError:
-        """Return an error at a line of the file; default: the line of the last return."""
+        """Return an error whose message has the file, a line and a text; default: the line of the last return."""
         return KinematicsError(f"{self.path}:{line or self.end}: {text}.")
 
     def located(self, error: BaseException) -> KinematicsError:
-        """Return a `KinematicsError` for `error`, with the last line of this file in its traceback."""
+        """Return a `KinematicsError` with the cause of `error` and the last line of this file in its traceback."""
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(self.path)]
         return self.error(f"{self.name}(): {reason(error)}", lines[-1] if lines else self.line)
 

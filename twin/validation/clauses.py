@@ -42,7 +42,7 @@ class Clause:
     way: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the clause as plain data."""
         data = {k: getattr(self, k) for k in ("name", "equation", "text", "value", "unit", "limit")}
         return {**data, "holds": bool(self.holds)}
 
@@ -74,7 +74,7 @@ class Contract(Result):
         return [_finding(c, self.variants) for c in self.clauses if not c.holds]
 
     def content(self) -> dict[str, Any]:
-        """Return plain data without the path."""
+        """Return the result as plain data, without `path`."""
         return {
             "console": self.console,
             "title": self.title,

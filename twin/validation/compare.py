@@ -37,7 +37,7 @@ _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
 
 @dataclass
 class Comparison:
-    """Rows, findings and curves of one comparison, filled by its checks."""
+    """Rows, findings and curves of one comparison of equations and mechanism; the checks add to them."""
 
     residuals: list[Residual] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
@@ -368,7 +368,7 @@ class _Check:
         }
         limits = self.tolerances.position, self.tolerances.rotation
         for r in pose_rows("A-B", "tool", Ts, run.Ts_base_tool, limits, self.clock, consequence_of=blamed.row):
-            what = "driven by the joint values of the equations, the mechanism's tool misses the requested pose"
+            what = "the joint values of the equations do not move the mechanism's tool to the requested pose"
             out.differs(r, what, blamed.cause)
         self.loops(run, blamed.cause)
 

@@ -128,11 +128,11 @@ class Ranks(Result):
 
     @property
     def file(self) -> str:
-        """Name of the file."""
+        """Name of the file with the users."""
         return self.users.file
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the rank tests as plain data."""
         return {"file": self.file, "test": "Wilcoxon-Mann-Whitney", "comparisons": [vars(c) for c in self.comparisons]}
 
     def text(self) -> Iterator[Part]:

@@ -111,7 +111,7 @@ class PhaseSummary:
     rounds: Rounds | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data; durations of the search are omitted, because they change from run to run."""
+        """Return the phase as plain data, without durations of the search, which change from run to run."""
         out = {k: v for k, v in vars(self).items() if k != "rounds"}
         return out | {"rounds": None if self.rounds is None else self.rounds.as_dict()}
 
@@ -199,7 +199,7 @@ class Report(Result):
         return tuple(p for p in self.parameters if p.provenance == "ASSUMED")
 
     def content(self) -> dict[str, Any]:
-        """Return plain data without the curves."""
+        """Return the report as plain data, without the curves (`series`)."""
         return {
             "robot": self.robot,
             "protocol": self.protocol,

@@ -102,7 +102,7 @@ class Sweep:
         return bool(worst["position_max"] <= self.tolerance[0] and worst["rotation_max"] <= self.tolerance[1])
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data in SI units."""
+        """Return the comparison as plain data in SI units."""
         return {
             "joint": self.joint,
             "unit": "rad" if self.angle else "m",
@@ -267,7 +267,7 @@ class Strokes(Result):
         return tuple(_disagreement(s) for s in self.sweeps if not s.agrees)
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return all comparisons as plain data."""
         need = self.requirement
         return {
             "robot": self.robot,

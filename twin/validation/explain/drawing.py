@@ -155,7 +155,7 @@ def _decide(
     """Return (kind of evidence as in `PartOff.told_by`, evidence as text, alternative parts)."""
     why = [*chosen.for_it, *(text for s in others for text in s.against_it)]
     if not others:
-        return "joints", [*why, "the second part of the joint fits at its other joints, so the first part is wrong"], []
+        return "joints", [*why, "the other part of the joint has no gaps at further joints"], []
     if all(s.score < chosen.score for s in others) and top.agrees >= any(t.agrees for t in tried):
         return "drawing", why, []
     same = {s: [t for t in tried if s in t.chosen] for s in others}

@@ -163,7 +163,7 @@ class Source:
         return int(self.data.count(b"\n", 0, offset)) + 1
 
     def text(self, start: int, end: int) -> str:
-        """Return the text of a range of bytes."""
+        """Return the bytes `start` to `end` of the file as text."""
         return self.data[start:end].decode()
 
     def edited(self, statement: Statement, edits: Iterable[Edit] = ()) -> str:

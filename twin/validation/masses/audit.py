@@ -52,7 +52,7 @@ class Second(Table):
 
 
 class Repair(Table):
-    """A repaired table cell: the number as printed, without its decimal mark."""
+    """A repaired table cell: its name, its number as printed (without decimal mark), and the label printed there."""
 
     cell: Cell
     printed: str
@@ -105,7 +105,7 @@ class Row:
     repaired: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the row as plain data."""
         return asdict(self)
 
 
