@@ -214,9 +214,9 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     moved = float(np.linalg.norm(best - span.rcm))
     enough = left <= 1e-4
     why = (
-        "both shafts pass through this point"
+        "both shafts pass through the new RCM"
         if enough
-        else f"the two shafts are skew; their largest distance from this point is {left / MM:.2f} mm"
+        else f"no RCM fits both shafts (skew axes); the largest distance from the new RCM is {left / MM:.2f} mm"
     )
     return [Fix("move the RCM", "", moved, 0.0, f"({at}) mm", enough, why)]
 

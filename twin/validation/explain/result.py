@@ -342,7 +342,7 @@ def _reading(r: Reading, mark: str) -> Iterator[Line]:
         if not line.startswith(("---", "+++")):
             yield Line(f"        {line}", {"-": "red", "+": "green"}.get(line[0], "dim"))
     if r.dropped:
-        yield Line(f"        the row then no longer depends on {', '.join(r.dropped)}", "dim")
+        yield Line(f"        with this fix, the row no longer depends on {', '.join(r.dropped)}", "dim")
     if r.note:
         yield Line(f"        {r.note}", "dim")
 
@@ -358,11 +358,13 @@ def _identified(x: Identified) -> Iterator[Part]:
     if not x.moved:
         yield Line(f"  no values of {', '.join(x.names)} make the rows agree", "red")
     elif x.alternatives:
-        yield Line("  each of these alone makes every row agree; the rows do not determine which:", "yellow")
+        yield Line(
+            "  each of these changes alone makes every row agree; the rows do not determine the true one:", "yellow"
+        )
     for m in x.moved:
         note = f"  ({m.note})" if m.note else ""
         n = decimals(abs(m.fitted - m.formula))
         fitted = f"{m.fitted:.{n}f} ± {m.sigma:.1g} {m.unit} in the CAD"
         yield Line(f"  {m.name}: {m.formula:.{n}f} {m.unit} in the formula, {fitted}{note}", "green")
     for b in x.blind:
-        yield Line(f"  no row depends on this combined change: {b}", "dim")
+        yield Line(f"  a combined change that has no effect on any row: {b}", "dim")
