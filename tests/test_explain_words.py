@@ -31,7 +31,10 @@ def branched(x):
 
 @pytest.mark.parametrize(
     ("function", "why"),
-    [(nested, "it defines the function twice inside"), (branched, "it returns from within a branch or a loop")],
+    [
+        (nested, "the function defines twice() inside"),
+        (branched, "the function returns from within a branch or a loop"),
+    ],
 )
 def test_a_function_that_is_not_judged_is_told_why(function, why):
     source = Source(function)

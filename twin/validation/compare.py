@@ -296,7 +296,7 @@ class _Check:
                 wrong[joint] = r, cause
         if alone is not None and blamed:
             out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
-                "with the CAD's points as input, its joint values differ from those of the mechanism by at most "
+                "computed from the CAD's points, the joint values differ from those of the mechanism by at most "
                 f"{text(float(np.abs(alone - true).max()), 'm')}"
             )
         if not wrong:

@@ -187,7 +187,7 @@ def written_rows(
     """
     keys = Clock(samples.keys, phases)
     severity: Severity = "disagreement" if due else "warning"
-    kind = Kind("baked.written", severity, "bake it again with `twin build`")
+    kind = Kind("baked.written", severity, "bake the motion again with `twin build`")
     if len(written.position) != len(samples.keys) or written.missing:
         t = written.times
         has = f"{len(t)} time codes from {t[0]:.4g} to {t[-1]:.4g} s" if len(t) else "no time codes"

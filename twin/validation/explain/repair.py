@@ -1,4 +1,4 @@
-"""Search the smallest edits of the source after which the rows agree, and determine how unique they are."""
+"""Search the smallest edits of the source after which the rows agree, and check whether other edits fit as well."""
 
 from __future__ import annotations
 
