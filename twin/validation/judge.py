@@ -207,7 +207,7 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
     t = case.tolerances
     limits = t.stage_position, t.stage_rotation
     for r in pose_rows("B-C", "tool", run.Ts_base_tool, back.Ts_base_tool, limits, at, note=note):
-        what = "the tool pose of the mechanism read from the stage differs from that of the mechanism in the CAD"
+        what = "the mechanism read from the stage and the mechanism in the CAD have different tool poses"
         out.judge(r, _STAGE, what, case.stage.name)
     for i, loop in enumerate(back.loop_names):
         out.residuals.append(row("C", "loop", loop, "m", back.gaps[:, i, 0], t.stage_position, at))

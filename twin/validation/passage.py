@@ -89,7 +89,7 @@ def passage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) ->
 
 
 def of_protocol(case: Case, out: Comparison) -> list[Finding]:
-    """Add facts on the motion; return findings of the planner, and of the checks that use only the samples."""
+    """Add facts on the motion to `out`; return findings of the planner, and of the checks that use only the samples."""
     trajectory, mechanism = case.trajectory, case.cad.mechanism
     facts, found = timing(trajectory, mechanism, case.protocol)
     out.facts["timing, from the samples alone"] = facts
