@@ -30,7 +30,7 @@ def compile_formula(
         variants: {equation: variant}, or one name for all equations that have this variant; default: the default of
             each equation.
         parameters: {parameter: value in SI}; the values replace published values.
-        extra_joints: auxiliary joints, which are not in the equations, in the order of q.
+        extra_joints: auxiliary joints (joints of the robot that are not in the equations), by ascending index in q.
 
     Raises:
         KinematicsError: the formula breaks the contract, a name is unknown, or a value is not finite.

@@ -10,10 +10,10 @@ from twin.schema import Identifier, Row, Table
 
 
 class AllowedTable(Table):
-    """Errors up to which the task counts as done.
+    """Largest errors with which the task still counts as done.
 
-    `touch_s`: time for which the held ring touches the wire; `drops`: drops of the ring; `collisions`: collisions of an
-    instrument with a solid body or with the other instrument.
+    `touch_s`: time in s for which the held ring touches the wire; `drops`: number of drops of the ring; `collisions`:
+    number of collisions of an instrument with a solid body or with the other instrument.
     """
 
     touch_s: float = Field(ge=0, le=1000)

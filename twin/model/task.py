@@ -137,7 +137,7 @@ def check_rings(path: Path, name: str, task: TaskTable, objects: Mapping[str, Ob
     A ring cannot be touched if `contact` is False: the scene file has no section [contact].
 
     Raises:
-        DescriptionError: with file, line, key and value.
+        DescriptionError: the message gives the file, the line, the key and the wrong value.
     """
     kind = "transfer" if task.transfer else "guide" if task.guide else ""
     if kind and not contact:

@@ -82,9 +82,9 @@ class Vessel:
 
         Args:
             points: (n + 1, 3) nodes of the centre line in the World in m.
-            cut: (n,) 1: the segment is cut away.
+            cut: (n,) 1 for each segment that is cut away, else 0.
             flat: (n + 1,) fraction by which a clip flattens the vessel at each node.
-            across: (3,) direction in which a clip flattens it.
+            across: (3,) direction in which a clip flattens the vessel.
         """
         along = np.diff(points, axis=0)
         z = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]

@@ -276,7 +276,7 @@ class Follower:
 
 
 def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where: str) -> tuple[Followed, Array]:
-    """Return (a phase driven along the joint path `course` from the state `start`, the state at its end).
+    """Drive a phase along the joint path `course` from the state `start`; return the phase, and the state at the end.
 
     Raises:
         ProtocolError: the loops open; the message begins with `where`.
@@ -356,7 +356,9 @@ def placed(
     angles: tuple[bool, ...],
     where: str,
 ) -> Array:
-    """Return q (n,) with the given joint values, in m or rad.
+    """Return q (n,) with the values of the joints in `given` replaced, in m or rad.
+
+    `in_degrees` names the joints whose values the file gives in deg; the file gives the others in mm.
 
     Raises:
         ProtocolError: a given joint is not driven, or its unit is wrong; the message begins with `where`.

@@ -73,7 +73,7 @@ class Stated(Protocol):
         ...
 
     def fails(self, s: Run) -> Array:
-        """Return the largest joint rate (k,) per pose change by the formula; infinite where the formula is singular."""
+        """Return (k,): largest joint rate per rate of the pose, from the formula; infinite where it is singular."""
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:

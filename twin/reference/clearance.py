@@ -40,7 +40,8 @@ class Shape:
 
     Attributes:
         triangles: (k, 3, 3) corners of its triangles in m, in the frame of the body.
-        corners: (8, 3) corners of its bounding box in m; no point of the mesh moves farther than the farthest corner.
+        corners: (8, 3) corners of its bounding box in m; when the body moves, at least one corner moves as far as any
+            point of the mesh.
     """
 
     def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:

@@ -24,7 +24,8 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
         seed: seed of the random search.
 
     Raises:
-        ProtocolError: the clearance is not a positive number, the seed is negative, or the protocol has no such phase.
+        ProtocolError: the clearance is not a positive number, the seed is negative, or the protocol has no phase of
+            these three types.
     """
     if not 0 < clearance < float("inf"):
         raise ProtocolError(

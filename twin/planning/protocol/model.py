@@ -81,13 +81,13 @@ class Protocol:
         phases: phases in order.
         limits: limits of each phase type in use, by type.
         tolerances: tolerances of the finished trajectory.
-        rotation: axes of the waypoints' angles, in their order.
+        rotation: axes of the three angles of a waypoint, in order, such as "zyx".
         trocars: positions (3,) in base in m, by name; "" is the only trocar of the mechanism. Trocars of the mechanism
             that are not given are as drawn.
         rcm: (3,) in base in m, RCM registered from the start (the instrument is already in the patient), or None.
         free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
             directions in which the robot cannot move; every waypoint must be a pose that the robot can assume.
-        patient: place of the patient, or None; `no_patient` may then state the reason.
+        patient: place of the patient, or None; if None, `no_patient` may give the reason.
         findings: warnings from reading the file.
     """
 
@@ -114,7 +114,7 @@ class Protocol:
     def first_rcm(self) -> Array | None:
         """The first RCM (3,) in base in m: a trocar, the RCM registered from the start, or the start of an insertion.
 
-        None if there is none, or if only the mechanism defines its trocar.
+        None if the protocol has no RCM, or if only the mechanism defines the position of its trocar.
         """
         if "" in self.trocars or self.rcm is not None:
             return self.trocars.get("", self.rcm)

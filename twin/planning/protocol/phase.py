@@ -73,7 +73,7 @@ class Walk:
         self.here = self.here if self.stays else self.goal
 
     def wrong(self, key: Key | None, message: str) -> DescriptionError:
-        """Return an error at a key of the current phase; None: at the phase."""
+        """Return an error that points to a key of the current phase; with `key` None, to the phase itself."""
         return error_at(self._path, self._keys if key is None else (*self._keys, key), message)
 
     def outside(self, kind: str) -> None:
