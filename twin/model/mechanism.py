@@ -379,7 +379,7 @@ def _check(m: Mechanism) -> None:
             fail(f"{count} {kind}; the limit is {BODIES}")
     freedoms = sum(len(FREE_AXES.get(j.type, ())) for j in m.joints)
     if freedoms > FREEDOMS:
-        fail(f"its joints have {freedoms} degrees of freedom in total; the limit is {FREEDOMS}")
+        fail(f"all joints together have {freedoms} degrees of freedom; the limit is {FREEDOMS}")
     names = {b.name for b in m.bodies}
     if m.base not in names:
         fail(f"base: {unknown('body', m.base, names)}")

@@ -196,12 +196,12 @@ def _matrix(t: Transmission) -> Iterator[tuple[str, str]]:
     if not n or len(t.actuators) != n:
         yield "actuators", f"{n} joints and {len(t.actuators)} actuators; the numbers must be equal and at least 1"
     elif shape != (n, n):
-        yield "matrix", f"the matrix is {' x '.join(map(str, shape))}; it must be {n} x {n}, a row for each joint"
+        yield "matrix", f"the matrix is {' x '.join(map(str, shape))}; it must be {n} x {n}, one row for each joint"
     elif not np.all(np.isfinite(t.matrix)):
         yield "matrix", "the matrix has entries that are not finite"
     elif not (size := condition(t.matrix)) <= CONDITION:
         yield (
             "matrix",
             f"the matrix cannot be inverted (condition number {size:.3g}, limit {CONDITION:.0e}): some motion of the "
-            "motors moves no joint, or no motor moves a joint; check its rows",
+            "motors moves no joint, or a joint is moved by no motor; check the rows of the matrix",
         )

@@ -29,7 +29,7 @@ _POLISHED = 5
 """Number of times that shortcuts are tried again when a path is improved."""
 
 _ENCLOSED = 0.1
-"""Part of the samples; if fewer are reached from an end, a message says that this end seems to be enclosed."""
+"""Fraction of the samples; if fewer are connected with an end, a message says that this end seems to be enclosed."""
 
 _WIDTHS = (0.1, 0.05, 0.025, 0.0125)
 """Standard deviations for the rounding of corners, relative to the path length, in the order of trial."""
@@ -90,13 +90,13 @@ def around(
         space = space.interruptible(_ending(cancelled))
     for name, q in (("start", start), ("goal", goal)):
         if not np.all(np.isfinite(q)):
-            raise ProtocolError(f"at its {name}, joint values are not finite: {q.tolist()}")
+            raise ProtocolError(f"at the {name}, joint values are not finite: {q.tolist()}")
         if reason := space.why(q):
             near = nearest_free(space, q, seed)
             text = f"; the nearest free configuration found is {space.named(near)}" if near is not None else ""
             lower = ". Move this waypoint" if "apart" in reason else ""
             lower += ", or lower clearance_mm" if " mm apart (" in reason else ""
-            raise NoPathError(f"at its {name}, {reason}{text}", lower, name == "start")
+            raise NoPathError(f"at the {name}, {reason}{text}", lower, name == "start")
     direct = line(start, goal)
     if straight and space.free_along(direct):
         return direct
@@ -245,7 +245,7 @@ def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
 def _enclosed(reached: tuple[int, int], count: int) -> str:
     """Return a text that says which end is enclosed, as far as `count` samples tell; "" if none is."""
     text = [
-        f"the {name} seems to be enclosed, because only {n} of {count} samples are reached from there"
+        f"the {name} seems to be enclosed, because only {n} of {count} samples are connected with it"
         for name, n in zip(("start", "goal"), reached, strict=True)
         if count and n < _ENCLOSED * count
     ]

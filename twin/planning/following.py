@@ -30,7 +30,7 @@ _STATIONS = 33
 """Number of points of a phase at which the mechanism is evaluated before fitting."""
 
 _STILL = 1e-12
-"""Maximum change (in m, or of a matrix entry) along a phase that counts as rounding."""
+"""Maximum change (in m, or of a matrix entry) along a phase that counts as a rounding error."""
 
 _NONE = 1e-9
 """Change (m, rad) of all driven joints below which a phase counts as having no length."""
@@ -342,7 +342,9 @@ def freed(
             try:
                 X, _ = carrier.carry(line(drawn, q[0])(np.linspace(0.0, 1.0, _STATIONS)), x)
             except AssemblyError as error:
-                raise ProtocolError(f"{where}: its start cannot be reached from the drawn pose: {error}") from error
+                raise ProtocolError(
+                    f"{where}: the start of the phase cannot be reached from the drawn pose: {error}"
+                ) from error
             path, _ = carried(path, course, carrier, X[-1], where)
         out.append(path)
     return tuple(out)

@@ -68,7 +68,7 @@ def way(
     anchor = Anchor.at(kinematics, Ts[:1], ends[0][None])
     for name, q, T in zip(("start", "goal"), ends, Ts, strict=True):
         if reason := said(kinematics, margins_at(kinematics, T[None], q[None], anchor)):
-            raise ProtocolError(f"{where} cannot be carried out: at its {name}, {reason}")
+            raise ProtocolError(f"{where} cannot be carried out: at the {name}, {reason}")
 
     def report(fraction: float) -> None:
         progress(f"{phase.name}: path around obstacles, {100 * fraction:.0f} %")

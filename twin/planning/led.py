@@ -44,7 +44,9 @@ class Led:
     def carrier(self) -> Carrier:
         """The mechanism."""
         if self.kinematics.carrier is None:
-            raise ProtocolError(f"{self.name} has no mechanism; to plan several arms at once, each arm needs one")
+            raise ProtocolError(
+                f"{self.name} has no mechanism; every arm needs a mechanism to plan several arms at once"
+            )
         return self.kinematics.carrier
 
 

@@ -8,7 +8,7 @@ from twin.core.spatial import Array
 from twin.planning.space import Space
 
 _AROUND, _SAMPLES = (0.01, 0.03, 0.1, 0.3, 1.0), 200
-"""Half the edges of the boxes that are searched, relative to the joint ranges, in order; number of samples in each."""
+"""Half edges of the searched boxes, relative to the joint ranges, in order of search; number of samples in each box."""
 
 _HALVINGS = 8
 """Number of bisections between the nearest free sample and the configuration."""

@@ -54,7 +54,7 @@ _SLOWEST = 1e3
 """Maximum slowdown factor in the search for a motion within the jerk limit."""
 
 _GROWTH = 64
-"""Maximum factor from one averaging window to the next in the search for a sufficient one."""
+"""Maximum factor from one averaging window to the next in the search for a sufficient window."""
 
 
 @dataclass(frozen=True)
@@ -266,7 +266,7 @@ class _Path:
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         if len(s) != len(self._tables[order]):
-            raise TimingError("TOPP-RA evaluated the path away from its grid points")
+            raise TimingError("TOPP-RA evaluated the path between its grid points")
         return self._tables[order]
 
 

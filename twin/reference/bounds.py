@@ -40,7 +40,7 @@ _SMALL = 1 / 250
 """Radius of the smallest balls, relative to the extent of the surface."""
 
 _PIECES = 1_500_000
-"""Maximum number of triangles after division. If more are needed, they stay larger; the bounds are then less tight."""
+"""Maximum number of triangles after division. If this is too few, triangles stay larger and bounds are less tight."""
 
 _KEPT = 512
 """Maximum number of files in the cache; the oldest files are removed first."""

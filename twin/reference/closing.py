@@ -38,7 +38,7 @@ _FINER = (1, 8)
 """Factors by which steps are smaller than `_STRIDE`, in the order of trial: near a singularity, motion is fast."""
 
 _COARSE = 8
-"""Number of stations of a path at which loops are closed in sequence; at all others, they are closed in one batch."""
+"""Number of stations of a path at which loops are closed in sequence; at all other stations, in one batch."""
 
 _ENOUGH = 1e-14
 """Sum of squares of loop gaps in m2 that is small enough for a search."""
@@ -47,7 +47,7 @@ _FLOOR = 1e-12
 """Damping of the linear equations of the rates, relative to their mean diagonal; see `newton`."""
 
 _KNOWN = 20_000
-"""Number of kept states that were not reached in small steps, above which the older half of them is dropped."""
+"""Number of kept states that were not reached in small steps, above which the older half of these states is dropped."""
 
 
 class Closing:

@@ -124,7 +124,7 @@ class Tree:
                 if name not in self.coordinate:
                     raise MechanismError(
                         f"coupling '{coupling.name}': joint '{name}' closes a loop and therefore has no coordinate; "
-                        "list it before the joint that should close the loop"
+                        "list this joint before the joint that should close the loop"
                     )
             columns = np.array([self.coordinate[n] for n in coupling.joints], int)
             places = np.array([self.configuration[n] for n in coupling.joints], int)

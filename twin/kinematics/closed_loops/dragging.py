@@ -37,7 +37,7 @@ _THERE, _PASSED = 1e-10, 1e-7
 """Distances in m at which the target, and an intermediate goal, count as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""A motion ends when a step reduces the distance by less than this fraction (to a goal on the line, to the target).
+"""Fraction of the distance to an intermediate goal, and to the target; a motion ends if a step reduces it by less.
 
 A point that slides along limits at distance d from the target approaches the target slowly: the last length x of its
 path reduces the distance by only x²/2d, which is 1 µm over the last 45 µm at d = 1 mm.

@@ -24,7 +24,7 @@ LENGTH_SCALE = 0.1
 
 STATES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 4, "free": 7}
 STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "free": 6}
-"""(size of the state, size of the step) of a passive joint by type; lengths before angles."""
+"""Count of numbers in the state (STATES) and in a step (STEPS) of a passive joint, by type; lengths before angles."""
 
 _ROUNDED = 4e-16
 """Maximum difference from 0, 1 or -1 at which an entry of a measured rotation is rounded."""

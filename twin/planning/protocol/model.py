@@ -148,7 +148,7 @@ class Protocol:
             if name and name not in trocars and name not in named:
                 raise ProtocolError(
                     f"protocol '{self.name}' has a trocar '{name}' ([trocars_mm]), but no phase names it, and the "
-                    f"mechanism of {self.robot} has {held or 'none'}: correct the name, or remove it"
+                    f"mechanism of {self.robot} has {held or 'none'}: correct or remove this entry"
                 )
         return {n or trocars[0]: p for n, p in self.trocars.items() if not n or n in trocars}
 
@@ -173,11 +173,11 @@ class Protocol:
                 add(f"{w.name}_depth", w.depth, "mm", MM, w.provenance, w.note)
         out += [parameter for phase in self.phases for parameter in phase.parameters()]
         for label, p in zip("xyz", self.rcm if self.rcm is not None else (), strict=False):
-            add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM from the start; see the file")
+            add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM registered from the start; see the protocol file")
         for name, place in self.trocars.items():
             for label, p in zip("xyz", place, strict=True):
                 shown = f"trocar_{name}_{label}" if name else f"trocar_{label}"
-                add(shown, float(p), "mm", MM, "ASSUMED", "place of the patient; see the file")
+                add(shown, float(p), "mm", MM, "ASSUMED", "position of the trocar; see the protocol file")
         for kind, l in self.limits.items():  # noqa: E741
             add(f"{kind}_tip_speed", l.tip_speed, "mm/s", MM, l.provenance, l.note)
             add(f"{kind}_tip_acceleration", l.tip_acceleration, "mm/s2", MM, l.provenance, l.note)

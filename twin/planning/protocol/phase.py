@@ -100,7 +100,7 @@ class Walk:
         self.goal = goal
         self.used.add(goal)
         if goal == self.here:
-            raise self.wrong(key, f"the phase has no length: it already begins at '{goal}'; remove it")
+            raise self.wrong(key, f"the phase has no length: it already begins at '{goal}'; remove the phase")
 
     def target(self, name: str, keys: tuple[Key, ...], why: str, *needs: str) -> None:
         """Check that a waypoint exists and has one of the keys `needs`, if any."""

@@ -69,7 +69,7 @@ class Circle(Phase):
     def end_after(self, at: Begin) -> End:
         """Return the state at the end, which is the state at the start."""
         if np.linalg.norm(np.cross(at.tip - self.centre, self.normal)) < _NO_RADIUS:
-            raise at.refuse("it begins on the axis of the circle: the radius is 0; change centre_mm or the start")
+            raise at.refuse("the tip begins on the axis of the circle: the radius is 0; change centre_mm or the start")
         if at.rcm is None:
             return End(at.angles, at.tip, None)
         missed = spatial.point_to_line(at.rcm, at.tip, at.shaft)
@@ -116,5 +116,5 @@ class Circle(Phase):
     def parameters(self) -> Iterator[Parameter]:
         """Yield the coordinates of the centre."""
         for label, p in zip("xyz", self.centre, strict=True):
-            note = "centre of the circle; see the file"
+            note = "centre of the circle; see the protocol file"
             yield Parameter(f"{self.name}_centre_{label}", float(p), "mm", float(p) / MM, "ASSUMED", note)

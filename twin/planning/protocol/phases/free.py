@@ -39,7 +39,7 @@ class FreeTable(PhaseTable):
         Field(
             ge=0,
             le=100_000,
-            description="number of samples up to which the first path found is improved; 0: it is not improved",
+            description="the first path found is improved with at most this number of samples; 0: it is not improved",
         ),
     ] = 0
 
@@ -79,5 +79,5 @@ class Free(Phase):
 
     def parameters(self) -> Iterator[Parameter]:
         """Yield the clearance."""
-        shown, note = self.clearance / MM, "minimum distance of the robot's bodies; see the file"
+        shown, note = self.clearance / MM, "minimum distance of the robot's bodies; see the protocol file"
         yield Parameter(f"{self.name}_clearance", self.clearance, "mm", shown, "ASSUMED", note)

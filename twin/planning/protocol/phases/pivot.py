@@ -55,7 +55,7 @@ class Pivot(Phase):
     def end_after(self, at: Begin) -> End:
         """Return the state at the end: the pose of the waypoint, or its angles and depth about the RCM."""
         if at.rcm is None:
-            raise at.refuse("no RCM is registered yet; add an insertion before it")
+            raise at.refuse("no RCM is registered yet; add an insertion before this pivot")
         if self.rcm == "monitored":
             angles, tip = at.pose(self.to)
             depth = float((tip - at.rcm) @ rotation(angles, at.order) @ at.n_tool_shaft)
@@ -65,8 +65,8 @@ class Pivot(Phase):
             raise at.refuse(f"waypoint '{self.to}' has no depth")
         if at.mode == "monitored" and (missed := spatial.point_to_line(at.rcm, at.tip, at.shaft)) > at.tolerance:
             raise at.refuse(
-                f"it must keep the RCM, but after a monitored pivot its shaft begins {missed / MM:.3f} mm beside the "
-                f"RCM (allowed: {at.tolerance / MM:g} mm)"
+                f"the shaft must pass through the RCM, but after a monitored pivot the shaft is {missed / MM:.3f} mm "
+                f"beside the RCM (allowed: {at.tolerance / MM:g} mm)"
             )
         tip = at.rcm + depth * (rotation(angles, at.order) @ at.n_tool_shaft)
         return End(angles, tip, at.rcm, self.to, self.rcm, depth)
