@@ -114,7 +114,7 @@ class Compiled(ABC):
         return {name: out[:, i] for i, name in enumerate(self.formula.points)}
 
     def passive_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
-        """Return the passive joints {name: (k,)} in rad or m."""
+        """Return the values of the passive joints {name: (k,)} in rad or m."""
         return self._named("passive", Ts, qs)
 
     def inverse_jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:

@@ -163,7 +163,7 @@ def alignment(a: AlignTable) -> Alignment:
 
 
 def rows(a: AlignTable) -> Iterator[Row]:
-    """Yield name, value and unit of the numbers of an alignment."""
+    """Yield (name, value, unit) of each number of an alignment."""
     yield "rectangle", a.position_mm, "mm"
     for what, (width, height) in (("rectangle", a.size_mm), ("plate", a.plate_mm)):
         yield f"{what} width", width, "mm"

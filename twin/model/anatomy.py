@@ -141,7 +141,7 @@ def tissues(
 
 
 def listed(tables: Mapping[str, TissueTable]) -> Iterator[Parameter]:
-    """Yield the numbers of the organs with their provenance."""
+    """Yield each number of the organs, with its provenance."""
     for name, t in tables.items():
         rows = (
             ("edge", t.edge_mm, "mm"),

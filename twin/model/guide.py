@@ -42,7 +42,7 @@ class GuideTable(Table):
 
 
 def rows(table: GuideTable) -> list[Row]:
-    """Return the numbers of the table: name, value, unit."""
+    """Return (name, value, unit) of each number of the table."""
     return [
         ("lift", table.lifted_mm, "mm"),
         ("end of the wire", table.end_mm, "mm"),

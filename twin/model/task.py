@@ -159,7 +159,7 @@ def _check_ring(path: Path, keys: tuple[str | int, ...], name: str, objects: Map
 
 
 def listed(name: str, task: TaskTable) -> Iterator[Parameter]:
-    """Yield the numbers of task `name`, with their provenance."""
+    """Yield each number of task `name`, with its provenance."""
     rows: list[Row] = [("tolerance", task.tolerance_mm, "mm"), ("hold", task.hold_s, "s")]
     if task.guide is not None:
         rows += guide.rows(task.guide)

@@ -69,7 +69,7 @@ class ToolTable(Sourced):
 
 
 def listed(name: str, t: ToolTable) -> Iterator[Parameter]:
-    """Yield the numbers of a tool with their provenance."""
+    """Yield each number of a tool, with its provenance."""
     rows = (
         ("jaw", t.jaw_mm, "mm"),
         ("open", t.open_mm, "mm"),

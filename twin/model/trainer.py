@@ -86,7 +86,7 @@ def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None
 
 
 def listed(trainer: TrainerTable | None) -> Iterator[Parameter]:
-    """Yield the numbers of a trainer, with their provenance."""
+    """Yield each number of a trainer, with its provenance."""
     if trainer is None:
         return
     cue = trainer.cue

@@ -105,7 +105,7 @@ class Vessel:
 
     @cached_property
     def deformable(self) -> Deformable:
-        """The deformable of the World: one closed prism for each segment, with the signal `<name>.nodes`."""
+        """The vessel as a `Deformable` fixed to the World, a closed prism per segment; its signal is `<name>.nodes`."""
         turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
         c, s = np.cos(turn), np.sin(turn)
         ring = np.column_stack([1 - c - s, c, s])  # weights of the centre and of the ends of the two radii
@@ -151,7 +151,7 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
 
 
 def listed(name: str, t: VesselTable) -> Iterator[Parameter]:
-    """Yield the numbers of a vessel with their provenance."""
+    """Yield each number of a vessel, with its provenance."""
     rows = (("radius", t.radius_mm, "mm"), ("segment", t.segment_mm, "mm"), ("Young's modulus", t.young_kpa, "kPa"))
     points = ((str(k), point, "mm") for k, point in enumerate(t.line_mm, 1))
     return t.parameters(f"vessel {name}", (*rows, *points))

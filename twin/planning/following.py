@@ -55,7 +55,7 @@ class Followed(PhasePath):
     place: Path
 
     def joints(self, s: Array, kinematics: PathKinematics) -> Array:
-        """Return the driven joint values (k, n) at s (k,)."""
+        """Return the driven joint values (k, n) at the path parameters s (k,)."""
         return self.values(s)
 
     def driven(self, kinematics: PathKinematics, where: str) -> Path:
@@ -63,7 +63,7 @@ class Followed(PhasePath):
         return self.values
 
     def motion(self, s: Array) -> Motion:
-        """Return the motion at s (k,)."""
+        """Return the motion of the phase at the path parameters s (k,)."""
         at = [self.place(s, order) for order in (0, 1, 2)]
         R, R1, R2 = (x[:, 3:].reshape(-1, 3, 3) for x in at)
         R = R @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(R, 1, 2) @ R)  # restore orthogonality lost by truncation

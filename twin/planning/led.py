@@ -42,7 +42,7 @@ class Led:
 
     @property
     def carrier(self) -> Carrier:
-        """The mechanism."""
+        """The robot's mechanism; raises `ProtocolError` if the robot has none."""
         if self.kinematics.carrier is None:
             raise ProtocolError(
                 f"{self.name} has no mechanism; every arm needs a mechanism to plan several arms at once"

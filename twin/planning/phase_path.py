@@ -63,7 +63,7 @@ class PhasePath(Course):
         return series
 
     def motion(self, s: Array) -> Motion:
-        """Return the motion at s (k,)."""
+        """Return the motion of the phase at the path parameters s (k,)."""
         return self.phase.motion(self, np.asarray(s, float))
 
     def angles(self, s: float) -> Array:
@@ -71,7 +71,7 @@ class PhasePath(Course):
         return self.angles0 + s * (self.angles1 - self.angles0)
 
     def depth(self, s: float) -> float:
-        """Return the depth in m at s (NaN without RCM)."""
+        """Return the insertion depth in m at the path parameter s; NaN if no RCM is registered."""
         return self.phase.depth_at(self, s)
 
 

@@ -113,7 +113,7 @@ class PlannedTogether(Result):
         yield ""
 
     def files(self) -> list[str]:
-        """Return the names of the files of `write`."""
+        """Return the names of the files that `write` makes."""
         return [f"{name}.csv" for name in self.order]
 
     def write(self, folder: Path) -> None:

@@ -233,5 +233,5 @@ def distance_between(a: Shape, b: Shape, Ta: Array, Tb: Array, most: float = np.
 
 
 def placed(T: Array) -> coal.Transform3s:
-    """Return a pose (4, 4) as a coal transform."""
+    """Return a pose (4, 4) as a transform of the package coal."""
     return coal.Transform3s(np.ascontiguousarray(T[:3, :3]), T[:3, 3])

@@ -27,7 +27,7 @@ class AuxiliaryTable(PhaseTable):
         walk.stays = True
 
     def phase(self, walk: Walk) -> Auxiliary:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Auxiliary(self.name, *joint_values(self.joints))
 
 

@@ -22,7 +22,7 @@ class InsertionTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered, register an RCM, and end at the waypoint `to`, if it is given."""
+        """Check that no RCM is registered, register one, and set the waypoint `to`, if given, as the end."""
         walk.outside(self.type)
         if self.trocar is None and len(walk.trocars) > 1:
             text = f"[trocars_mm] has {', '.join(walk.trocars)}: name the trocar of this insertion"

@@ -29,9 +29,10 @@ class PivotTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Register the trocar as the RCM, if the phase names one, and end the phase at the waypoint.
+        """Register the trocar that the phase names, if any, as the RCM, and set `to` as the end of the phase.
 
-        If no RCM is registered then, or the waypoint lacks its depth or position, the protocol is refused.
+        The protocol is refused if then no RCM is registered, or if the waypoint `to` has no depth (RCM "enforced") or
+        no position (RCM "monitored").
         """
         walk.through(self.trocar)
         walk.registered(self.type)
@@ -39,7 +40,7 @@ class PivotTable(PhaseTable):
         walk.go(self.to, f"a pivot with {'an' if self.rcm == 'enforced' else 'a'} {self.rcm} RCM", need)
 
     def phase(self, walk: Walk) -> Pivot:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Pivot(self.name, self.to, self.rcm, self.trocar or "")
 
 

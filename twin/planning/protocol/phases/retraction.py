@@ -30,7 +30,7 @@ class RetractionTable(PhaseTable):
         walk.inside = self.depth_mm > 0
 
     def phase(self, walk: Walk) -> Retraction:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Retraction(self.name, self.depth_mm * MM, self.trocar or "")
 
     def leaves(self) -> bool:
