@@ -23,8 +23,8 @@ _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 def figure(found: Workspace) -> Figure:
     """Return a figure with sections of the workspace, and its size over the minimum conditioning.
 
-    There are three sections, or one if all positions are in one plane. Without a Jacobian, the margin to the joint
-    limits is drawn instead of the conditioning.
+    There are three sections, or one if all positions are in one plane. If no condition number was computed, the margin
+    to the joint limits is drawn instead of the conditioning.
     """
     robot, low, step, summary = found.robot, found.grid.low, found.grid.step, found.content()
     cube = found.cube
