@@ -35,7 +35,8 @@ def status(state: Mapping[str, Any] | None, preview: Preview | None) -> tuple[st
         return "warn", f"Target of {robot} (red): {state['blocked']}."
     if phase == "aim":
         loads = "" if state["ready"] else " The geometry is being loaded."
-        text = f"Move the target of {robot}: it may pass through anything, and the arm rests. Then plan a motion."
+        where = "the target may pass through anything, and the arm is at rest"
+        text = f"Move the target of {robot}; {where}. Then plan a motion."
         return "good", text + loads
     if phase == "plan":
         return "good", f"Planning a motion of {robot}: {100 * state['done']:.0f} %"

@@ -22,7 +22,7 @@ from twin.ui.viewer.room import OUTSIDE, corners, furnish
 
 
 class Stream(Protocol):
-    """Interface for the data of a running server that a page shows.
+    """Interface of the source from which a page reads the data of a running server.
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
