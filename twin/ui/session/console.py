@@ -45,10 +45,10 @@ from twin.ui.session.recorder import Recorder
 from twin.ui.session.world_feed import WorldFeed
 
 _BUDGET, _CHUNK = 0.012, 4
-"""Maximum real time in s for steps of the World per call; usual number of steps between two checks of this time."""
+"""Maximum real time in s that a call of `advance` steps the World; number of steps between two checks of this time."""
 
 _OWED = 0.1
-"""Maximum delay in s for which the World catches up; any more is lost, so that it runs slower than real time."""
+"""Maximum delay in s that the World makes up for; any further delay remains, so that it runs slower than real time."""
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
@@ -68,16 +68,16 @@ class LiveConsole:
         world: the World.
         device: the input device, which receives the hands of a client.
         owner: identifier of the client whose hands control the robots; None: no client.
-        members: mechanism and equations of each robot.
+        members: mechanism and equations of each robot, by the name of its place.
         task: the task; None: no task.
         objects: the movable objects of the World.
         referee: judge of a task with rings or a wire, of the camera task or of a procedure; None for other tasks.
-        feed: deformables: in a procedure those of the World, otherwise those of the loaded scene; None: none.
+        feed: source of the deformables: in a procedure the World, otherwise the loaded scene; None: no deformables.
         machines: connections to machines; None: there are none.
         planning: planning mode of the arms.
-        shown: mechanism and equations of all robots that are shown: those of `members`, and the models of machines.
-        attempt: number of times that the World has been started, from 1.
-        condition: condition of the session, for its file.
+        shown: mechanism and equations of all displayed robots: those of `members`, and the models of machines.
+        attempt: number of the present attempt, from 1.
+        condition: condition of the experiment, which is stored in the session file.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
@@ -173,7 +173,7 @@ class LiveConsole:
         self._owed, self._rate, self._stopped, self._over = 0.0, 1.0, "", ""
 
     def restart(self, client: str) -> None:
-        """Begin a new attempt: objects, robots and measures are as at the start.
+        """Begin a new attempt, with objects, robots and measures as at the start of the first attempt.
 
         Raises:
             HeldError: another client controls the hands.
@@ -224,9 +224,9 @@ class LiveConsole:
             self._report = self.attempt, Call(self._make_report, *files, nice=_NICE)
 
     def report(self) -> tuple[int, bytes | None, str] | None:
-        """Return the newest report as (attempt, page, ""), (attempt, None, "") while it is made, or with an error.
+        """Return the newest report: (number of the attempt, page as bytes, error); None if there is no report yet.
 
-        None: there is no report yet.
+        While the report is made, page and error are None and ""; after a failure, page is None and error the reason.
         """
         if self._report is None:
             return None
@@ -255,7 +255,7 @@ class LiveConsole:
     def advance(self, passed: float) -> list[str]:
         """Step the World by the real time in s that has passed; return messages for all clients, which are also logged.
 
-        If the machine is too slow, the World runs slower than real time. If the World fails, it stops permanently.
+        If this computer is too slow, the World runs slower than real time. After an error, the World remains stopped.
         """
         if not self._stopped and not self._over and passed > 0:
             self._step(passed)
@@ -326,7 +326,7 @@ class LiveConsole:
             self.device.give(state)
 
     def own(self, client: str) -> None:
-        """Make a client the owner of the hands.
+        """Give a client control of the hands.
 
         Raises:
             HeldError: another client controls the hands.
@@ -338,7 +338,7 @@ class LiveConsole:
 
     @property
     def silent(self) -> bool:
-        """Whether a hand is silent."""
+        """Whether no state of one of the hands has been received for `device.patience` s."""
         return any(self.device.silent(hand, self.world.t) for hand in (0, 1))
 
     def rescale(self, client: str, scale: float) -> None:
@@ -372,11 +372,11 @@ class LiveConsole:
         self.device.set(console_scene.FULCRUM, FULCRUMS.index(fulcrum))
 
     def take_tool(self, client: str, hand: str, tool: str) -> None:
-        """Choose the tool of the instrument that a hand ("right" or "left") controls now.
+        """Choose the tool of the arm that a hand ("right" or "left") controls now.
 
         Raises:
             HeldError: another client controls the hands.
-            TwinError: the scene has no such tool, or this robot cannot carry it.
+            TwinError: the scene has no such tool, or the arm cannot carry it.
         """
         self.require_free(client)
         tools, robot = self.scene.tools, self.arm(hand)
@@ -417,10 +417,10 @@ class LiveConsole:
         return self.machines
 
     def plan(self, client: str, do: PlanStep, hand: str) -> None:
-        """Make a step of planning mode for the arm of a hand ("right" or "left"); every client may cancel.
+        """Do a step of planning mode for the arm of a hand ("right" or "left"); every client may cancel.
 
-        "aim": the hand moves the target. "find": plan a motion to it. "accept": the arm makes this motion. "cancel":
-        end planning mode, or stop the arm where it is.
+        "aim": let the hand move the target of the arm. "find": plan a motion to the target. "accept": let the arm make
+        the planned motion. "cancel": end planning mode; an arm that moves stops where it is.
 
         Raises:
             HeldError: another client controls the hands, or the task has ended.
@@ -436,13 +436,13 @@ class LiveConsole:
         return self.planning.find() if do == "find" else self.planning.accept()
 
     def release(self, client: str) -> None:
-        """End the control by this client's hands, if this client has control."""
+        """End the control of the robots by this client, if this client controls them."""
         if self.owner == client:
             self.owner = None
             self.device.leave()
 
     def require_free(self, client: str) -> None:
-        """Check that no other client controls the hands; a silent client does not count.
+        """Check that no other client controls the hands; control by a client whose hands are silent may be taken over.
 
         Raises:
             HeldError: another client controls the hands.
@@ -485,7 +485,7 @@ class LiveConsole:
         return self.world.signals[f"{self._camera}.view"].reshape(4, 4)
 
     def forces(self) -> dict[str, Array]:
-        """Return, by hand, the largest force (3,) in N since the last call, in the axes of the picture."""
+        """Return the largest force (3,) in N on each hand since the last call, in the axes of the picture {H}."""
         return self._peaks.take()
 
     @property
