@@ -69,7 +69,7 @@ class ConsoleSession(Result):
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
         arms: all robots that the console moves, by name.
-        lost: sentence on the end of a truncated file; "" if the file is complete.
+        lost: sentence that says what is missing at the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
         aligned: measures of a task with an alignment; None for another task.
@@ -129,7 +129,7 @@ class ConsoleSession(Result):
 
     @cached_property
     def touched(self) -> Sequence[Touched]:
-        """Result of every target; empty without a task."""
+        """For every target of the task, when it was touched and how near the tips came; empty without a task."""
         if self.task is None:
             return ()
         table = console_scene.console_of(self.scene)
@@ -151,7 +151,7 @@ class ConsoleSession(Result):
 
     @property
     def camera(self) -> str:
-        """Name of the robot of the camera."""
+        """Name of the robot that holds the camera."""
         return self.scene.cameras[console_scene.console_of(self.scene).camera].robot
 
     @property
@@ -160,7 +160,7 @@ class ConsoleSession(Result):
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """Findings on differences of the replay, a missing end of the file, and targets that were not touched."""
+        """Findings: the replay differs from the recording, the file is truncated, or a target was not touched."""
         out: list[Finding] = []
         if (d := self.ran.difference) is not None:
             size = (

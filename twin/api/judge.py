@@ -52,13 +52,13 @@ def validate(
 
     Args:
         robot: a robot with CAD and equations.
-        trajectory: the planned trajectory; None: the function plans it.
+        trajectory: the planned trajectory; None: `validate` plans it.
         protocol: the protocol of the trajectory; default: the robot's default protocol.
         variants: variants of the equations to judge; the motion is always planned with the robot's own variants.
         tolerances: maximum deviations; default: tolerances of exact geometry, increased by the placement precision of
             the CAD.
         stage: root layer to judge; default: the robot's own stage, or a new build if it is missing or outdated.
-        baked: whether the motion in `stage` was baked from this trajectory. Otherwise a difference is only a warning.
+        baked: whether the motion in `stage` was baked from `trajectory`. If it was not, differences are only warnings.
         progress: see `Progress`.
 
     Raises:

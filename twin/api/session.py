@@ -50,7 +50,7 @@ def operate_console(
         task: a task of the scene; default: the first task.
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
-        haptics: whether to compute forces on the hands, to which this surgeon does not react; default: no.
+        haptics: whether to compute forces on the hands, to which the simulated surgeon does not react; default: no.
         mistake: a mistake that the surgeon makes in a task with a ring to guide; see `devices.guiding_surgeon`.
         progress: see `Progress`.
 
@@ -146,7 +146,7 @@ def replay_session(
 
     Raises:
         WorldError: the file is damaged, of another version or of another scene.
-        TwinError: there is no such scene, or it has no console.
+        TwinError: there is no such scene, or the scene has no console.
     """
     from twin.simulation.session import run
     from twin.simulation.session.file import read_session

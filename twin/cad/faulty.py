@@ -1,4 +1,4 @@
-"""Find the wrong part if the two sides of a joint do not meet in the CAD: their joint frames do not coincide.
+"""Find the wrong part if the two frames of a joint, one on each of its parts, do not coincide in the CAD.
 
 A feature of a part (a face that defines a joint) is a suspect if moving this feature alone makes both sides of all its
 joints meet. Often the CAD contains evidence that one of two suspects is the fault: lengths that several parts share,

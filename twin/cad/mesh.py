@@ -90,7 +90,7 @@ def load_mesh(
 
 
 def open_mesh(name: str) -> Finding:
-    """Return the warning that a mesh is not closed, so that its mass is undefined."""
+    """Return a warning: the mesh `name` is not closed, so it has no volume and its mass is not counted."""
     text = f"'{name}' is not watertight: its volume is undefined, so its mass is not counted"
     return warning("cad.open_mesh", name, text, suggestion="close the surface in the CAD, or export a solid")
 
@@ -107,7 +107,7 @@ def weld(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def inertia(vertices: Array, triangles: np.ndarray, density: float) -> Inertia | None:
-    """Return mass, centre and inertia of a closed, welded mesh with uniform density in kg/m3; None if it is open."""
+    """Return mass, centre and inertia of a welded mesh with uniform density in kg/m3; None for an open mesh."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)

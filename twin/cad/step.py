@@ -96,8 +96,8 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
     """Return the length unit of a STEP file in m; `read` returns the bytes of the file.
 
     Raises:
-        CadError: the file is missing, is not a STEP file or is truncated; or its length unit is missing or unknown, or
-            it has several.
+        CadError: the file is missing, is not a STEP file, is truncated, or has no, an unknown or more than one length
+            unit.
     """
     try:
         data = read(path, "STEP")

@@ -1,4 +1,4 @@
-"""The parser of the command line, and the arguments of several commands; those of a single command are in its file."""
+"""The parser of the command line, and the arguments that several commands share."""
 
 from __future__ import annotations
 

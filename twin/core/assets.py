@@ -168,7 +168,7 @@ def files(robot: str | Path) -> RobotFiles:
 
 
 def hidden(robot: str | Path) -> Path | None:
-    """Return the robot folder in the working directory that has the same name as this built-in robot, or None."""
+    """Return the robot folder in the working directory with the name of a built-in robot, which hides it; else None."""
     there = str(robot) in names() and _descriptions(Path(robot))
     return Path(robot).resolve() if there else None
 

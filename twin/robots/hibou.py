@@ -59,7 +59,7 @@ def _to_outer(q1, q2, q3, q4, q5, a, b, h):
 
 @equation("inverse", "rotation relative to the shaft -> q6, q7", gives="q6 q7 within")
 def scope(T_base_tool, q1, q2, q3, q4, q5, a, b, h):
-    """Return roll, tilt and margin; NaN if the pose requires a rotation about a third axis, which has no joint."""
+    """Return roll, tilt, margin. A pose that requires a rotation about a third axis: tilt NaN, margin negative."""
     R = _to_outer(q1, q2, q3, q4, q5, a, b, h)[0:3, 0:3] @ symbolic.rotation_x(pi / 2)
     N = R.T @ T_base_tool[0:3, 0:3]  # = Rz(q6) Ry(q7)
     q7 = atan2(-N[2, 0], N[2, 2])
@@ -90,7 +90,7 @@ def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
 
 @equation("helper", "reach and singularity", gives="stretch fold rest s3 c5 aside")
 def margins(W, P_7, q3, q5, a, b, h, r6, trocar_x, trocar_y, trocar_z):
-    """Return the remaining reach of arm and shaft in m, then the singularity measures."""
+    """Return margins of reach in m: arm stretched, arm folded, shaft; then three singularity measures (0: singular)."""
     D = norm_2(W - vertcat(0, 0, h))
     left = r6 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_7)
     aside = sqrt(W[0] ** 2 + W[1] ** 2) / (a + b)

@@ -7,7 +7,7 @@ Y towards rail 3, and X out of the portal towards the patient. The tool frame is
 centres, z_p points up from the platform, and the rotation is R = Rz(psi) Ry(theta) Rx(phi).
 
 Every printed row is one assignment with the symbols of the paper. In eq. (2), q1 is on both sides of its row and depends
-on q2, and q2 depends on q1; the other pairs are alike. The compiler solves them.
+on q2, and q2 depends on q1; likewise q3 and q4, q5 and q6. The compiler solves these pairs.
 
 Limb i is rotated about its rail (direction e_a) by alpha_i; e_r points from the rail to the ball; t = e_a x e_r.
 The bar points from its carriage along sin(beta) e_r - sigma cos(beta) e_a, the strut from its carriage along
@@ -149,7 +149,7 @@ def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L
     """Return angles and margins of each limb, computed from its ball centre alone.
 
     rho is the distance from ball to rail axis; h is the distance from ball to bar pivot along the rail. alpha and beta
-    are the angles of limb and bar. All are the same for every variant of eq. (2), which only computes the carriages.
+    are the angles of limb and bar. None depends on the variant of eq. (2), which only computes the carriages.
     """
     L = l_1 + l_2
     out = []

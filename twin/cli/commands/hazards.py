@@ -34,7 +34,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the remaining sessions, and print and write the outcomes by class; the log contains each session.
+    """Run the sessions that are not yet in the log; print the number of sessions by class of outcome, and write files.
 
     The exit code is 1 if a cue (force on the operator's hand) occurred without a fault.
     """

@@ -52,7 +52,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plan a timed trajectory of a protocol; print phases and findings; write CSV and JSON."""
+    """Plan the timed motion of a protocol, or of several robots; print phases and findings; write CSV and JSON."""
     from twin import api
     from twin.cli import show
     from twin.core import assets

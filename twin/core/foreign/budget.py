@@ -18,12 +18,12 @@ class Budget:
     Attributes:
         bytes: maximum size of the file.
         unpacked: maximum bytes of all files of an archive together.
-        depth: maximum nesting of its parts.
-        count: maximum number of its parts: elements of XML, objects and lists of JSON, nodes of glTF, prims of USD,
-            rows of PLY.
+        depth: maximum nesting of the parts of the file.
+        count: maximum number of parts of the file: elements of XML, objects and lists of JSON, nodes of glTF, prims of
+            USD, rows of PLY.
         numbers: maximum number of values or vertices; the triangles of a part that is used n times are counted n times.
-        seconds, seconds_per_mb: processor time of the native parser in s, plus the time for each MB of the file.
-        memory, memory_per_byte: memory of the native parser in bytes, plus the memory for each byte of the file.
+        seconds, seconds_per_mb: maximum processor time of the native parser in s, and its increase per MB of the file.
+        memory, memory_per_byte: maximum memory of the native parser in bytes, and its increase per byte of the file.
     """
 
     bytes: int
