@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
 
 _STRIDE = 4
-"""Number of samples of `run.SAMPLE` (5 ms) between two keys of exported motions: 50 keys per second."""
+"""Number of samples (one every 5 ms, `run.SAMPLE`) from a key of an exported motion to the next key: 50 keys per s."""
 
 
 @dataclass(frozen=True)
@@ -166,13 +166,13 @@ class ConsoleSession(Result):
             size = (
                 f"; the largest difference is {d.size:.3g} in {d.signal}"
                 if d.signal
-                else "; all signals are equal again at the end of this second"
+                else f"; at {d.t1:g} s, all signals are equal again"
             )
             out.append(
                 disagreement(
                     "session.differs",
                     d.signal,
-                    f"the replay gives different bytes from this second on{size}",
+                    f"the replay gives other bytes than the recording, first between {d.t0:g} and {d.t1:g} s{size}",
                     suggestion="replay with the twin version and the processor type of the recording",
                     when=f"{d.t0:g} .. {d.t1:g} s",
                 )
@@ -187,7 +187,7 @@ class ConsoleSession(Result):
                 disagreement(
                     "task.missed",
                     target.name,
-                    "this target was not touched; smallest distance from the tips",
+                    "the target was not touched; minimum distance between the target and the tips",
                     mm(target.nearest),
                     mm(self.task.tolerance),
                     word="required",
@@ -197,7 +197,7 @@ class ConsoleSession(Result):
             ]
         if self.board is not None:
             out += [
-                disagreement("task.missed", r.ring, f"this ring is not around its peg, {r.peg}, at the end")
+                disagreement("task.missed", r.ring, f"at the end, the ring is not around its peg, {r.peg}")
                 for r in self.board.rings
                 if r.t is None
             ]
@@ -215,7 +215,7 @@ class ConsoleSession(Result):
             return
         for step in g.missed:
             yield disagreement(
-                "task.missed", step, f"this step is not done; the ring passed {g.passed:.0%} of the wire"
+                "task.missed", step, f"the step is not done; the ring passed along {g.passed:.0%} of the wire"
             )
         for what, value, most, unit in g.exceeded:
             text = f"more {what} than allowed"
@@ -492,7 +492,7 @@ def _aligned_rows(a: AlignMeasures) -> list[tuple[str, str]]:
         ("AlignErr by projection", angle),
         ("AlignErr in the picture", "-" if a.seen is None else f"{a.seen / DEG:+.3f} deg"),
         (
-            "distance of the upper side's ends from the line's ends",
+            "distance between the ends of the rectangle's upper side and of the line",
             "-" if np.isnan(a.off) else f"{a.off:.1%} of its length",
         ),
         ("time from the first press of the camera pedal to the last motion", f"{a.time:.1f} s"),

@@ -169,8 +169,8 @@ def _require_own(plan: Campaign, log: Log) -> None:
             said = f"{wrong[0]} is {row[wrong[0]]!r}" if wrong[0] in row else f"{wrong[0]} is missing"
             expected = f"; expected {drawn[wrong[0]]!r}" if wrong[0] in drawn else ""
             raise OutputError(
-                f"{log.path}: session {index}: {said}{expected}: delete its line, and it runs again, or give another "
-                "--out"
+                f"{log.path}: session {index}: {said}{expected}. Delete the line of this session to run the session "
+                "again, or give another --out"
             )
 
 

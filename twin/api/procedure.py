@@ -86,10 +86,12 @@ class ProcedureSession(Result):
         if (d := self.ran.difference) is not None:
             out.append(
                 disagreement(
-                    "session.differs", d.signal, f"the replay gives different bytes from {d.t0:g} .. {d.t1:g} s on",
+                    "session.differs",
+                    d.signal,
+                    f"the replay gives other bytes than the recording, first between {d.t0:g} and {d.t1:g} s",
                     suggestion="replay with the twin version and the processor type of the recording",
                 )
-            )  # fmt: skip
+            )
         if self.lost:
             out.append(warning("session.interrupted", self.source, self.lost))
         return out

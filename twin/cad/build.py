@@ -261,7 +261,7 @@ def _weigh(
                     "cad.no_material",
                     part,
                     f"part '{part}' has no material and therefore no mass",
-                    suggestion="add it to a [material.*] in the description",
+                    suggestion="add the part to a [material.*] in the description",
                 )
             )
         return
@@ -340,6 +340,6 @@ def _placement_finding(step: StepModel) -> Finding:
         f"{step.path.name} places instances by single-precision matrices: the error of measured joint frames is up "
         f"to ±{um(step.placement_error)}",
         um(step.placement_error),
-        suggestion="export the STEP file with the placements applied to the shapes to measure exactly",
+        suggestion="to measure exactly, export the STEP file with the placements applied to the shapes",
         word="",
     )

@@ -36,7 +36,7 @@ _ENTRIES = ("origin", "at", "z", "x_along", "x_towards", "y_towards")
 """Entries of a frame that name features."""
 
 _COAXIAL = 1e-7
-"""Maximum distance in m, and maximum sine of the angle, of two cylinders that count as coaxial."""
+"""Maximum distance in m, and maximum sine of the angle, between the axes of two cylinders that count as coaxial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +256,7 @@ def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterato
 
 def _apart_mm(value: float, true: float) -> str:
     n = decimals(abs(value - true) / MM)
-    return f"{value / MM:.{n}f} mm; elsewhere it is {true / MM:.{n}f} mm"
+    return f"{value / MM:.{n}f} mm; in other places, this length is {true / MM:.{n}f} mm"
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:

@@ -25,7 +25,7 @@ from twin.model.inertia import Inertia
 SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
 
 _PLAUSIBLE = (0.5 * MM, 20.0)
-"""Smallest and largest plausible extent of a robot part in m; otherwise the declared unit is probably wrong."""
+"""Minimum and maximum plausible size of a robot part in m; for another size, the declared unit is probably wrong."""
 
 _UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 

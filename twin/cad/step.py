@@ -179,7 +179,7 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
                 (Path(work) / "room").write_bytes(bytes(path.stat().st_size))
             except OSError as e:
                 raise CadError(
-                    f"{path}: cannot write its triangles to {work}: {e.strerror}. Choose another folder with TMPDIR."
+                    f"{path}: cannot write the triangles to {work}: {e.strerror}. Choose another folder with TMPDIR."
                 ) from None
             raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
         data = glb.read_bytes()

@@ -52,7 +52,7 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
         add(item.get("objectid"), _placement(item.get("transform")))
     unit = root.get("unit", "millimeter")
     if unit not in UNITS:
-        raise ValueError(f"its unit '{unit}' is not known; use one of {', '.join(UNITS)}")
+        raise ValueError(f"the unit '{unit}' of the file is not known; use one of {', '.join(UNITS)}")
     return np.concatenate([np.zeros((0, 3)), *vertices]), np.concatenate([np.zeros((0, 3), int), *triangles]), unit
 
 

@@ -102,7 +102,7 @@ def text(found: Explanation, command: str) -> str:
     parts = [*_edits(found, command), *_numbers(found), *dict.fromkeys(c.message for c in found.conventions)]
     if not parts:
         return ""
-    rest = "every row then agrees" if found.explained else f"other rows still disagree: {command}"
+    rest = "every row then agrees" if found.explained else f"other rows still disagree, see {command}"
     return f"{'; '.join(parts)}; {rest}"
 
 

@@ -8,7 +8,7 @@ UM = 1e-6
 DEG = pi / 180
 
 ROUNDING = 1e-9
-"""Excess over a limit, in m or rad, that counts as rounding: a path may end exactly at a limit."""
+"""Largest excess over a limit, in m or rad, that is taken as a rounding error: a path may end exactly at a limit."""
 
 SI = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "g": 1e-3, "kPa": 1e3, "N mm": MM}
 SI |= {"N/mm": 1 / MM, "N s/mm": 1 / MM}

@@ -99,8 +99,9 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
         name = f"{FORMULA_MODULE}{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
         if os.environ.get(NO_CODE):
             raise CodeRefusedError(
-                f"{path}: reading these equations runs this file, which --no-code (or {NO_CODE} in the environment) "
-                "forbids. Inspect the file, then omit that option; `twin audit` and USD stages need no equations."
+                f"{path}: reading the equations runs this file, which --no-code (or {NO_CODE} in the environment) "
+                f"forbids. Inspect the file, then omit --no-code or {NO_CODE}; `twin audit` and USD stages need no "
+                "equations."
             )
         if not trial and path not in _said:  # warn once before code of an untrusted folder runs
             _said.add(path)

@@ -223,10 +223,13 @@ def formula(name: str, title: str, left: bool) -> Formula:
             _angle("offset2", offset2, "angle of row 2 at elbow zero"),
             _angle("theta3", 90.0 if left else -90.0, "row 3"),
             _angle(
-                "base_turn", 180.0 if left else 0.0, "base of this arm about the vertical", "WPI-AIM/ambf, Raven-II"
+                "base_turn",
+                180.0 if left else 0.0,
+                "rotation of frame 0 in {base} about the vertical",
+                "WPI-AIM/ambf, Raven-II",
             ),
             mm("L_w", 13.0, "CITED", f"{SOURCE}: distance from wrist axis to jaw axis"),
-            mm("L_w_davinci", 9.0, "CITED", f"{SOURCE}: this distance for instruments of da Vinci type"),
+            mm("L_w_davinci", 9.0, "CITED", f"{SOURCE}: distance from wrist axis to jaw axis, da Vinci type"),
             mm(
                 "shaft_long",
                 470.0,
@@ -263,7 +266,7 @@ def formula(name: str, title: str, left: bool) -> Formula:
         aspects=(
             Aspect("depth", 1, "the wrist is beyond the RCM, on the patient's side"),
             Aspect("straight", 1, "the wrist is bent by less than 90 deg"),
-            Aspect("open_elbow", 1, "the elbow is on the side of the CAD"),
+            Aspect("open_elbow", 1, "the elbow is on the same side as in the CAD"),
         ),
         seeds=_SEEDS[left],
         motion=MOTION,

@@ -78,7 +78,7 @@ FORMULA = Formula(
             "slide_back",
             56.0,
             "ASSUMED",
-            "distance of the first telescope's rods behind the shaft, chosen so that they fit",
+            "distance of the first telescope's rods behind the shaft, chosen so that the rods fit",
         ),
         mm(
             "slide_up",

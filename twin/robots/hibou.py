@@ -105,7 +105,7 @@ FORMULA = Formula(
     source=f"{PAPER}, figure 2: structure; dimensions {ASSUMED}",
     parameters=(
         mm("h", 350, "ASSUMED", "height of the shoulder above the base"),
-        mm("a", 300, "ASSUMED", "length of the upper arm, to reach over half of the table"),
+        mm("a", 300, "ASSUMED", "length of the upper arm; the arm reaches over half of the table"),
         mm("b", 300, "ASSUMED", "length of the forearm, equal to the upper arm"),
         mm("r6", 300, "ASSUMED", "length of the shaft from outer point to tip joint, as in common laparoscopes"),
         mm("r8", 30, "ASSUMED", "distance from tip joint to camera"),

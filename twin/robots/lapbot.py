@@ -99,7 +99,7 @@ FORMULA = Formula(
     title="Lapbot: six driven and three passive joints, instrument through a trocar",
     source=f"{PAPER}, figure 1: structure; dimensions {ASSUMED}",
     parameters=(
-        mm("a", 300, "ASSUMED", "length of the upper arm, to reach over half of the table"),
+        mm("a", 300, "ASSUMED", "length of the upper arm; the arm reaches over half of the table"),
         mm("b", 300, "ASSUMED", "length of the forearm, equal to the upper arm"),
         mm("r7", 350, "ASSUMED", "length of the shaft from outer point to inner wrist, as in common instruments"),
         mm("r10", 20, "ASSUMED", "distance from inner wrist to tip"),

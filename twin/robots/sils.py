@@ -298,7 +298,7 @@ FORMULA = Formula(
     aspects=(
         Aspect("X_E", 1, "the platform is in front of the portal"),
         Aspect("z_up", 1, "z_p points up, and the instrument points down"),
-        Aspect("D", -1, "the sign of D at all poses of Table 2"),
+        Aspect("D", -1, "D has the sign that it has at all poses of Table 2"),
     ),
     branches=branches,
     seeds=tuple((x * MM, y * MM, z * MM, a * DEG, b * DEG, c * DEG) for x, y, z, a, b, c in _TABLE2),

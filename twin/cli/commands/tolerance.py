@@ -15,11 +15,11 @@ EXAMPLES = """\
 
 
 _SAMPLES = 10_000_000
-"""Largest number of samples; each needs about 100 bytes of memory."""
+"""Maximum number of samples; each sample needs about 100 bytes of memory."""
 
 
 _LARGEST, _WIDEST = 10 * MM, 10 * DEG
-"""Largest standard deviations of a position in m and of a rotation in rad."""
+"""Maximum accepted standard deviation of a position in m, and of a rotation in rad."""
 
 
 def arguments(command: Command) -> None:

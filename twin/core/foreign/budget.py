@@ -64,7 +64,7 @@ BODIES = 1000
 """Maximum number of bodies in one mechanism; the limits for joints and for shapes are the same."""
 
 INCLUDES = 300
-"""Maximum number of included files on all levels."""
+"""Maximum number of files that a file includes, directly or through other included files."""
 
 FREEDOMS = 200
 """Maximum sum of the joints' degrees of freedom; the memory for the dynamics grows with the cube of this sum."""

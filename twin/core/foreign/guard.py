@@ -64,7 +64,7 @@ _BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".
 """Suffixes of further files to which a file may refer; such files in its folder or below raise the limits."""
 
 _MOST_BESIDE = 2000
-"""Maximum number of files in the folder whose sizes are counted."""
+"""Maximum number of such files in the folder; the sizes of at most this number of files raise the limits."""
 
 _MOST_SECONDS, _MOST_MEMORY = 600.0, 8_000 * MB
 """Maximum processor time (s) and memory (bytes) of a parser's process, independent of file sizes."""
