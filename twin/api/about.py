@@ -201,7 +201,7 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
 
 
 def info_of_scene(scene: Scene, word: str) -> SceneInfo:
-    """Return the robots, props and parameters of a scene; `word` is the scene's name in the listed commands."""
+    """Return the robots, props and parameters of a scene, and its commands, in which `word` names the scene."""
     parameters: Sequence[Parameter] = scene.parameters
     return SceneInfo(
         {

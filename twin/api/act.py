@@ -1,4 +1,4 @@
-"""Simulations: trials of an operator with one robot, and all robots of a scene together."""
+"""Simulations: trials of an operator with one robot, and playing the protocols of all robots of a scene together."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def operate(
         protocol: a protocol with an insertion; default: the robot's default protocol.
         trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial; the same seed gives the same hand motion.
-        clutch: variant of eq. (7) of the SHER paper, "printed" or "corrected".
+        clutch: equation of the clutch, eq. (7) of the paper on the SHER simulation: "printed" or "corrected".
         scale: ratio of tool translation to handle translation; rotations are not scaled.
         solver: solver that computes the joint motion of each time step, "damped" or "slsqp".
         progress: see `Progress`.

@@ -50,7 +50,7 @@ class Arm:
         place, mechanism: place of the robot in the scene, and mechanism of the robot.
         q: (k, n) active joints in m or rad.
         links: T_base_link (k, 4, 4) by link, from the mechanism with closed loops, not from the robot's equations.
-        tip: (k, 3) position in m of the measured frame in the World.
+        tip: (k, 3) position in m, in the World, of the frame whose path is measured.
     """
 
     place: Place
@@ -75,7 +75,7 @@ class ConsoleSession(Result):
         aligned: measures of a task with an alignment; None for another task.
         guided: measures of a task with a ring to guide; None for another task.
         wire: (k, 3) centre line of the wire of a task with a ring to guide, in m in the World; empty for another task.
-        training: measures of the machines.
+        training: measures of each machine: its deviation from its model, the cues and the stops.
     """
 
     scene: Scene
@@ -119,7 +119,7 @@ class ConsoleSession(Result):
 
     @cached_property
     def hands(self) -> Sequence[ArmMeasures]:
-        """Measures of every arm."""
+        """Measures of the motion of every arm that a hand moves."""
         return measures.of_arms(self.ran.kept, console_scene.console_of(self.scene), self._tips)
 
     @cached_property

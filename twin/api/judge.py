@@ -95,13 +95,13 @@ def explain(
     seconds: float = 8.0,
     progress: Progress = silent,
 ) -> Explanation:
-    """Find the row (assignment) of an equation that disagrees with the mechanism, its cause and its correction.
+    """Find which rows (assignments) of the equations disagree with the mechanism, why, and which edits correct them.
 
     Args:
         robot: a robot with CAD (or a stage) and equations.
         variants: variants of the equations to explain; default: the robot's own.
         tolerance: accuracy of the CAD in m; default: ten times the placement precision of the CAD.
-        seconds: time limit of the search for two edits in one row.
+        seconds: time limit in s of the search for two edits in one row.
         progress: see `Progress`.
 
     Raises:

@@ -21,7 +21,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
     the session.json of `twin session --out` or `twin operate`.
 
     Raises:
-        DescriptionError: there are fewer than two groups, a file is not a session, or tasks differ.
+        DescriptionError: there are fewer than two groups, a file is not a session, or the tasks of the sessions differ.
         WorldError: a session is damaged, or its replay gives different bytes.
     """
     if len(groups) < 2:

@@ -329,7 +329,7 @@ def equations_of_motion(robot: Robot, states: int = 200, seed: int = 0) -> Publi
 def console(
     name: str = "davinci", variants: str | Mapping[str, str] | None = None, progress: Progress = silent
 ) -> Contract:
-    """Judge the published equations of a surgeon's console, each clause (one requirement of its contract) separately.
+    """Judge the published equations of a surgeon's console against each clause (requirement on them) separately.
 
     `variants` is one variant for all equations ("paper", "conjugate", "decoupled"), or {equation: variant}.
 

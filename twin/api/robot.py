@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from twin.reference.dynamics import Dynamics
 
 Progress = Callable[[str, float], None]
-"""Progress callback: (current step, fraction done, 0 to 1)."""
+"""Function that is called to report progress, with the name of the current step and the fraction done (0 to 1)."""
 
 STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -375,7 +375,7 @@ class Robot:
         return out
 
     def path_kinematics(self) -> PathKinematics:
-        """Return what planning needs: limits, equations and mechanism; for a robot without equations, no equations."""
+        """Return the limits, the equations (if the robot has any) and the mechanism, for planning."""
         from twin.api.standing import standing
         from twin.planning.trajectory import without_equations
         from twin.reference.following import Follower

@@ -145,7 +145,7 @@ def replay_session(
     The default scene is the built-in scene that the file names.
 
     Raises:
-        WorldError: the file is damaged, of another version or of another scene.
+        WorldError: the file is damaged, or was recorded with another version of twin or in another scene.
         TwinError: there is no such scene, or the scene has no console.
     """
     from twin.simulation.session import run

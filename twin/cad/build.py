@@ -39,7 +39,7 @@ class CadModel:
     """A robot as read from its CAD and description.
 
     Attributes:
-        mechanism: bodies, joints and loops, rest poses as in the CAD.
+        mechanism: bodies, joints and loops; the rest poses of the bodies are their poses in the CAD.
         findings: results of the checks of joints (gap between their two parts), of meshes (open), and of placements
             (single precision).
         description: the content of the TOML file.

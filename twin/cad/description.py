@@ -52,7 +52,7 @@ class FrameSpec(Table):
     `at`. `z` is the direction of a feature, or the normal of three sphere centres in counter-clockwise order. x or y
     points towards a feature (`x_towards`, `y_towards`; for a list: towards the centroid of its features), or along a
     direction (`x_along`). `offset_mm` shifts the frame along its z by a distance that no face defines. If faces do not
-    define all directions, `angles_deg` gives the missing ones: all three, or, if `z` is given, only the direction of x.
+    define all directions, `angles_deg` defines the others: those of all axes or, if `z` is given, the direction of x.
 
     Given frame: `position_mm` and `angles_deg` (angles about z, y, x: R = Rz Ry Rx), in drawn coordinates.
     """

@@ -27,7 +27,7 @@ _LEVER = 0.1
 """Length in m by which angles are multiplied to compare them with offsets."""
 
 _STEPS = 5
-"""Number of Newton steps; the first step is nearly exact."""
+"""Number of Newton steps that correct the position of a feature; the first step is nearly exact."""
 
 _PARALLEL = 0.02
 """Maximum sine of the angle between two directions that are compared as parallel."""
@@ -80,7 +80,7 @@ class Fault:
 def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fault]:
     """Return the faults of a CAD model, each with its suspects, the most likely first.
 
-    `nominal` has lengths in m from another source, by the parameter name in the description; it may be incomplete.
+    `nominal` is {parameter name in the description: length in m from another source}; lengths may be missing.
     """
     d = cad.description
     bad = _apart(d, drawn(d, cad.measured))

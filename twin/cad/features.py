@@ -38,7 +38,7 @@ class Measured:
 def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: Tolerance) -> Measured:
     """Return the face of a body that `spec` identifies.
 
-    Among the faces with this kind and radius, the face nearest to `near_mm` is used.
+    Among the faces of the body with the kind and radius of `spec`, the face nearest to `spec.near_mm` is returned.
 
     Raises:
         CadError: the body has no face of this kind and radius, or none within the gross tolerance; the message gives

@@ -107,7 +107,7 @@ def weld(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def inertia(vertices: Array, triangles: np.ndarray, density: float) -> Inertia | None:
-    """Return mass, centre and inertia of a welded mesh with uniform density in kg/m3; None for an open mesh."""
+    """Return mass, centre of mass and inertia of a welded mesh with uniform density in kg/m3; None if it is open."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)

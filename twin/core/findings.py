@@ -44,7 +44,7 @@ class Finding:
     cause: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
+        """Return the finding as plain data for JSON."""
         return asdict(self)
 
 

@@ -110,7 +110,7 @@ class Stream(Generic[Piece]):
             self._say(job)
 
     def poll(self) -> tuple[list[Piece], str | None]:
-        """Return (new pieces, end); `end` is None, but once, after a job has ended, "" (done) or an error text."""
+        """Return (new pieces, end); `end` is None until the job has ended, then once "" (done) or an error text."""
         with self._lock:
             new: list[Piece] = []
             with suppress(queue.Empty):

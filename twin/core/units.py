@@ -15,7 +15,7 @@ SI |= {"N/mm": 1 / MM, "N s/mm": 1 / MM}
 """Factor from each unit to the coherent SI unit: 5 mm is 5 * SI["mm"] in m. A unit that is not listed has factor 1."""
 
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
-"""Length units that a CAD mesh may declare, in m."""
+"""{unit that the description may declare for a mesh file: its length in m}."""
 
 
 def srgb(linear: float) -> float:

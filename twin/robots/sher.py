@@ -103,7 +103,7 @@ def tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, 
 
 @equation.variant("drawn", of=tilt_forward, why=_DRAWN)
 def tilt_forward_drawn(y_AR):
-    """Return y_AR for a rail of R above A, as in the drawing of [A]."""
+    """Return y_AR as in the drawing of [A], in which the rail of R is above A."""
     y_AR = -y_AR
     return y_AR
 
@@ -177,7 +177,7 @@ def tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_ma
 
 @equation.variant("drawn", of=tilt_inverse, why=_DRAWN)
 def tilt_inverse_drawn(y_AR):
-    """Return y_AR for a rail of R above A, as in the drawing of [A]."""
+    """Return y_AR as in the drawing of [A], in which the rail of R is above A."""
     y_AR = -y_AR
     return y_AR
 
@@ -237,7 +237,7 @@ def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, ph
 
 @equation("helper", "angles of rods and pins", gives=(*_LEGS, *_PINS), name="passive")
 def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
-    """Return the angles of cross and rod, twice per leg (its rods are alike), then of the pins of the tilt linkage."""
+    """Return the angles of cross and rod for both rods of each leg, then of the pins of the tilt linkage."""
     out = []
     for a, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
         out_, along = cos(a) * leg[0] + sin(a) * leg[1], -sin(a) * leg[0] + cos(a) * leg[1]
@@ -252,7 +252,7 @@ def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA
 
 @equation("helper", "reach and singularity", gives="leg1 leg2 leg3 toggle slide volume sin_c cos_r up1 up2 up3")
 def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ, QR, phi1, y_AR):  # noqa: E741
-    """Return margins of reach of rods, four-bar, slider-crank in m (negative: out of reach), singularity measures."""
+    """Return margins of reach in m of rods, four-bar, slider-crank (below 0: no solution), singularity measures."""
     rho = r_b - r_p
     lateral = [l - hypot(r_x - rho * cos(a), r_y - rho * sin(a)) for a in _AZIMUTHS]
     legs = _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3))

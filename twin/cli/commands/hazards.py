@@ -1,4 +1,4 @@
-"""`twin hazards`: run a fault-injection campaign on the machine of a robot, or the experiments of the paper."""
+"""`twin hazards`: run a fault-injection campaign on the machine of a robot, or repeat two published experiments."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from twin.cli.parser import Command
 from twin.core.errors import TwinError
 
 _DEFAULT = "table1"
-"""Name of the campaign without --campaign."""
+"""Name of the campaign that runs without --campaign."""
 
 EXAMPLES = """\
   twin hazards raven_left --campaign table1

@@ -22,7 +22,7 @@ EXAMPLES = """\
   twin plan raven_left left.toml --avoid raven --with raven_right=right.toml        two arms at once"""
 
 _COST = "path_cost.png"
-"""Picture of the cost of the paths around obstacles over the samples of their searches."""
+"""File name of the plot of path cost against number of samples, for the searches of paths around obstacles."""
 
 
 _CLEARANCE = 5.0

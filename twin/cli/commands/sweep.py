@@ -1,4 +1,4 @@
-"""`twin sweep`: evaluate other designs, with other parameters and distances."""
+"""`twin sweep`: evaluate designs of a robot that differ in parameters or distances."""
 
 from __future__ import annotations
 

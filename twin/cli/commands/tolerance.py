@@ -38,7 +38,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compute and print the tool error; write a picture and a file.
+    """Compute and print the tool error; write its page, pictures and data.
 
     The exit code is 1 if a requirement is not met.
     """
