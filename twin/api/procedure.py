@@ -41,7 +41,7 @@ class ProcedureSession(Result):
         seed: random seed of a simulated surgeon; None: a person.
         mistake: the intended mistake of the simulated surgeon; "": no mistake, or unknown.
         organ: the organ to remove.
-        lost: sentence on the end of a truncated file; "" if the file is complete.
+        lost: sentence that says what is missing at the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
     """
 
@@ -71,7 +71,7 @@ class ProcedureSession(Result):
 
     @property
     def procedure(self) -> ProcedureTable:
-        """The procedure."""
+        """Description of the procedure that the task asks for."""
         return operating_scene.procedure_of(self.scene, self.task)
 
     @cached_property
@@ -81,15 +81,17 @@ class ProcedureSession(Result):
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """Findings on checks that are not passed, differences of the replay, and a missing end of the file."""
+        """Findings: a check is not passed, the replay differs from the recording, or the file is truncated."""
         out = [disagreement(f"procedure.{c.name}", self.task.name, c.text) for c in self.measures.checks if not c.done]
         if (d := self.ran.difference) is not None:
             out.append(
                 disagreement(
-                    "session.differs", d.signal, f"the replay gives different bytes from {d.t0:g} .. {d.t1:g} s on",
+                    "session.differs",
+                    d.signal,
+                    f"the replay gives other bytes than the recording, first between {d.t0:g} and {d.t1:g} s",
                     suggestion="replay with the twin version and the processor type of the recording",
                 )
-            )  # fmt: skip
+            )
         if self.lost:
             out.append(warning("session.interrupted", self.source, self.lost))
         return out
@@ -200,7 +202,7 @@ def replay_procedure(
     The default scene is the built-in scene that the file names.
 
     Raises:
-        WorldError: the file is damaged, of another version or of another scene.
+        WorldError: the file is damaged, or was recorded with another version of twin or in another scene.
         TwinError: there is no such scene, or the session is not of a procedure.
     """
     path = Path(path)
@@ -216,7 +218,7 @@ def replay_procedure(
 
 
 def is_procedure(path: str | Path, scene: str | Path | None = None) -> bool:
-    """Return whether a session file is of a procedure.
+    """Return whether a session file is the recording of a procedure.
 
     Raises:
         WorldError: the file is damaged.

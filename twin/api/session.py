@@ -50,7 +50,7 @@ def operate_console(
         task: a task of the scene; default: the first task.
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
-        haptics: whether to compute forces on the hands, to which this surgeon does not react; default: no.
+        haptics: whether to compute forces on the hands, to which the simulated surgeon does not react; default: no.
         mistake: a mistake that the surgeon makes in a task with a ring to guide; see `devices.guiding_surgeon`.
         progress: see `Progress`.
 
@@ -64,7 +64,7 @@ def operate_console(
     _require_scale(scale)
     chosen = run.task_of(scene, task)
     if mistake and chosen.guide is None:
-        raise TwinError(f"task '{chosen.name}': this surgeon makes mistakes only in a task with a ring to guide")
+        raise TwinError(f"task '{chosen.name}': the simulated surgeon makes mistakes only with a ring to guide")
     progress("read CAD", 0.0)
     robots, members = _members(scene)
     condition = None if haptics is None else Condition(haptics=haptics)
@@ -145,8 +145,8 @@ def replay_session(
     The default scene is the built-in scene that the file names.
 
     Raises:
-        WorldError: the file is damaged, of another version or of another scene.
-        TwinError: there is no such scene, or it has no console.
+        WorldError: the file is damaged, or was recorded with another version of twin or in another scene.
+        TwinError: there is no such scene, or the scene has no console.
     """
     from twin.simulation.session import run
     from twin.simulation.session.file import read_session
