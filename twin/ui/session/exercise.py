@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from twin.model.task import Task
+    from twin.simulation.condition import Condition
     from twin.simulation.controllers.pivot import Fulcrum
-    from twin.simulation.session.condition import Condition
 
 MakeReport = Callable[[str, str], bytes]
 """Function at the top level of a module: (session file, scene file) -> page of the report, HTML."""
