@@ -22,7 +22,7 @@ from twin.model.scene import load_scene
 from twin.model.surface import nearest, volume
 from twin.model.vessel import Vessel
 from twin.simulation import operating_scene, procedure_scene
-from twin.simulation.devices.procedure_surgeon import Manner
+from twin.simulation.devices.procedure_surgeon import Manner, ProcedureSurgeon
 from twin.simulation.plants.tissue import Organs, Sight, Tool
 from twin.simulation.plants.tissue.tubes import Held, Tube
 from twin.simulation.session import procedure_checks, procedure_run
@@ -351,7 +351,7 @@ class Room:
 
     def __init__(self, scene, seed=0, mistake="", manner=None):
         self.setup, self.tape = replace(built(), scene=scene), Tape()
-        device = procedure_run.surgeon(self.setup, seed, mistake, manner)
+        device = ProcedureSurgeon(self.setup, seed, mistake, manner)
         self.world = procedure_scene.world(self.setup, device, False, [self.tape])
         self.keep = procedure_run.keep_for(self.world, self.setup.procedure)
 

@@ -8,41 +8,20 @@ import numpy as np
 
 from twin.core.errors import WorldError
 from twin.model.procedure import ProcedureTable
-from twin.model.scene import Place
 from twin.simulation import console_scene, operating_scene, procedure_scene
-from twin.simulation.console_scene import start
-from twin.simulation.devices.procedure_surgeon import Arm, Manner, Mistake, ProcedureSurgeon
+from twin.simulation.devices.procedure_surgeon import Mistake, ProcedureSurgeon
 from twin.simulation.devices.recorded import Recorded
-from twin.simulation.procedure_scene import TICK
 from twin.simulation.session import file
 from twin.simulation.session.file import Session, SessionWriter
 from twin.simulation.session.run import Keep, Progress, Ran, head_of, repeat
 from twin.simulation.session.tape import Tape
-from twin.simulation.setup import Member, Setup
+from twin.simulation.setup import Setup
 from twin.simulation.world import Recording, World
 
 _SAMPLE = 8e-3
 """Time in s between two kept rows, equal to the time between two steps of the organs."""
 
 _STAGES = ("begin", "expose", "show", "clip", "cut", "remove")
-
-
-def _arm(place: Place, member: Member) -> Arm:
-    T = place.T_world_base @ member.kin.forward(start(place, member.mechanism))
-    return Arm(place.name, operating_scene.port_of(place), T[:3, 3])
-
-
-def surgeon(setup: Setup, seed: int, mistake: Mistake = "", manner: Manner | None = None) -> ProcedureSurgeon:
-    """Return the simulated surgeon of a procedure; `manner`: habits, None: the defaults.
-
-    Raises:
-        TwinError: the task is not a procedure.
-        WorldError: there is no such mistake, or no robot can carry a required tool.
-    """
-    scene, procedure = setup.scene, operating_scene.procedure_of(setup.scene, setup.task)
-    *arms, camera = (_arm(p, setup.members[p.name]) for p in operating_scene.robots_of(setup))
-    organs = setup.organs
-    return ProcedureSurgeon(arms, camera, organs, scene.vessels, scene.tools, procedure, TICK, seed, mistake, manner)
 
 
 def by_hand(session: Session) -> bool:
@@ -73,7 +52,7 @@ def perform(setup: Setup, path: Path, *, seed: int = 0, mistake: Mistake = "", p
         WorldError: there is no such mistake, no robot can carry a required tool, or a link is inside an organ at the
             start.
     """
-    device, tape = surgeon(setup, seed, mistake), Tape()
+    device, tape = ProcedureSurgeon(setup, seed, mistake), Tape()
     world = procedure_scene.world(setup, device, records=False, watch=[tape])
     writer = SessionWriter(path, head_of(setup, world, device, seed, procedure_scene.identity(setup)))
     keep = keep_for(world, operating_scene.procedure_of(setup.scene, setup.task))
