@@ -27,6 +27,7 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.machine.states import State
 from twin.simulation.session import run as sessions
 from twin.simulation.session.file import read_session
+from twin.simulation.setup import Setup
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
@@ -237,8 +238,8 @@ def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(c
     console.console.close()
     monkeypatch.setattr(plan_work, "work", None)
     session = read_session(recorder.path)
-    members = console.console.members
-    ran = sessions.replay(session, scene, members, lambda what, part: None, props)
+    setup = Setup(scene, console.console.members, None, props, session.head.condition)
+    ran = sessions.replay(session, setup, lambda what, part: None)
     assert ran.difference is None
     assert ran.kept[f"{ARM}.q"][-1] == pytest.approx(console.q)
 

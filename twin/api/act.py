@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from twin.simulation.controllers.velocity import Solver
     from twin.simulation.operated import Operated
     from twin.simulation.scene_play import Actor, Played
+    from twin.simulation.setup import Member
     from twin.simulation.world import World
 
 
@@ -136,6 +137,13 @@ def robots_at(places: Iterable[Place]) -> dict[str, Robot]:
     places = tuple(places)
     kinds = {name: load(name) for name in {p.robot for p in places}}
     return {p.name: kinds[p.robot] for p in places}
+
+
+def members_of(robots: Mapping[str, Robot]) -> dict[str, Member]:
+    """Return mechanism and equations of robots, by the names of their places."""
+    from twin.simulation.setup import Member
+
+    return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
 
 
 def props_of(scene: Scene) -> Mechanism | None:

@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twin.api.act import anatomy_of, load_scene, props_of, robots_at
+from twin.api.act import anatomy_of, load_scene, members_of, props_of, robots_at
 from twin.api.robot import Progress, silent
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, warning
 from twin.core.result import Part, Result, Table
 from twin.core.units import MM
-from twin.model.mechanism import Mechanism
 from twin.model.procedure import ProcedureTable
 from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.simulation import operating_scene, tissue_scene
-from twin.simulation.console_scene import Member
 from twin.simulation.devices.procedure_surgeon import Mistake
 from twin.simulation.session import procedure_checks, procedure_run
 from twin.simulation.session.file import NAME, read_session
 from twin.simulation.session.procedure_checks import ProcedureMeasures
 from twin.simulation.session.run import Ran, task_of
+from twin.simulation.setup import Setup
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class ProcedureSession(Result):
     @cached_property
     def measures(self) -> ProcedureMeasures:
         """The checks and measures, from the signals of the World."""
-        return procedure_checks.measure(self.ran.kept, self.scene, self.procedure, self.organ)
+        return procedure_checks.measure(self.ran.kept, Setup(self.scene, {}, self.task, organs=[self.organ]))
 
     @property
     def findings(self) -> Sequence[Finding]:
@@ -154,12 +153,9 @@ class ProcedureSession(Result):
             (folder / NAME).write_bytes(self.recorded)
 
 
-def _parts(scene: Scene, task: Task) -> tuple[dict[str, Member], Mechanism | None, Tissue]:
-    procedure = operating_scene.procedure_of(scene, task)
-    robots = robots_at(operating_scene.robots_of(scene, procedure))
-    drawn = anatomy_of(scene)
-    organ = next(t for t in tissue_scene.tissues(scene, drawn) if t.name == procedure.organ)
-    return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}, drawn, organ
+def _setup(scene: Scene, task: Task) -> Setup:
+    members = members_of(robots_at(operating_scene.robots_of(Setup(scene, {}, task))))
+    return Setup(scene, members, task, organs=tissue_scene.tissues(scene, anatomy_of(scene)))
 
 
 def operate_procedure(
@@ -186,11 +182,12 @@ def operate_procedure(
     chosen = task_of(scene, task)
     operating_scene.procedure_of(scene, chosen)
     progress("read CAD", 0.0)
-    members, drawn, organ = _parts(scene, chosen)
+    setup = _setup(scene, chosen)
     with Scratch() as folder:
         path = Path(folder) / NAME
-        ran = procedure_run.perform(scene, members, chosen, drawn, path, seed=seed, mistake=mistake, progress=progress)
+        ran = procedure_run.perform(setup, path, seed=seed, mistake=mistake, progress=progress)
         recorded = path.read_bytes()
+    organ = operating_scene.organ_of(setup)
     return ProcedureSession(scene, chosen, "", seed, mistake, ran, organ, recorded=recorded)
 
 
@@ -212,8 +209,8 @@ def replay_procedure(
         raise TwinError(f"{path}: the session has no task")
     task = task_of(placed, session.head.task)
     progress("read CAD", 0.0)
-    members, drawn, organ = _parts(placed, task)
-    ran = procedure_run.replay(session, path, placed, members, task, drawn, progress, props_of(placed))
+    setup = replace(_setup(placed, task), props=props_of(placed), condition=session.head.condition)
+    ran, organ = procedure_run.replay(session, path, setup, progress), operating_scene.organ_of(setup)
     return ProcedureSession(placed, task, str(path), session.head.seed, "", ran, organ, session.lost)
 
 

@@ -21,7 +21,8 @@ from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.movable import Movable
 from twin.model.trainer import MODEL
 from twin.simulation import console_scene, contact_scene, operating_scene
-from twin.simulation.console_scene import HANDS, Member
+from twin.simulation.condition import Condition
+from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import GivenHands, HandState
@@ -29,10 +30,10 @@ from twin.simulation.devices.together import Together
 from twin.simulation.plants.tissue import clips_of
 from twin.simulation.session import guiding, rings
 from twin.simulation.session.camera_referee import CameraReferee
-from twin.simulation.session.condition import Condition
 from twin.simulation.session.procedure_guide import ProcedureGuide
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
+from twin.simulation.setup import Member, Setup
 from twin.simulation.world import World
 from twin.ui.session.console_state import ConsoleState, log_changes
 from twin.ui.session.exercise import NO_TASK, Exercise
@@ -93,22 +94,19 @@ class LiveConsole:
         """
         scene, task = loaded.scene, exercise.task
         self.scene, self.table, self.task = scene, console_scene.console_of(scene), task
-        self._props, self._organs, self._make_report = loaded.props, loaded.organs, exercise.report
+        self._make_report = exercise.report
         self._first = console_scene.settings(scene, exercise.fulcrum, task)
         self.device = self._device_type(console_scene.PEDALS, HANDS, self.table.scale, settings=self._first)
         self.machines = None if loaded.machines is None else LiveMachines(scene, loaded.machines, self.device)
         self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in loaded.robots.items()}
-        self.planning = PlanMode(scene, self.members, lambda: self.world, str(scene.file))
+        self.planning = PlanMode(scene, self.members, lambda: self.world)
         on = scene.haptics is None or scene.haptics.on
         self.condition = exercise.condition or Condition(haptics=on)
+        self._setup = Setup(scene, self.members, task, loaded.props, self.condition, loaded.organs)
         self.device.feel(self.condition.haptics)
-        with_rings = task is not None and task.grasps
-        self.objects: Sequence[Movable] = scene.objects if with_rings else ()
-        if task is not None and task.procedure is not None:
-            self.objects = clips_of(scene.tools)
-        self._pegs = contact_scene.pegs(scene, self._props, task) if task is not None and with_rings else {}
-        self._course = contact_scene.course(scene, self._props, task) if task is not None and task.guide else None
-        judged = task is not None and bool(with_rings or task.alignment or task.procedure)
+        operates = self._setup.procedure is not None
+        self.objects: Sequence[Movable] = clips_of(scene.tools) if operates else self._setup.objects
+        judged = task is not None and bool(task.grasps or task.alignment or task.procedure)
         self._scratch, self._session = None, exercise.session
         if self._session is None and judged and self._make_report is not None:
             self._scratch = Scratch()
@@ -121,8 +119,8 @@ class LiveConsole:
         self.attempt = 0
         self._begin()
         self.feed: Feed | None = loaded.feed
-        if task is not None and task.procedure is not None:
-            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(task.procedure, self._organs))
+        if operates:
+            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(self._setup))
         self.reading = self._read()
 
     # -- the task -------------------------------------------------------------------------------------
@@ -133,42 +131,28 @@ class LiveConsole:
         if path is not None and attempt > 1:
             path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
         tape = None if path is None else Tape()
-        referee = None
-        if self.task is not None and self.task.transfers:
-            robots = [*console_scene.hands_of(self.scene)]
-            referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
-        elif self.task is not None and self._course is not None:
-            referee = guiding.Referee.of(self.scene, self.task, self.members, self._course, SAMPLE)
-        elif self.task is not None and self.task.alignment is not None:
+        setup, task, referee = self._setup, self.task, None
+        if task is not None and task.transfers:
+            pegs, robots = contact_scene.pegs(self.scene, setup.props, task), [*console_scene.hands_of(self.scene)]
+            referee = rings.Referee(task, self.objects, pegs, robots, SAMPLE)
+        elif task is not None and task.guide is not None:
+            referee = guiding.Referee.of(setup, SAMPLE)
+        elif task is not None and task.alignment is not None:
             referee = CameraReferee(self._camera, SAMPLE)
-        elif self.task is not None and self.task.procedure is not None:
-            organ = operating_scene.organ_of(self.task.procedure, self._organs)
-            clips = [f"{item.name}.on" for item in self.objects]
-            referee = ProcedureGuide(self.scene, self.task.procedure, organ, clips, console_scene.ORGANS)
+        elif task is not None and task.procedure is not None:
+            referee = ProcedureGuide(setup, [f"{item.name}.on" for item in self.objects], console_scene.ORGANS)
         peaks, states, outbox, parts = ForcePeaks(HANDS), [], [], None
         if self.machines is not None:
             states, packets = self.machines.connect()
             outbox, parts = [packets], self.machines.parts
         device = Together([self.device, self.planning.plans, *states])
-        world = console_scene.world(
-            self.scene,
-            self.members,
-            device,
-            records=False,
-            watch=[block for block in (peaks, *outbox, referee, tape) if block is not None],
-            task=self.task,
-            props=self._props,
-            haptics=self.condition.haptics,
-            organs=self._organs,
-            parts=parts,
-        )
+        watch = [block for block in (peaks, *outbox, referee, tape) if block is not None]
+        world = console_scene.world(setup, device, records=False, watch=watch, parts=parts)
         recorder = None
         if path is not None and tape is not None:
-            told = {"props": self._props, "condition": self.condition, "organs": self._organs}
-            head = head_of(self.scene, self.members, world, device, self.task, **told)
-            recorder = Recorder(path, head, tape)
+            recorder = Recorder(path, head_of(setup, world, device), tape)
         self.world: World = world
-        self._state, self._peaks = ConsoleState(self.scene, self.members, self.task, world), peaks
+        self._state, self._peaks = ConsoleState(setup, world), peaks
         self.referee, self.recorder, self.attempt = referee, recorder, attempt
         self._owed, self._rate, self._stopped, self._over = 0.0, 1.0, "", ""
 

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from twin.core.units import MM
-from twin.model.scene import Scene
-from twin.model.task import Task
 from twin.simulation import console_scene, operating_scene
-from twin.simulation.console_scene import HANDS, PEDALS, Member
+from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS
+from twin.simulation.setup import Setup
 from twin.simulation.world import World
 from twin.ui.session import walls
 
@@ -25,10 +24,10 @@ _STUCK = 30.0
 class ConsoleState:
     """Reader of the state of pedals, hands and camera in a World with a console."""
 
-    def __init__(self, scene: Scene, members: Mapping[str, Member], task: Task | None, world: World) -> None:
-        """Describe a World from its start; `members`: robots by the names of their places."""
-        self._scene, self._table, self._members = scene, console_scene.console_of(scene), members
-        self._procedure = None if task is None else task.procedure
+    def __init__(self, setup: Setup, world: World) -> None:
+        """Describe a World from its start."""
+        self._scene, self._members, self._procedure = setup.scene, setup.members, setup.procedure
+        self._table = console_scene.console_of(setup.scene)
         self._world, self._pressed = world, 0.0
 
     def read(self, arms: Mapping[str, str]) -> dict[str, Any]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from twin.model.task import Task
+    from twin.simulation.condition import Condition
     from twin.simulation.controllers.pivot import Fulcrum
-    from twin.simulation.session.condition import Condition
 
 MakeReport = Callable[[str, str], bytes]
 """Function that takes the paths of session file and scene file, and returns the HTML page of the report.

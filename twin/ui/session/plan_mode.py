@@ -24,10 +24,11 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Joint
 from twin.model.scene import Scene
-from twin.simulation.console_scene import PEDALS, Member
+from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.planned import OFF
 from twin.simulation.controllers.trainer import Phase as TrainerPhase
 from twin.simulation.devices.plans import PlannedArm, Plans
+from twin.simulation.setup import Member
 from twin.simulation.world import World
 from twin.ui.session.plan_work import Check, Checked, Clear, Found, Plan, Proven, Room, work
 
@@ -101,10 +102,10 @@ class PlanMode:
         changes: number of changes of `ghost` and `preview`; when it increases, a stream sends both again.
     """
 
-    def __init__(self, scene: Scene, members: Mapping[str, Member], world: Callable[[], World], source: str) -> None:
-        """Prepare for a scene with a console; `source` is the name or file of the scene for another process."""
+    def __init__(self, scene: Scene, members: Mapping[str, Member], world: Callable[[], World]) -> None:
+        """Prepare for a scene with a console."""
         assert scene.console is not None
-        self._scene, self._members, self._world, self._source = scene, members, world, source
+        self._scene, self._members, self._world = scene, members, world
         self._table, self._machines = scene.console, set(scene.trainer.robots) if scene.trainer else set()
         self._stream: Stream[Any] = Stream(work, nice=0)  # the user waits for it
         arms = {n: PlannedArm(members[n].kin, n in self._machines) for n in (*self._table.right, *self._table.left)}
@@ -393,7 +394,7 @@ class PlanMode:
         self._stands = others
         links = self._world().link_poses()
         poses = {n: dict(links[n]) for n in others}
-        self._room, self.ready = Room(next(self._numbers), self._source, self.robot, poses), False
+        self._room, self.ready = Room(next(self._numbers), str(self._scene.file), self.robot, poses), False
 
     def _require_room(self) -> Room:
         assert self._room is not None

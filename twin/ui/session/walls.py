@@ -7,8 +7,8 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.simulation.console_scene import Member
 from twin.simulation.controllers.camera import Drag
+from twin.simulation.setup import Member
 
 _WALL = (0.5 * MM, 1 * DEG)
 """Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
