@@ -26,10 +26,11 @@ from twin.simulation.controllers.trainer import Bounds, Mode, Phase, Smooth, Tip
 from twin.simulation.devices.joint_packets import JointPackets
 from twin.simulation.devices.joint_packets import pack as pack_joints
 from twin.simulation.machine import states
-from twin.simulation.machine.itp import pack, unpack
+from twin.simulation.machine.itp import number_of, pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.link import Address, MachineLink, StateReader
 from twin.simulation.machine.modelled import Modelled
+from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.states import State
 from twin.simulation.session.training import measure
 from twin.simulation.world import Recording, Signals
@@ -314,11 +315,13 @@ def test_a_tap_of_the_camera_pedal_changes_the_view():
 # -- model and cue -------------------------------------------------------------------------------------
 
 
-def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts):
-    """A machine that is its model, 30 ms away, does not deviate while it moves."""
+@pytest.mark.parametrize("before", [0, 2**32 - 150])
+def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts, before):
+    """A machine that is its model, 30 ms away, does not deviate while it moves, also after the largest packet number."""
     arm = machine(parts)
     arm.stand(parts.home)
     plant = Modelled("arm", parts, Cue(), parts.home)
+    plant._sent = plant._given = before
     signals = Signals(
         {
             "arm.given": np.append(STILL, 0.0),
@@ -332,7 +335,8 @@ def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts):
     for k in range(400):
         values = np.array([round(20 * np.sin(k / 60)), 0, 0, 1, 0, 0, 0, 0, 1.0]) if k > 10 else np.append(STILL[:8], 1)
         signals.view("arm.given")[:9] = values
-        waiting.append((k + 1, pack(k + 1, 0, values)))
+        number = number_of(before + k + 1)
+        waiting.append((number, pack(number, 0, values)))
         if k >= 15:
             number, data = waiting.pop(0)
             arm.step(k * 1e-3, [(data, "master")])
@@ -344,6 +348,14 @@ def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts):
         assert not out["arm.cue"].any()
     assert far > 1e-3  # the model is ahead
     assert max(apart) < 1e-5
+
+
+def test_packets_are_numbered_beyond_the_largest_number(parts):
+    outbox, signals = Outbox({"arm": parts}), Signals({"arm.packet": STILL})
+    outbox._count = 2**32 - 2
+    for k in range(2):
+        outbox.step(signals, k * 1e-3, 1e-3)
+    assert [sequence_of(data) for data in outbox.take()["arm"]] == [2**32 - 1, 1]
 
 
 def test_the_cue_is_in_the_axes_of_the_picture():
