@@ -279,7 +279,7 @@ class Tree:
                 continue
             T = joint.relative(rest[joint.parent], rest[joint.child])
             i = self.model.joints[self.joint_id[joint.name]].idx_q
-            angle = float(spatial.angle_about_z(T))
+            angle = float(joint.angle(T))
             if joint.type == "revolute":
                 x[i] = angle
             elif joint.type == "prismatic":

@@ -283,7 +283,8 @@ class _Check:
         for i, joint in enumerate(kin.joints):
             if kin.auxiliary[i] or not np.isfinite(q[:, i]).any():
                 continue
-            equation, off = _equation_of(kin, joint), q[:, i] - true[:, i]
+            turns = self._turns(joint, q[:, i], true[:, i])
+            equation, off = _equation_of(kin, joint), q[:, i] - true[:, i] - 2 * np.pi * turns
             unit, limit = ("rad", self.tolerances.rotation) if kin.revolute[i] else ("m", self.tolerances.position)
             out.series[f"residual_driven.{joint}"] = np.abs(off)
             innocent = alone is not None and float(np.abs(alone[:, i] - true[:, i]).max()) <= limit
@@ -294,6 +295,11 @@ class _Check:
             out.differs(r, f"joint {joint}{by} differs from its value in the mechanism", cause)
             if not r.agrees:
                 wrong[joint] = r, cause
+            elif turns:
+                count = f"{abs(turns)} full turn{'s' if abs(turns) > 1 else ''} {'above' if turns > 0 else 'below'}"
+                what = f"joint {joint}{by}: the equations' value is {count} the mechanism's; the poses are the same"
+                advice = f"give {joint} limits less than 360 deg apart, which select one of them"
+                out.findings.append(finding("info", "driven.turns", joint, what, suggestion=advice, cause=cause))
         if alone is not None and blamed:
             out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
                 "computed from the CAD's points, the joint values differ from those of the mechanism by at most "
@@ -303,6 +309,20 @@ class _Check:
             return _Blame()
         first = headline([r for r, _ in wrong.values()]).name
         return _Blame(first, wrong[first][1])
+
+    def _turns(self, joint: str, q: Array, true: Array) -> int:
+        """Return by how many full turns a joint's values q (k,) in rad exceed the mechanism's at every sample.
+
+        Within the joint's limits, full turns are no disagreement: they change no pose.
+        """
+        told = self.model.mechanism.joint(joint)
+        coupled = any(joint in c.joints for c in self.model.mechanism.couplings)
+        low, high = told.limits or (-np.inf, np.inf)
+        q, true = q[np.isfinite(q)], true[np.isfinite(q)]
+        turns = np.rint((q - true) / (2 * np.pi))
+        if not told.is_angle or coupled or np.ptp(turns) or q.min() < low or q.max() > high:
+            return 0
+        return int(turns[0])
 
     def _from_points(self, kin: Kinematics) -> Array | None:
         """Return the equations' joint values (k, n) computed from the CAD's points; None if a point is missing."""

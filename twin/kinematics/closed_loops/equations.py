@@ -161,7 +161,7 @@ class Equations:
         q, states = np.zeros(len(self._active)), []
         for joint in self.mechanism.tree:
             T = joint.relative(rest.get(joint.parent, np.eye(4)), rest.get(joint.child, np.eye(4)))
-            angle = spatial.angle_about_z(T)
+            angle = joint.angle(T)
             if joint.name in self._active:
                 q[self._active[joint.name]] = angle if joint.is_angle else T[2, 3]
             elif joint.name in self._passive:
