@@ -256,9 +256,9 @@ class Trajectory:
         waypoints: sample indices at which each waypoint is reached, by name.
         rcm_error: (k,) distance in m from the RCM to the shaft axis; NaN without RCM.
         depth: (k,) depth in m; NaN without RCM.
-        limit_margin: (k, n) distance to the nearer hard limit; negative if it is exceeded.
-        reach: margins (k,) in m by limb.
-        singularity: measures (k,) by name.
+        limit_margin: (k, n) distance to the nearer hard limit; negative if the limit is exceeded.
+        reach: reach margins (k,) in m, by limb.
+        singularity: singularity measures (k,), by name.
         findings: findings of the check of every sample.
         followed: whether the mechanism determines joint values and poses (see `following`), not the equations.
     """

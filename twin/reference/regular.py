@@ -75,7 +75,7 @@ def singular_home(model: ReferenceModel, home: Array) -> list[Finding]:
 
 
 def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
-    """Return closed states near x (nq,), with other driven joint values too; every call gives the same states."""
+    """Return closed states near x (nq,), also at other driven joint values; every call gives the same states."""
     if not model.mechanism.loops and not model.mechanism.couplings:
         return []
     columns = np.arange(model.tree.model.nv)

@@ -101,7 +101,7 @@ class JointSpace:
         self._check: Callable[[], None] = _nothing
 
     def load(self) -> JointSpace:
-        """Make shapes, grids and balls now and return this space; otherwise a test makes them when it needs them."""
+        """Make shapes, grids and balls now, and return this space; otherwise the first tests make them and are slow."""
         self._pairs.load()
         return self
 

@@ -64,7 +64,7 @@ class TolerancesTable(Table):
 class PatientTable(Table):
     """The patient: `body` of cad/patients, with its `port` at the RCM, rotated by `turn_deg` about z of the base.
 
-    Links that the patient `replaces` (a phantom) are not shown together with it.
+    The links in `replaces` (such as a phantom) are not shown together with the patient.
     """
 
     body: Identifier
