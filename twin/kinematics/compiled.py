@@ -27,7 +27,7 @@ ExtraJoint = tuple[int, str, bool, float]
 class Compiled(ABC):
     """The compiled functions of a formula; `Kinematics` adds the solvers.
 
-    Methods with arguments `Ts` and `qs` compute from poses (k, 4, 4) if the formula has a closed inverse, otherwise
+    Methods with arguments `Ts` and `qs` compute from poses (k, 4, 4) if the formula has inverse equations, otherwise
     from joints (k, n). If only one argument is given, the other argument is computed.
 
     Attributes:

@@ -26,7 +26,7 @@ class ObjectTable(Sourced):
     size_mm: list[float] = Field(min_length=1, max_length=3)
     mass_g: float = Field(ge=0.001, le=10_000)
     friction: float = Field(
-        ge=0, le=2, description="coefficient of sliding friction; a contact uses the larger one of both bodies"
+        ge=0, le=2, description="coefficient of sliding friction; in a contact, the larger of two coefficients applies"
     )
     position_mm: Vector
     axis: Vector = (0.0, 0.0, 1.0)

@@ -346,7 +346,7 @@ class Trajectory:
         return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
 
     def on(self, model: Any, times: Array) -> Any:
-        """Return the `Run` of a `ReferenceModel` at times (k,) in s: at the poses, or at joint values if `followed`.
+        """Return the `Run` of a `ReferenceModel` at times (k,) in s, for the poses or, if `followed`, the joint values.
 
         A robot with fewer than six degrees of freedom may be unable to assume an interpolated pose; it can assume
         interpolated joint values.

@@ -25,7 +25,7 @@ Positive = Annotated[float, Field(gt=0)]
 Depth = Annotated[float, Field(ge=0)]
 Trocar = Annotated[
     Identifier | None,
-    Field(description="the entry of [trocars_mm] that the shaft passes through; required if there are several"),
+    Field(description="the entry of [trocars_mm] that the shaft passes through; required if there are several entries"),
 ]
 JointValue = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*_(deg|mm)$")]
 

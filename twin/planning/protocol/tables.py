@@ -23,7 +23,7 @@ class WaypointTable(Table):
     depth_mm: Depth | None = None
     joints: Annotated[
         dict[JointValue, float] | None,
-        Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; others are as drawn"),
+        Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; other joints are as drawn"),
     ] = None
     label: str = ""
     provenance: Origin
@@ -70,7 +70,9 @@ class PatientTable(Table):
     body: Identifier
     port: Identifier
     turn_deg: float = 0.0
-    trocar: Annotated[Identifier | None, Field(description="the trocar at the port, if there are several")] = None
+    trocar: Annotated[
+        Identifier | None, Field(description="name of the trocar at the port, if the robot has several trocars")
+    ] = None
     replaces: list[Identifier] = Field(default_factory=list)
     provenance: Origin
     note: _Text
