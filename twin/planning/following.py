@@ -324,7 +324,7 @@ def freed(
 ) -> tuple[PhasePath, ...]:
     """Return the phases, with each free phase replaced by a path around obstacles between its end poses.
 
-    `progress` and `searched` are those of `freeing.way`.
+    `progress` and `searched` are functions that are called as in `freeing.way`.
 
     Raises:
         ProtocolError: a free phase cannot be carried out; see `freeing.way`.
@@ -360,7 +360,7 @@ def placed(
 ) -> Array:
     """Return q (n,) with the values of the joints in `given` replaced, in m or rad.
 
-    `in_degrees` names the joints whose values the file gives in deg; the file gives the others in mm.
+    `in_degrees` names the joints whose values are in deg in the protocol file; other values are in mm there.
 
     Raises:
         ProtocolError: a given joint is not driven, or its unit is wrong; the message begins with `where`.
