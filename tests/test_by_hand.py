@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import shutil
+import signal
 
 import numpy as np
 import pytest
@@ -295,7 +296,12 @@ def test_a_spectator_sees_rings_and_shows_no_frames_of_another_task(theatre):
 
 
 def test_a_spectator_without_a_server_is_told(capsys):
-    assert main(["view", "vsrs", "--watch", str(free_port()), "--port", "0", "--no-browser"]) == 2
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as in a process that a shell started in the background
+    try:
+        assert main(["view", "vsrs", "--watch", str(free_port()), "--port", "0", "--no-browser"]) == 2
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert "no `twin serve vsrs` answers" in capsys.readouterr().err
 
 
