@@ -15,7 +15,9 @@ from twin.core.errors import ProtocolError
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
 from twin.exchange.read.source import Imported
+from twin.kinematics.closed_loops import LoopSolver
 from twin.planning.protocol import load_protocol
+from twin.reference import ReferenceModel
 
 NAMES = tuple(linkages.LINKAGES)
 
@@ -155,6 +157,40 @@ def test_the_equations_of_a_planar_robot_agree_and_a_fault_in_them_disagrees(fiv
         assert cli.main(["validate", str(five_bar), "--protocol", "first", "--quiet"]) == code
     finally:
         formula.write_text(right)
+
+
+def test_a_full_turn_in_the_equations_is_stated_and_is_no_disagreement(five_bar, capsys):
+    formula = five_bar / "formula.py"
+    right = formula.read_text()
+    try:
+        formula.write_text(right.replace("+ lift_1 - zero_1", "+ lift_1 - zero_1 - 2 * np.pi", 1))
+        assert cli.main(["validate", str(five_bar), "--protocol", "first", "--json"]) == 0
+    finally:
+        formula.write_text(right)
+    findings = {f["code"]: f for f in json.loads(capsys.readouterr().out)["findings"]}
+    assert "is 1 full turn below the mechanism's" in findings["driven.turns"]["message"]
+
+
+def test_the_mechanism_is_driven_from_its_drawing_to_joint_values_a_full_turn_away(five_bar):
+    robot = api.load(five_bar)
+    model, q = robot.reference(), robot.reference().home().q + 0.1
+    T = model.solve(q).T_base_tool
+    away = q + 2 * np.pi * np.array([1, -1])
+    np.testing.assert_allclose(model.solve(away).T_base_tool, T, atol=1e-10)
+    np.testing.assert_allclose(model.solve_many(np.array([q, away])).Ts_base_tool, [T, T], atol=1e-10)
+    run = model.run(np.linspace(away, away + 0.05, 5))
+    np.testing.assert_allclose(run.q, np.linspace(away, away + 0.05, 5))
+    np.testing.assert_allclose(run.Ts_base_tool[0], T, atol=1e-10)
+
+
+def test_the_drawn_value_of_a_joint_is_in_the_turn_that_its_limits_allow(five_bar):
+    mechanism = api.load(five_bar).mechanism
+    for limits, turn in (((-1.0, 1.0), 0), ((5.0, 7.0), 1), ((-8.0, -5.0), -1), ((-7.0, 7.0), 0)):
+        joints = tuple(replace(j, limits=limits) if j.active else j for j in mechanism.joints)
+        limited = replace(mechanism, joints=joints)
+        drawn = ReferenceModel(limited).home().q
+        np.testing.assert_allclose(drawn, 2 * np.pi * turn, atol=1e-9)
+        np.testing.assert_allclose(LoopSolver(limited).q, drawn, atol=1e-9)
 
 
 @pytest.mark.slow

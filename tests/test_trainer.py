@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twin
+from twin.api.act import members_of
 from twin.api.machine import machine, machine_parts
 from twin.cli.machines import running
 from twin.core import spatial
@@ -46,6 +47,7 @@ from twin.simulation.machine.modelled import Modelled
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.states import State
 from twin.simulation.session.training import measure
+from twin.simulation.setup import Setup
 from twin.simulation.world import Recording, Signals
 from twin.ui.session.mirror import Mirror
 
@@ -449,9 +451,9 @@ def test_a_wrong_trainer_is_refused(scene, tmp_path, old, new, message):
 
 def test_the_identity_has_the_limits_of_the_trainer(scene, robot):
     robots = {p.name: twin.load(p.robot) for p in console_scene.led_by(scene)}
-    members = {n: console_scene.Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+    setup = Setup(scene, members_of(robots))
     other = replace(scene, trainer=scene.trainer.model_copy(update={"start_mm": 3.0}))
-    assert console_scene.identity(scene, members) != console_scene.identity(other, members)
+    assert console_scene.identity(setup) != console_scene.identity(replace(setup, scene=other))
 
 
 # -- states and links ----------------------------------------------------------------------------------

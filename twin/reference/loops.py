@@ -186,7 +186,7 @@ class Loops:
         out = {}
         for i, joint in enumerate(self.joints):
             if joint.type == "revolute":
-                out[joint.name] = spatial.angle_about_z(T[:, i])
+                out[joint.name] = joint.angle(T[:, i])
             elif joint.type == "prismatic":
                 out[joint.name] = T[:, i, 2, 3]
         return out

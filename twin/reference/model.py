@@ -73,6 +73,8 @@ class ReferenceModel:
         self.mechanism = mechanism
         self.tree = Tree(mechanism)
         self._active_q = np.array([self.tree.configuration[j.name] for j in mechanism.active], int)
+        coupled = {name for coupling in mechanism.couplings for name in coupling.joints}
+        self._turns = np.array([2 * np.pi * (j.is_angle and j.name not in coupled) for j in mechanism.active])
 
     # -- one state ------------------------------------------------------------------------------------
 
@@ -87,7 +89,7 @@ class ReferenceModel:
             MechanismError: q has the wrong length or is not finite.
         """
         q = given.one(self.mechanism, q)
-        return self.state(self._reach(self._start(seed), q, self._move_driven))
+        return self.state(self._reach(self._turned(self._start(seed), q), q, self._move_driven))
 
     def solve_pose(self, T_base_tool: Array, seed: Assembly | None = None) -> Assembly:
         """Return the assembly with the tool at T_base_tool (4, 4); the active joints are also solved for.
@@ -140,12 +142,12 @@ class ReferenceModel:
         """
         q = np.asarray(q, float)
         start = self._start(seed)
-        origin = start[self._active_q]
         scale = np.where([j.is_angle for j in self.mechanism.active], _STRIDES[1], _STRIDES[0])
         blocks = []
         for first in range(0, len(q), _BLOCK):
             goal = q[first : first + _BLOCK]
-            X = np.tile(start, (len(goal), 1))
+            X = self._turned(np.tile(start, (len(goal), 1)), goal)
+            origin = X[:, self._active_q]
             good = np.ones(len(goal), bool)
             steps = max(1, int(np.ceil(np.max(np.abs(goal - origin) / scale))))
             for s in np.linspace(0, 1, steps + 1)[1:]:
@@ -154,7 +156,7 @@ class ReferenceModel:
                 X = new
             for i in np.flatnonzero(~good):
                 try:
-                    X[i] = self._reach(start, goal[i], self._move_driven)
+                    X[i] = self._reach(self._turned(start, goal[i]), goal[i], self._move_driven)
                 except AssemblyError as error:
                     raise AssemblyError(f"at row {first + i}: {error}", error.best, error.gap) from error
             blocks.append(X)
@@ -284,6 +286,16 @@ class ReferenceModel:
         """Return the loop residuals (k, m) at configurations (k, nq), and their Jacobians (k, m, nv)."""
         return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
 
+    def _turned(self, x: Array, q: Array) -> Array:
+        """Return configurations (..., nq) at the same poses, with driven joints in the turns nearest to q (..., n).
+
+        Joints of couplings keep their turns: these count in the coupling.
+        """
+        x = x.copy()
+        past = np.divide(q - x[..., self._active_q], self._turns, out=np.zeros(q.shape), where=self._turns > 0)
+        x[..., self._active_q] += self._turns * np.rint(past)
+        return x
+
     def _move_driven(self, X: Array, q: Array) -> tuple[Array, Array]:
         """Return (states near X (k, nq) with active joint values q (k, n), (k,) bool: whether each converged)."""
         X = X.copy()
@@ -357,23 +369,26 @@ class ReferenceModel:
         or two iterations suffice, for all samples at once.
         """
         coarse = walk.knots(targets)
-        knots = self._knots(coarse, targets, move, seed, progress or (lambda fraction: None))
+        start = self._start(seed)
+        if targets.ndim == 2:
+            start = self._turned(start, targets[0])
+        knots = self._knots(coarse, targets, move, start, progress or (lambda fraction: None))
         states = self._between(coarse, knots, targets)
         for block in np.array_split(np.arange(len(targets)), max(1, len(targets) // 1000)):
             solved, converged = move(states[block], targets[block])
             if not converged.all():
                 k = int(np.argmin(converged))
                 best = self.state(solved[k])
-                raise AssemblyError(f"at sample {block[k]}: no convergence", best, best.worst_gap)
+                raise AssemblyError(f"at sample {block[k]}: the solver did not converge", best, best.worst_gap)
             states[block] = solved
             if progress is not None:
                 progress(0.5 + (block[-1] + 1) / len(targets) / 2)
         return states
 
-    def _knots(self, coarse: Index, targets: Array, move: Move, seed: Assembly | None, progress: Progress) -> Array:
+    def _knots(self, coarse: Index, targets: Array, move: Move, start: Array, progress: Progress) -> Array:
         """Return the states of the samples `coarse`, solved in order; predictable samples are solved together."""
         knots = np.zeros((len(coarse), self.tree.model.nq))
-        x, i, many = self._start(seed), 0, 1
+        x, i, many = start, 0, 1
         while i < len(coarse):
             ks = coarse[i : i + many]
             guess = self._foreseen(x, targets[ks]) if len(ks) > 1 else x[None]

@@ -6,7 +6,7 @@ import base64
 import json
 import threading
 import urllib.request
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.feed import Surface
 
 _AGAIN, _PATIENCE = 1.0, 10.0
-"""Time in s between two attempts to connect; time in s in which an answer must arrive."""
+"""Times in s: pause between two attempts to connect; maximum time until the server answers."""
 
 
 class Watched:
@@ -37,7 +37,7 @@ class Watched:
         """Connect to a server on this machine.
 
         Raises:
-            TwinError: no server answers, or it serves something else.
+            TwinError: no server answers, or the server shows a different scene.
         """
         self._port, self._scene, self.problem = port, scene, ""
         self.reading: dict[str, Any] | None = None
@@ -46,17 +46,17 @@ class Watched:
         about = self._about()
         self._model = about["model_hash"]
         self._links = {r["name"]: r["links"] for r in about["robots"]}
-        self.objects: tuple[str, ...] = tuple(about.get("objects", {}).get("names", ()))
+        self.objects: Sequence[str] = tuple(about.get("objects", {}).get("names", ()))
         if self.objects:
             self._links[wire.OBJECTS] = self.objects
         self.surfaces: Mapping[str, Surface] = {f["name"]: _surface(f) for f in about["fields"]}
         threading.Thread(target=self._read, daemon=True).start()
 
     def take(self) -> tuple[dict[str, dict[str, Array]], dict[str, Array]] | None:
-        """Return link poses and vertices of the newest frame; None if no frame has arrived since the last call.
+        """Return (link poses, vertices) of the newest frame; None if no frame has arrived since the last call.
 
-        Poses are T_base_link (4, 4) by robot and link; those of the movable objects, under "objects", are in the World.
-        Vertices are (n, 3) in m in the World, by deformable object.
+        Poses are T_base_link (4, 4), by robot and link; those of movable objects, under "objects", are in the World.
+        Vertices are (n, 3) in m in the World, by deformable.
         """
         data, self._frame = self._frame, None
         if data is None:

@@ -26,7 +26,7 @@ OBJECTS = "objects"
 
 
 class Stream(Protocol):
-    """Interface for the data of a running server that a page shows.
+    """Interface of the source from which a page reads the data of a running server.
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
@@ -41,9 +41,9 @@ class Stream(Protocol):
     problem: str
 
     def take(self) -> tuple[Mapping[str, Mapping[str, Array]], Mapping[str, Array]] | None:
-        """Return link poses and vertices of the newest frame; None if no frame has arrived since the last call.
+        """Return (link poses, vertices) of the newest frame; None if no frame has arrived since the last call.
 
-        Poses are T_base_link (4, 4) by robot and link; those of the movable objects, under "objects", are in the World.
+        Poses are T_base_link (4, 4), by robot and link; those of movable objects, under "objects", are in the World.
         Vertices are (n, 3) in m in the World, by deformable.
         """
         ...

@@ -64,8 +64,8 @@ def coordinate(joint: RawJoint, A: Array) -> Array:
 def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -> Iterator[Finding]:
     """Yield findings on a revolute or prismatic joint.
 
-    `q` (k + 1,) is its coordinate at rest and at the k samples of the timeline, in degrees or metres. Limits are
-    checked only if they are `ordered`: the lower limit is at most the upper limit.
+    `q` (k + 1,) is the joint's coordinate at rest and at the k samples of the timeline, in degrees or metres. The
+    limits are checked only if `ordered` is True: the lower limit is at most the upper limit.
     """
     if joint.limits and ordered:
         yield from _check_limits(joint, line, q)

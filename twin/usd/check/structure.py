@@ -27,7 +27,7 @@ _FOLDER = "; in a robot folder: add a [[drive]] to its TOML file"
 
 
 def check_structure(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on loops, unconnected bodies, a base that is not fixed, articulation roots and missing drives."""
+    """Yield findings on loops, unconnected bodies, articulation roots, missing drives and a base that is not fixed."""
     joints = [j for j in scene.joints if j.enabled and not any(e.problem for e in j.ends)]
     if not scene.bodies or not joints:
         yield _EMPTY("/", f"there is no mechanism to check: {len(scene.bodies)} rigid bodies, {len(joints)} joints")
