@@ -37,7 +37,10 @@ def with_drives(imported: Imported) -> Imported:
             effort = imported.efforts.get(joint.name)
             joint = replace(joint, drive=Drive(carried * rate**2, 2 * carried * rate, effort))
             assumed.add(joint.name)
-            text = f"joint '{joint.name}' is driven without gains in the file: its drive is ASSUMED ({FREQUENCY:g} Hz)."
+            text = (
+                f"joint '{joint.name}' is driven, but the file states no gains: they are ASSUMED, with a natural "
+                f"frequency of {FREQUENCY:g} Hz."
+            )
             findings.warn("drive", text, joint.name)
         joints.append(joint)
     left = {n: e for n, e in imported.efforts.items() if e and not m.joint(n).active}
@@ -61,7 +64,10 @@ def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings
                 felt = carried + (a.rotor_inertia or 0.0)
                 found[name] = replace(a, stiffness=float(felt * rate**2), damping=float(2 * felt * rate))
                 assumed.add(name)
-                text = f"actuator '{name}' has no gains in the file: its drive is ASSUMED ({FREQUENCY:g} Hz)."
+                text = (
+                    f"the file states no gains for actuator '{name}': they are ASSUMED, with a natural frequency of "
+                    f"{FREQUENCY:g} Hz."
+                )
                 findings.warn("drive", text, name)
         for joint in (n for n in t.joints if efforts.get(n)):
             if single := t.single(joint):
@@ -69,7 +75,7 @@ def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings
                 known = found[name].max_effort
                 found[name] = replace(found[name], max_effort=known or efforts[joint] * abs(ratio))
             else:
-                text = f"joint '{joint}': effort {efforts[joint]:g} is not imported: several motors move it."
+                text = f"joint '{joint}': effort {efforts[joint]:g} is not imported: several motors move the joint."
                 findings.warn("effort", text, joint)
     return tuple(found.values())
 

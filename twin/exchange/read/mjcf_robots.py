@@ -28,7 +28,7 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
         if len(robots) > 1:
             tops = ", ".join(_title(m, g, name) for g in robots)
             raise SourceError(
-                f"{path}: {len(robots)} robots in the world: {tops}. Choose one with --root NAME, or read all as one "
+                f"{path}: the file has {len(robots)} robots: {tops}. Choose one with --root NAME, or read all as one "
                 f"with --root {WORLD}."
             )
         if len(moving) <= 1:

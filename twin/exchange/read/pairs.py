@@ -17,7 +17,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
 GROSS = (1.0 * MM, 2.0 * DEG)
-"""(distance in m between two axes or two centres, angle in rad between two axes) below which two faces are a fit."""
+"""Two faces are a fit if the distance of their axes or centres in m and the angle of their axes in rad are below."""
 
 _APART = 0.01 * MM
 """Distance in m below which two axes or two centres count as coincident."""

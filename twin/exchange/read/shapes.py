@@ -58,7 +58,7 @@ def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> 
         float(s) for k in SIZES[kind] for s in xml.numbers(where, f"{kind} {k}", text(k), 3 if k == "size" else 1, None)
     ]
     if min(size) <= 0:
-        xml.fail(where, f"{kind} of size {min(size):g}: it must be positive")
+        xml.fail(where, f"a size of the {kind} is {min(size):g}, but must be positive")
     return size
 
 
@@ -94,12 +94,12 @@ def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Finding
     path = find(uri, beside)
     if path is None or path.suffix.lower() not in SUFFIXES:
         why = "was not found" if path is None else f"is not a file of type {', '.join(SUFFIXES)}"
-        findings.warn("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without it.", uri)
+        findings.warn("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without this mesh.", uri)
         return None
     try:
         mesh, _ = load_mesh(path, "m")
     except CadError as error:
-        findings.warn("mesh", f"link '{link}': {error}: the link is shown without it.", uri)
+        findings.warn("mesh", f"link '{link}': {error}: the link is shown without this mesh.", uri)
         return None
     triangles = mesh.triangles[:, ::-1] if np.prod(scale) < 0 else mesh.triangles
     return mesh.vertices * scale, triangles

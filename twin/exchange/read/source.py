@@ -129,10 +129,11 @@ def along(axis: Array) -> Array:
 
 def possible(inertia: Inertia, link: str, findings: Findings) -> Inertia | None:
     """Return the inertia; if it is physically impossible, add a warning and return None."""
-    bad = inertia.violations() if np.all(np.isfinite(inertia.I_com)) else ["its numbers are not finite"]
+    finite = np.all(np.isfinite(inertia.I_com))
+    bad = inertia.violations() if finite else ["the inertia has numbers that are not finite"]
     if not bad:
         return inertia
-    findings.warn("inertia", f"link '{link}': {'; '.join(bad)}: its mass is left out.", link)
+    findings.warn("inertia", f"link '{link}': {'; '.join(bad)}: mass and inertia of the link are left out.", link)
     return None
 
 
@@ -151,7 +152,7 @@ def limits(
         findings.warn("limits", f"joint '{joint}': limits 0 .. 0 are read as missing: the joint is unlimited.", joint)
         return None
     if low >= high:
-        raise SourceError(f"{path}: joint '{joint}': limits {low:g} .. {high:g} are not ordered")
+        raise SourceError(f"{path}: joint '{joint}': the lower limit {low:g} is not below the upper limit {high:g}")
     return None if (low, high) == (-math.inf, math.inf) else (low, high)
 
 
@@ -175,7 +176,7 @@ def assemble(
         SourceError: the parts do not form a mechanism.
     """
     if not joints:
-        raise SourceError(f"{path}: no joints, so there is no mechanism")
+        raise SourceError(f"{path}: the file has no joints, so there is no mechanism")
     try:
         bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
         mechanism = replace(bare, rest=rest_poses(bare), couplings=tuple(couplings))
@@ -197,7 +198,7 @@ def tooled(mechanism: Mechanism, findings: Findings) -> Mechanism:
     """Return the mechanism with a tool frame; if a frame is added, a warning reports it."""
     out, said = with_tool(mechanism)
     if out.frames != mechanism.frames:
-        findings.warn("tool", f"{said} Edit [frame.tool] to place it correctly.", out.frame(out.tool).body)
+        findings.warn("tool", f"{said} Edit [frame.tool] to move this frame to the tool.", out.frame(out.tool).body)
     elif said:
         findings.note("tool", said, out.tool)
     return out
