@@ -35,7 +35,7 @@ TURNS = {"X": SYMMETRIC, "Y": SYMMETRIC @ SYMMETRIC, "Z": np.eye(3)}
 
 
 SCALE_TOL = 1e-5
-"""Relative deviation from scale 1 that counts as rounding of a transform in single precision."""
+"""Maximum difference of a scale from 1 that is taken as a rounding error of a transform in single precision."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from twin.planning.trajectory import Trajectory
 
 RATES = (10, 12, 15, 20, 24, 30, 40, 60, 120)
-"""Available key rates in Hz; the times of their keys are multiples of 1/120 s."""
+"""Available key rates in Hz; with each rate, the key times are multiples of 1/120 s."""
 
 _LOOKS = 4
 """Minimum ratio of sample rate to key rate."""
