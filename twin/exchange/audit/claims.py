@@ -179,7 +179,7 @@ def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> Non
         found = re.search(pattern, text)
         if found and tuple(g.lower() for g in found.groups()) != expected:
             said = " / ".join(found.groups())
-            message = f"statement about {topic}: '{said}'; the files have '{' / '.join(expected)}'."
+            message = f"README.txt states '{said}' for {topic}; the files have '{' / '.join(expected)}'."
             ledger.wrong("readme.convention", message, topic)
     _check_listed(path.parent, raw, contents, ledger)
     _check_motions(text, contents, ledger)

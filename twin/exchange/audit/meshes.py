@@ -73,7 +73,7 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
     size = np.linalg.norm(normals, axis=1)
     if not np.all(np.isfinite(size)) or np.max(np.abs(size - 1)) > 0.01:
         k = int(np.argmax(np.where(np.isfinite(size), np.abs(size - 1), np.inf)))
-        text = f"mesh '{where}': a normal has length {size[k]:.4g}."
+        text = f"mesh '{where}': a normal has length {size[k]:.4g}, not 1."
         ledger.wrong(f"{code}.normal", text, where, size=Measured(size[k], 1.0), suggestion="normalise the normals")
         return
     a, b, c = (vertices[triangles[:, i]] for i in range(3))

@@ -20,7 +20,7 @@ _SAME = 1e-5
 """Tolerance, in m and in components of unit vectors, for coinciding lines and for lines that meet in a point."""
 
 TOOL = "(tool)"
-"""Key of the robot's tool frame in all formats: tracks state its pose, but not its name."""
+"""Name under which the tool frame of every format is compared, because tracks do not state the name of the frame."""
 
 
 @dataclass(frozen=True)

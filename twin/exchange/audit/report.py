@@ -171,7 +171,7 @@ ADVICE: Mapping[str, str] = {
 
 
 class ReadError(Exception):
-    """A fault after which a file cannot be read further; `code` is the code of the finding, "" for the default code."""
+    """A fault because of which a file cannot be read further; `code` is the finding's code ("": the default code)."""
 
     def __init__(self, message: str, code: str = "") -> None:
         super().__init__(message)

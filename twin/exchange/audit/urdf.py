@@ -206,7 +206,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     T = _origin(origin)
     a = numbers(None if axis is None else axis.get("xyz"), 3, (1, 0, 0))
     if abs(np.linalg.norm(a) - 1) > 1e-6 and KINDS[kind] != "fixed":
-        text = f"the axis of joint '{name}' has length {np.linalg.norm(a):.6g}."
+        text = f"the axis of joint '{name}' has length {np.linalg.norm(a):.6g}, not 1."
         ledger.wrong("urdf.axis", text, name, size=Measured(float(np.linalg.norm(a)), 1.0))
     limit = element.find("limit")
     limits = None

@@ -16,13 +16,13 @@ from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
 
 FREQUENCY = 5.0
-"""Natural frequency in Hz of an assumed drive, critically damped."""
+"""Natural frequency in Hz that the gains of an assumed drive give; the drive is critically damped."""
 
-NOTE = f"no gains in the file: {FREQUENCY:g} Hz, critically damped, for the inertia moved by the joint at rest"
+NOTE = f"the file has no gains; these give {FREQUENCY:g} Hz and critical damping for the inertia moved at rest"
 """Note about an assumed drive in the description of the robot."""
 
 _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
-"""Assumed moved inertia in kg m2 (revolute) or mass in kg (prismatic), if the file has no masses."""
+"""Assumed inertia in kg m2 (revolute) or mass in kg (prismatic) that a joint moves, if the file has no masses."""
 
 
 def with_drives(imported: Imported) -> Imported:

@@ -54,7 +54,7 @@ _HARMLESS |= {"specular", "emissive", "lighting", "laser_retro", "meta", "must_b
 """Elements that affect only simulation or lighting: reported as notes."""
 
 _EMPTY = ("0", "0.0", "-1", "inf", "1e+16", "1e16", "")
-"""Values that have no effect and are not reported."""
+"""Texts of elements that have no effect, so that no finding reports the element."""
 
 
 def read_sdf(path: Path, root: str | None = None) -> Imported:

@@ -306,7 +306,10 @@ class _Document:
     def packed(
         self, name: str, about: Mapping[str, Any], nodes: list[dict[str, Any]], animations: list[dict[str, Any]]
     ) -> bytes:
-        """Return the .glb file with one scene, whose root is the first node; `about` are the extras of the asset."""
+        """Return the content of a .glb file with one scene, whose root is the first node.
+
+        `about` has the extras of the asset.
+        """
         document: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": f"twin {__version__}", "extras": about},
             "scene": 0,

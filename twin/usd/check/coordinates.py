@@ -31,7 +31,7 @@ RADIAN_SPEED = 4 * np.pi
 """Up to this value, a joint's maximum speed is probably in rad/s; in degrees per second it would be very slow."""
 
 SPEED_MARGIN = 1.01
-"""Factor on the maximum speed that allows for the error of finite differences between samples."""
+"""Factor by which a speed may exceed the maximum, because finite differences between samples have an error."""
 
 
 _RADIANS = Kind("stage.radians", "disagreement", "multiply by 180/pi", word="")
