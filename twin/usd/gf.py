@@ -63,7 +63,7 @@ def quat_wxyz(q) -> Array:
 
 
 def rotation(q) -> Array:
-    """Return the rotation (3, 3) of a Gf quaternion; it is normalised first.
+    """Return the rotation (3, 3) of a Gf quaternion; the quaternion is normalised first.
 
     Raises:
         ValueError: the quaternion is zero or not finite.

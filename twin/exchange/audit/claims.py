@@ -33,7 +33,7 @@ _STATED = (
 
 
 def check_claims(contents: Sequence[Content]) -> None:
-    """Report statements of a file that contradict its own data."""
+    """Report statements of a file that contradict other data of the same file."""
     tracks = [c for c in contents if c.format in ("tracks", "csv") and "data" in c.extra]
     shapes = next((c.shapes for c in contents if c.shapes and c.declared), {})
     physics = next((c.physics for c in contents if c.physics is not None and c.physics.complete), Physics())

@@ -200,7 +200,8 @@ class Physics:
         held: links that are fixed to the world; None if the format cannot state this.
         tool: name of the frame that protocols move; "" if not stated.
         trocars: names of the trocars, joints whose position depends on the protocol.
-        couplings: (factors by joint, constant sum) by name; None if the format cannot state couplings.
+        couplings: by name, (factors by joint, constant): the sum of factor times joint coordinate is the constant.
+            None if the format cannot state couplings.
         motors: motors with transmissions, by name; None if not stated.
         all_motors: whether `motors` contains all motors with transmissions.
         complete: whether `joints` contains all joints.

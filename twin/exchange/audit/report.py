@@ -152,7 +152,7 @@ ADVICE: Mapping[str, str] = {
     "compare.times": "check the rate, and the units of time",
     "gltf.duplicate_name": "give each node a unique name",
     "gltf.matrix": "write translation, rotation and scale instead of a matrix",
-    "gltf.quaternion": "normalise the quaternion; its order in glTF is x, y, z, w",
+    "gltf.quaternion": "normalise the quaternion; the order of components in glTF is x, y, z, w",
     "gltf.scale": "scale the mesh points instead",
     "index": "number the points from 0 to their count minus 1",
     "mjcf.loop": "check the anchors of the equality constraints, and the zero positions of the joints",

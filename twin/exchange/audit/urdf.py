@@ -56,7 +56,10 @@ class UrdfJoint:
     mimic: tuple[str, float, float] | None
 
     def values(self, clip: Clip) -> Array | None:
-        """Return the joint's values (k,) in a track, computed from its leader if it has a `mimic`; None if missing."""
+        """Return the joint's values (k,) in a track; None if the track lacks the values.
+
+        The values of a joint with `mimic` are computed from the values of its leader.
+        """
         if self.mimic is None or self.mimic[0] not in clip.joints:
             return clip.joints.get(self.name)
         leader, multiplier, offset = self.mimic

@@ -224,9 +224,7 @@ def _along_axis(
         stops = [across[0][i], across[1][k]]
         more = ""
         if kind is None:
-            more = (
-                " Faces stop the motion along the axis: assumed to be a pin; could also be cylindrical or a slide."
-            )
+            more = " Faces stop the motion along the axis: assumed to be a pin; could also be cylindrical or a slide."
         kind = kind or "revolute"
     else:
         stops = [min(own, key=lambda s: abs(s[2]), default=None) for own in across]

@@ -78,7 +78,7 @@ class _Sdf:
     def read(self) -> Imported:
         links, joints, marks = (self.xml.named(self.model, k) for k in ("link", "joint", "frame"))
         if not links:
-            raise SourceError(f"{self.path}: no <link>, so there is no mechanism")
+            raise SourceError(f"{self.path}: the model has no <link>, so there is no mechanism")
         self.links, self.elements = links, {**links, **joints, **marks}
         self.poses: dict[str, Array] = {}
         body_names = Names("link", links, self.findings)

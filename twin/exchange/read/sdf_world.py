@@ -63,7 +63,8 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
         robots = jointed or list(known)
         if len(robots) > 1:
             what = "models with joints" if jointed else "models, none with joints"
-            raise SourceError(f"{xml.path}: {len(robots)} {what}: {', '.join(robots)}. Choose one with --root NAME.")
+            text = f"the file has {len(robots)} {what}: {', '.join(robots)}. Choose one with --root NAME."
+            raise SourceError(f"{xml.path}: {text}")
         own = robots[0]
     for name in known:
         if name != own:

@@ -63,14 +63,14 @@ def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> 
 
 
 def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:
-    """Return a mesh transformed to the frame of its body, with its colour converted to linear components."""
+    """Return a mesh transformed to the frame of its body, with the colour converted to linear components."""
     points = vertices @ T_body_mesh[:3, :3].T + T_body_mesh[:3, 3]
     r, g, b, a = color
     return Mesh(name, points, np.asarray(triangles, np.int32), (linear(r), linear(g), linear(b), a))
 
 
 def find(uri: str, beside: Path) -> Path | None:
-    """Return the file of a `package://`, `model://` or `file://` address or a plain path; None if it is not found.
+    """Return the file for a `package://`, `model://` or `file://` address or a path; None if there is no such file.
 
     A package is searched in the folder `beside` and in up to four folders above it; environment variables are not used.
     """

@@ -167,7 +167,7 @@ def assemble(
     findings: Findings,
     efforts: dict[str, float] | None = None,
 ) -> Imported:
-    """Return the mechanism that consists of the given parts, with a tool; its rest pose has zero joint values.
+    """Return the mechanism that consists of the given parts and a tool; at rest, all joint values are zero.
 
     The tool is the frame named `tool`, else the only frame, else a new frame at the end of the longest chain. A finding
     states the choice if no frame is named `tool`.

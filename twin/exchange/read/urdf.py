@@ -133,7 +133,7 @@ class _Urdf:
         for name, element in out.items():
             self._strange(element, kind, f"{kind} '{name}'")
         if not out:
-            raise SourceError(f"{self.path}: no <{kind}>, so there is no mechanism")
+            raise SourceError(f"{self.path}: the file has no <{kind}>, so there is no mechanism")
         return out
 
     def _strange(self, element: Element, kind: str, where: str) -> None:

@@ -40,7 +40,7 @@ def write_glb(
     path: Path,
     link_poses: Mapping[str, Array] | None = None,
 ) -> Path:
-    """Write the robot with its clips and return the path.
+    """Write a robot with its clips as a .glb file, and return the path of the file.
 
     Each clip becomes an animation with its name. `link_poses` has T_world_body (4, 4) of every body at rest; default:
     home with closed loops.

@@ -19,7 +19,7 @@ LEAST = 1e-3
 
 
 def inertia_of(body: Body) -> Inertia:
-    """Return the body's inertia or, if it is unknown, the inertia of its bounding box filled with water."""
+    """Return a body's inertia or, if it is unknown, the inertia of the body's bounding box filled with water."""
     if body.inertia is not None:
         return body.inertia
     corners = [m.vertices.min(axis=0) for m in body.meshes] + [m.vertices.max(axis=0) for m in body.meshes]

@@ -154,7 +154,7 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     yield _STATE(joint.path, text, Quantity(off[worst], unit), STATE_TOL, when=line.labels[worst])
 
 
-FOLDER = "; in a robot folder: add a [[drive]] to its TOML file"
+FOLDER = "; if the stage was made from a robot folder, add a [[drive]] to the robot's TOML file instead"
 """End of suggestions on missing drives: what to do if the stage was made from a robot folder."""
 
 

@@ -33,7 +33,7 @@ def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
         return
     prim, scale = _culprit(body)
     shown = f"({', '.join(f'{s:.6g}' for s in scale)}){', mirrored' if np.linalg.det(axes) < 0 else ''}"
-    above = "" if prim == body else f", by {prim.GetPath()} above it"
+    above = "" if prim == body else f", because of the scale of its ancestor {prim.GetPath()}"
     raise StageError(
         f"{scene.path}: rigid body {body.GetPath()} is scaled by {shown}{above}. Scale the meshes "
         "below the body instead, or write the stage in its final unit."
