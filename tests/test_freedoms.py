@@ -171,6 +171,14 @@ def test_a_full_turn_in_the_equations_is_stated_and_is_no_disagreement(five_bar,
     assert "is 1 full turn below the mechanism's" in findings["driven.turns"]["message"]
 
 
+def test_a_sweep_of_a_planar_robot_proposes_only_what_sweep_can_do(five_bar, tmp_path, capsys):
+    assert cli.main(["sweep", str(five_bar), "--vary", "b=79..81mm", "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert "vary a distance of the mechanism (body:joint-joint)" in message
+    assert "--tilt-deg" not in message
+    assert "--joints" not in message
+
+
 def test_the_mechanism_is_driven_from_its_drawing_to_joint_values_a_full_turn_away(five_bar):
     robot = api.load(five_bar)
     model, q = robot.reference(), robot.reference().home().q + 0.1
