@@ -238,7 +238,7 @@ def test_an_rcm_beside_the_centre_of_rotation_is_measured_against_its_limit(off,
     ("name", "reason"),
     [
         ("wxyz order", "read w, x, y, z"),
-        ("mirrored frame", "the frame is mirrored: left-handed, y is negated"),
+        ("mirrored frame", "the frame is mirrored (left-handed): y has the opposite sign"),
         ("swapped links", "'crank' and 'rocker' are swapped"),
         ("millimetres", "millimetres"),
         ("y up", "up axis is wrong"),

@@ -11,7 +11,7 @@ import pytest
 
 import twin
 from made.scene_text import refused
-from twin.api.act import props_of
+from twin.api.act import members_of, props_of
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -29,6 +29,7 @@ from twin.simulation.session import aligned, camera_task, picture, run, upper_si
 from twin.simulation.session.camera_referee import CameraReferee
 from twin.simulation.session.camera_task import Sight, in_picture, surfaces
 from twin.simulation.session.picture import Surface
+from twin.simulation.setup import Setup
 from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import Exercise
 
@@ -296,10 +297,9 @@ def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, p
 
 
 def test_the_scoreboard_counts_what_the_report_measures(davinci, bare_theatre, performed):
-    members = {n: run.Member(r.mechanism, r.kinematics()) for n, r in bare_theatre.robots.items()}
-    task, referee = davinci.tasks["camera"], CameraReferee("ecm", run.SAMPLE)
-    device = run.surgeon(davinci, members, task, seed=1)
-    world = console_scene.world(davinci, members, device, records=False, watch=[referee], task=task)
+    setup = Setup(davinci, members_of(bare_theatre.robots), davinci.tasks["camera"])
+    referee = CameraReferee("ecm", run.SAMPLE)
+    world = console_scene.world(setup, run.surgeon(setup, seed=1), records=False, watch=[referee])
     while not world.ended:
         world.step(1000)
     assert referee.time == pytest.approx(performed.aligned.time, abs=2 * run.SAMPLE)

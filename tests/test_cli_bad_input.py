@@ -230,7 +230,11 @@ PROTOCOL = {
     "NaN": ("tip_speed_mm_s = 25", "tip_speed_mm_s = nan", "must be a finite number"),
     "missing unit": ("tip_speed_mm_s = 25", "tip_speed = 25", "the unit is missing: write tip_speed_mm_s"),
     "unknown waypoint": ('to = "near"', 'to = "near_by"', "there is no waypoint 'near_by'. Did you mean 'near'?"),
-    "zero-length phase": ('to = "near"', 'to = "c"', "the phase has no length: it already begins at 'c'; remove it"),
+    "zero-length phase": (
+        'to = "near"',
+        'to = "c"',
+        "the phase has no length: it already begins at 'c'; remove the phase",
+    ),
     "other robot": ('robot = "sils"', 'robot = "slis"', "written for 'slis', not for 'sils'"),
     "other name": ('name = "short"', 'name = "brief"', "'brief' must be the file's name, 'short'"),
 }
@@ -273,19 +277,21 @@ def test_pose_out_of_reach(robot, refused, command):
     assert re.search(r"(limb \d is too short|joint q\d would go) (by )?[\d.]+ mm", message)
     assert re.search(r"from [\d.]+ % of the phase on", message)
     assert re.search(r"with tool at \([\d., ]+\) mm\.", message)
-    assert re.search(r"Reachable: up to \([\d., ]+\) mm with \([\d., ]+\) deg\.", message)
+    assert re.search(r"Reachable: up to the position \([\d., ]+\) mm with the angles \([\d., ]+\) deg\.", message)
 
 
 def test_start_out_of_reach(robot, refused):
     robot.change(robot.protocol, "position_mm = [407.9, 306, 211.4]", "position_mm = [1407.9, 306, 211.4]")
-    assert "already at its start" in refused("plan")
+    assert "already at the start of the phase" in refused("plan")
 
 
 def test_limit_is_broken(robot, refused):
     both = "limits_mm = [{0}, 580.0]\nsoft_limits_mm = [{0}, 580.0]"
     robot.change(robot.description, both.format("20.0"), both.format("320.0"))
     message = refused("plan")
-    assert re.search(r"joint q1 would go [\d.]+ mm below its lower limit of 320\.00 mm, already at its start", message)
+    assert re.search(
+        r"joint q1 would go [\d.]+ mm below its lower limit of 320\.00 mm, already at the start of the phase", message
+    )
 
 
 # --------------------------------------------------------------------------------------------------- formula

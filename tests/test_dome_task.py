@@ -17,7 +17,7 @@ import trimesh
 import twin
 from benchmarks.guiding import judge
 from made.scene_text import refused
-from twin.api.act import props_of, robots_at
+from twin.api.act import members_of, props_of, robots_at
 from twin.api.session import FILE, operate_console, replay_session
 from twin.api.standing import standing
 from twin.cli import main
@@ -35,6 +35,7 @@ from twin.simulation.devices.surgeon_hands import Eye, Seat
 from twin.simulation.plants.contact import Contact, Solid
 from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session.guiding import STEPS, Referee
+from twin.simulation.setup import Setup
 from twin.simulation.ways import Ways, _stations
 from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import Exercise
@@ -117,30 +118,30 @@ def test_stations_of_a_way_are_near_each_other():
 
 
 @pytest.fixture(scope="module")
-def arms(scene):
-    robots = robots_at(scene.places)
-    return {name: (robot.mechanism, robot.kinematics()) for name, robot in robots.items()}
+def setup(scene, props):
+    return Setup(scene, members_of(robots_at(scene.places)), props=props)
 
 
-def test_ways_go_around_what_planning_goes_around(scene, props, arms):
-    ring = scene.objects[0]
-    q = {name: np.array(mechanism.posture("home")) for name, (mechanism, _) in arms.items()}
+def test_ways_go_around_what_planning_goes_around(scene, setup):
+    ring, mechanisms = scene.objects[0], {name: m.mechanism for name, m in setup.members.items()}
+    q = {name: np.array(mechanism.posture("home")) for name, mechanism in mechanisms.items()}
     q["ecm"] = q["ecm"] + 0.05
     place = next(p for p in scene.places if p.name == "ecm")
-    links = ReferenceModel(arms["ecm"][0]).solve(q["ecm"]).link_poses
+    links = ReferenceModel(mechanisms["ecm"]).solve(q["ecm"]).link_poses
     poses = {"ecm": {body: place.T_world_base @ T for body, T in links.items()}}
     wanted = standing("raven_dome", "raven_left", twin.load, poses)
-    ways = Ways(scene, arms, props)
+    ways = Ways(setup)
     found = ways.obstacles("raven_left", q, {ring.name: ring.T_world_object})
     assert [s.name for s in found] == [*(s.name for s in wanted), ring.name]
     np.testing.assert_allclose([s.T_base_body for s in found[:-1]], [s.T_base_body for s in wanted], atol=1e-12)
     assert len(ways.obstacles("raven_left", q, {})) == len(wanted)
 
 
-def test_ways_keep_the_clearance_of_the_scene_and_let_touch_what_may(scene, props, arms):
+def test_ways_keep_the_clearance_of_the_scene_and_let_touch_what_may(scene, props, setup):
     name = next(b.name for b in props.bodies)
-    pair = (f"raven_left/{arms['raven_left'][0].bodies[-1].name}", f"{props.name}/{name}")
-    ways = Ways(replace(scene, clearance=3 * MM, touching=frozenset({frozenset(pair)})), arms, props)
+    pair = (f"raven_left/{setup.members['raven_left'].mechanism.bodies[-1].name}", f"{props.name}/{name}")
+    touching = frozenset({frozenset(pair)})
+    ways = Ways(replace(setup, scene=replace(scene, clearance=3 * MM, touching=touching)))
     assert ways.clearance == 3 * MM
     touches = {s.name: s.touches for s in ways.obstacles("raven_left", {}, {})}
     assert touches.pop(pair[1]) == {pair[0].split("/")[1]}
@@ -340,7 +341,7 @@ def test_an_unknown_mistake_is_named(scene, tmp_path, capsys):
     arms = {h: Eye(f"raven_{h}", None, np.eye(4), np.eye(4)) for h in ("right", "left")}
     with pytest.raises(WorldError, match=r"there is no mistake 'droped'\. Did you mean 'dropped'"):
         GuidingSurgeon(Seat("pedals", arms, "ecm", 1.0, 0.5), RING, Course(WIRE, BALL), "left", None, "droped")
-    with pytest.raises(TwinError, match="makes mistakes only in a task with a ring to guide"):
+    with pytest.raises(TwinError, match="makes mistakes only with a ring to guide"):
         operate_console(twin.load_scene("davinci"), "touch", mistake="dropped")
     assert main(["operate", "davinci", "--mistake", "dropped", "--out", str(tmp_path / "x")]) == 2
     assert "--mistake applies to a procedure or a ring to guide; task 'touch' is neither" in capsys.readouterr().err

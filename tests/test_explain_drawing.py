@@ -55,7 +55,7 @@ def test_a_bar_that_is_too_long_is_told_by_its_length():
     T[:3, 3] = 0.2 * MM * along / np.linalg.norm(along)
     part = check(robot, Off("s1", "bar1", "ball", "mm", 0.2 * MM, T))
     assert (part.part, part.features, part.told_by) == ("bar1", ("ball",), "drawing")
-    assert "l_2 on 'bar1' measures 392.200 mm; elsewhere it is 392.000 mm" in part.why
+    assert "l_2 on 'bar1' measures 392.200 mm; in other places, this length is 392.000 mm" in part.why
     assert "'bar1' differs from 'bar2', 'bar3'" in part.why
 
 

@@ -31,7 +31,10 @@ def branched(x):
 
 @pytest.mark.parametrize(
     ("function", "why"),
-    [(nested, "it defines the function twice inside"), (branched, "it returns from within a branch or a loop")],
+    [
+        (nested, "the function defines twice() inside"),
+        (branched, "the function returns from within a branch or a loop"),
+    ],
 )
 def test_a_function_that_is_not_judged_is_told_why(function, why):
     source = Source(function)
@@ -102,7 +105,7 @@ def test_a_symbol_that_nobody_values_is_found_with_what_is_meant(sils_text, sils
     (finding,) = (f for f in x.invariants if f.code == "formula.unvalued")
     assert "uses 'L_H'" in finding.message
     assert "L_B = 612 mm" in finding.suggestion
-    assert "that uses it agrees" in finding.suggestion
+    assert "that uses L_B agrees" in finding.suggestion
     from twin.kinematics import compile_formula
 
     with pytest.raises(

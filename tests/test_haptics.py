@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from made.haptics import DT, Touch, observed, plane, random_hand, turned
 from twin.core import spatial
 from twin.core.errors import TwinError, WorldError
+from twin.simulation.condition import randomised
 from twin.simulation.controllers import passive
 from twin.simulation.controllers.hand_force import Surface
 from twin.simulation.controllers.passive import needed_damping, require_passive
 from twin.simulation.local_plane import COUNT, LocalPlane, rows
-from twin.simulation.session.condition import randomised
 
 MM = 1e-3
 FLOOR = plane([0, 0, 1])

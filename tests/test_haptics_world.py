@@ -9,6 +9,7 @@ import pytest
 
 import twin
 from made.consoles import Hands
+from twin.api.act import members_of
 from twin.api.session import replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -17,13 +18,13 @@ from twin.core.units import DEG, MM
 from twin.model.movable import Movable
 from twin.model.scene import load_scene
 from twin.simulation import console_scene
-from twin.simulation.console_scene import Member
+from twin.simulation.condition import Condition, randomised
 from twin.simulation.devices.given import HandState
 from twin.simulation.local_plane import COUNT, LocalPlane
 from twin.simulation.plants.contact import Contact, Gripper, Solid
 from twin.simulation.plants.contact.levers import Levers
 from twin.simulation.session import run
-from twin.simulation.session.condition import randomised
+from twin.simulation.setup import Setup
 from twin.simulation.world import Block, World
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
@@ -39,16 +40,11 @@ def scene(theatre):
 
 
 @pytest.fixture(scope="module")
-def props(theatre):
-    return theatre.props
+def setup(theatre):
+    return Setup(theatre.scene, members_of(theatre.robots), None, theatre.props, Condition(haptics=True))
 
 
-@pytest.fixture(scope="module")
-def members(theatre):
-    return {n: Member(r.mechanism, r.kinematics()) for n, r in theatre.robots.items()}
-
-
-def moved(scene, members, props, ticks, right, left=None, haptics=True):
+def moved(setup, ticks, right, left=None):
     """Return a World whose instruments have moved along `right` and `left`, functions of time in m in the World."""
     still = np.zeros(3)
 
@@ -56,19 +52,21 @@ def moved(scene, members, props, ticks, right, left=None, haptics=True):
         ways = (2 * R.T @ right(t), still if left is None else 2 * R.T @ left(t))  # the motion scale is 0.5
         return *ways, 0, 0, 0, 0.5
 
-    R = console_scene.world(scene, members, Hands(lambda t: (still, still, 0, 0, 0, 0.5))).signals["ecm.view"]
+    R = console_scene.world(replace(setup, condition=None), Hands(lambda t: (still, still, 0, 0, 0, 0.5))).signals[
+        "ecm.view"
+    ]
     R = R.reshape(4, 4)[:3, :3]
-    world = console_scene.world(scene, members, Hands(script), props=props, haptics=haptics)
+    world = console_scene.world(setup, Hands(script))
     world.step(ticks)
     return world, {n: world.recording()[f"{n}.force"] @ R.T for n in ("right", "left")}
 
 
-def lowest(world, members, robot="psm1"):
+def lowest(world, setup, robot="psm1"):
     """Return the height in m of the lowest drawn point of hand and jaws."""
     poses = world.frame().link_poses[robot]
     return min(
         float((part.vertices @ poses[b.name][:3, :3].T + poses[b.name][:3, 3])[:, 2].min())
-        for b in members[robot].mechanism.bodies
+        for b in setup.members[robot].mechanism.bodies
         if b.name in ("hand", "jaw_left", "jaw_right")
         for part in b.meshes
     )
@@ -80,32 +78,32 @@ def ramp(t, way, begin=0.2, speed=0.05):
     return np.asarray(way) / length * np.clip((t - begin) * speed, 0, length)
 
 
-def test_the_floor_pushes_by_the_depth_that_is_drawn(scene, members, props):
-    world, force = moved(scene, members, props, 900, lambda t: ramp(t, [0, 0, -24 * MM]))
-    depth = FLOOR - lowest(world, members)
+def test_the_floor_pushes_by_the_depth_that_is_drawn(setup):
+    world, force = moved(setup, 900, lambda t: ramp(t, [0, 0, -24 * MM]))
+    depth = FLOOR - lowest(world, setup)
     assert 2 * MM < depth < 5 * MM
     np.testing.assert_allclose(force["right"][-1], [0, 0, 600 * depth], atol=0.01)
     felt = np.flatnonzero(force["right"].any(axis=1))
-    before, _ = moved(scene, members, props, int(felt[0]) - 3, lambda t: ramp(t, [0, 0, -24 * MM]))
-    assert 0 <= lowest(before, members) - FLOOR < 0.3 * MM, "at 50 mm/s, found at most 3 ms late"
+    before, _ = moved(setup, int(felt[0]) - 3, lambda t: ramp(t, [0, 0, -24 * MM]))
+    assert 0 <= lowest(before, setup) - FLOOR < 0.3 * MM, "at 50 mm/s, found at most 3 ms late"
     assert not force["left"].any()
     assert world.recording()["right.energy"].min() >= 0
 
 
-def test_an_instrument_under_the_floor_is_pushed_back_up(scene, members, props):
+def test_an_instrument_under_the_floor_is_pushed_back_up(setup):
     """The floor is 8 mm thick: its lower side is nearer, but the instrument came from above."""
-    world, force = moved(scene, members, props, 800, lambda t: ramp(t, [0, 0, -31 * MM], speed=0.07))
-    assert FLOOR - lowest(world, members) > 6 * MM
+    world, force = moved(setup, 800, lambda t: ramp(t, [0, 0, -31 * MM], speed=0.07))
+    assert FLOOR - lowest(world, setup) > 6 * MM
     np.testing.assert_allclose(force["right"][-1], [0, 0, 3.3], atol=0.05)
 
 
-def test_instruments_push_each_other_apart(scene, members, props):
+def test_instruments_push_each_other_apart(setup):
     """Both hands feel the same force, each to its own side, and it is steady while they rest."""
 
     def right(t):
         return ramp(t, [-13 * MM, 0, 0])
 
-    world, force = moved(scene, members, props, 560, right, lambda t: ramp(t, [10 * MM, 0, 0]))
+    world, force = moved(setup, 560, right, lambda t: ramp(t, [10 * MM, 0, 0]))
     assert world.signals["psm1.meets"] == 1
     assert 0.3 < np.linalg.norm(force["right"][-1]) < 3.3 + 1e-9
     np.testing.assert_allclose(force["right"][-1], -force["left"][-1], atol=0.05)
@@ -113,13 +111,13 @@ def test_instruments_push_each_other_apart(scene, members, props):
     assert np.ptp(force["right"][-20:], axis=0).max() < 0.02
 
 
-def test_without_haptics_the_world_has_no_forces_and_off_is_zero(scene, members, props):
+def test_without_haptics_the_world_has_no_forces_and_off_is_zero(setup):
     def way(t):
         return ramp(t, [0, 0, -24 * MM])
 
-    off, force = moved(scene, members, props, 650, way, haptics=False)
+    off, force = moved(replace(setup, condition=Condition(haptics=False)), 650, way)
     assert not force["right"].any()
-    on, force = moved(scene, members, props, 650, way)
+    on, force = moved(setup, 650, way)
     assert force["right"].any()
     assert on.signals["psm1.q"].tobytes() == off.signals["psm1.q"].tobytes(), "the hands of the device are the same"
 
@@ -205,10 +203,9 @@ def test_a_held_ring_is_felt_where_it_would_be(psm):
     assert found.normal[2] > 0.99
 
 
-def test_a_grasp_gives_one_pulse_along_x(scene, members, props):
-    task = scene.tasks["pegboard"]
-    device = run.surgeon(scene, members, task, 0, props=props)
-    world = console_scene.world(scene, members, device, task=task, props=props, haptics=True)
+def test_a_grasp_gives_one_pulse_along_x(setup):
+    setup = replace(setup, task=setup.scene.tasks["pegboard"])
+    world = console_scene.world(setup, run.surgeon(setup))
     while not any(world.signals[f"ring{k}.holder"] >= 0 for k in (1, 2, 3, 4)) and world.t < 10:
         world.step(10)
     world.step(30)
@@ -262,7 +259,8 @@ def _said(part):
     return part if isinstance(part, str) else part.rows
 
 
-def test_bad_settings_are_named_with_their_line(tmp_path, scene, members, props):
+def test_bad_settings_are_named_with_their_line(tmp_path, setup):
+    scene = setup.scene
     text = scene.file.read_text()
     for old, new, said in (
         (
@@ -282,7 +280,7 @@ def test_bad_settings_are_named_with_their_line(tmp_path, scene, members, props)
             load_scene(tmp_path / "scene.toml")
     table = scene.haptics.model_copy(update={"damping_ns_m": 40.0})
     with pytest.raises(WorldError, match=r"Lower the damping to at most 18\.09 N s/m"):
-        console_scene.world(replace(scene, haptics=table), members, Hands(lambda t: None), props=props, haptics=True)
+        console_scene.world(replace(setup, scene=replace(scene, haptics=table)), Hands(lambda t: None))
 
 
 @pytest.mark.parametrize(

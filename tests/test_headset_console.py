@@ -23,6 +23,7 @@ from twin.core.units import DEG, MM
 from twin.model.scene import load_scene
 from twin.simulation import console_scene
 from twin.simulation.controllers.camera import looking, view
+from twin.simulation.setup import Setup
 from twin.ui.headset import operation, served, server
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
@@ -422,7 +423,7 @@ def test_a_robot_without_a_protocol_needs_a_console(bare_theatre, tmp_path):
 
 def test_a_scene_without_a_console_is_refused(bare_theatre):
     with pytest.raises(TwinError, match=r"scene 'davinci' has no console: add a section \[console\]"):
-        console_scene.world(replace(bare_theatre.scene, console=None), {}, None)
+        console_scene.world(Setup(replace(bare_theatre.scene, console=None), {}), None)
 
 
 @settings(max_examples=50, deadline=None)

@@ -11,10 +11,12 @@ from PIL import Image
 
 from made import headset_page as headset
 from made.console_page import console
+from twin.api.act import members_of
 from twin.api.session import replay_session
 from twin.core.units import DEG
 from twin.simulation import console_scene
 from twin.simulation.session import aligned, run, upper_side
+from twin.simulation.setup import Setup
 
 pytestmark = pytest.mark.browser
 
@@ -27,9 +29,8 @@ document.querySelectorAll('*').forEach(e => {
 
 def start(loaded):
     """Return the frame of the picture at the start, by the equations."""
-    members = {n: run.Member(r.mechanism, r.kinematics()) for n, r in loaded.robots.items()}
-    scene, task = loaded.scene, loaded.scene.tasks["camera"]
-    world = console_scene.world(scene, members, run.surgeon(scene, members, task), records=False, task=task)
+    setup = Setup(loaded.scene, members_of(loaded.robots), loaded.scene.tasks["camera"])
+    world = console_scene.world(setup, run.surgeon(setup), records=False)
     return world.signals["ecm.view"].reshape(4, 4)
 
 

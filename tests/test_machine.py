@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import twin
 from twin.api.machine import machine, machine_parts
 from twin.core.errors import DeviceError, TwinError, WorldError
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.arithmetic import Arithmetic
-from twin.simulation.machine.itp import PACKET, checksum, pack, unpack
+from twin.simulation.machine.itp import PACKET, ahead, checksum, number_of, pack, unpack
 from twin.simulation.machine.levels import Level, Plc, Reader
 from twin.simulation.machine.machine import Machine
 from twin.simulation.machine.receiver import Receiver
@@ -106,7 +108,7 @@ def test_numbers_only_go_up_and_a_gap_costs_a_packet():
 
     assert read(5, 0.0) == 5
     for old in (5, 4):
-        with pytest.raises(DeviceError, match=f"{old} is not above the last one, 5"):
+        with pytest.raises(DeviceError, match=f"{old} is not after the last one, 5"):
             read(old, 0.1)
     with pytest.raises(DeviceError, match="2 packets are missing before 8"):
         read(8, 0.2)
@@ -118,6 +120,32 @@ def test_numbers_only_go_up_and_a_gap_costs_a_packet():
     assert not receiver.pedal(5.31)
     assert read(1, 5.4, "b") == 1
     assert (receiver.accepted, receiver.refused) == (3, 4)
+
+
+def test_numbers_go_on_at_1_after_the_largest():
+    receiver, last = Receiver(0, 0, 5.0), 2**32 - 1
+
+    def read(sequence):
+        return receiver.read(pack(sequence, 0, step()), "a", 0.0)
+
+    assert [number_of(count) for count in (1, last, last + 1, last + 2, 2 * last + 1)] == [1, last, 1, 2, 1]
+    for count in range(last - 2, last + 3):
+        packet = read(number_of(count))
+        assert packet is not None
+        assert packet.sequence == number_of(count)
+    with pytest.raises(DeviceError, match="2 packets are missing before 5"):
+        read(5)
+    for old in (2, last, last - 5, 2**31 + 6):  # the last one is nearer behind 5 than before it
+        with pytest.raises(DeviceError, match=f"{old} is not after the last one, 5"):
+            read(old)
+    with pytest.raises(DeviceError, match="2147483646 packets are missing"):
+        read(2**31 + 4)
+    assert (receiver.accepted, receiver.refused) == (5, 6)
+
+
+@given(st.integers(1, 2**32 - 1), st.integers(-(2**31) + 1, 2**31 - 1))
+def test_a_number_is_ahead_by_the_shorter_way_around(last, by):
+    assert ahead(number_of(last + by), last) == by
 
 
 def test_the_plc_stops_when_the_watchdog_bit_stands():
@@ -209,7 +237,7 @@ def test_a_silent_master_holds_the_arm(parts):
     [
         (lambda k: pack(k + 1, 0, step(x=500), version=7), "master", "the version is 7; it must be 0"),
         (lambda k: pack(k + 1, 0, step(x=500))[:100], "master", "the length is 100 bytes; it must be 124"),
-        (lambda k: pack(k, 0, step(x=500)), "master", "is not above the last one"),
+        (lambda k: pack(k, 0, step(x=500)), "master", "is not after the last one"),
         (lambda k: pack(k + 1, 0, step(x=500)), "other", "other is a second master; master controls the machine"),
     ],
 )

@@ -27,6 +27,7 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.machine.states import State
 from twin.simulation.session import run as sessions
 from twin.simulation.session.file import read_session
+from twin.simulation.setup import Setup
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
@@ -202,7 +203,7 @@ def test_a_target_in_the_dome_is_blocked_with_the_bodies_and_a_free_one_is_not(c
     console.until("aim")
     console.wait(30)
     assert console.mode.bad
-    assert console.mode.said.startswith("No plan: at its goal, ")
+    assert console.mode.said.startswith("No plan: at the goal, ")
     assert "props/dome" in console.mode.said
     assert "nearest free configuration" in console.mode.said
     assert console.mode.said.endswith("; move the target, or another arm that is in the way")
@@ -237,8 +238,8 @@ def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(c
     console.console.close()
     monkeypatch.setattr(plan_work, "work", None)
     session = read_session(recorder.path)
-    members = console.console.members
-    ran = sessions.replay(session, scene, members, lambda what, part: None, props)
+    setup = Setup(scene, console.console.members, None, props, session.head.condition)
+    ran = sessions.replay(session, setup, lambda what, part: None)
     assert ran.difference is None
     assert ran.kept[f"{ARM}.q"][-1] == pytest.approx(console.q)
 
@@ -721,7 +722,7 @@ def test_the_work_says_why_a_configuration_is_not_free(dome):
 
 def test_from_a_start_in_the_dome_the_arm_is_to_be_moved_and_not_the_target(dome):
     inside = np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
-    with pytest.raises(TwinError, match=r"at its start, .* move the arm, or another arm that is in the way"):
+    with pytest.raises(TwinError, match=r"at the start, .* move the arm, or another arm that is in the way"):
         list(plan_work.work(Plan(room(dome.scene), inside, above(), 0.06, 45 * DEG)))
 
 

@@ -21,14 +21,15 @@ from twin.core.units import MM
 from twin.model.scene import load_scene
 from twin.model.surface import nearest, volume
 from twin.model.vessel import Vessel
-from twin.simulation import procedure_scene
-from twin.simulation.devices.procedure_surgeon import Manner
+from twin.simulation import operating_scene, procedure_scene
+from twin.simulation.devices.procedure_surgeon import Manner, ProcedureSurgeon
 from twin.simulation.plants.tissue import Organs, Sight, Tool
 from twin.simulation.plants.tissue.tubes import Held, Tube
 from twin.simulation.session import procedure_checks, procedure_run
 from twin.simulation.session.file import CHUNK, NAME
 from twin.simulation.session.run import Difference
 from twin.simulation.session.tape import Tape
+from twin.simulation.setup import Setup
 from twin.simulation.world import Recording
 
 STAGES = ["expose", "show", "clip", "cut", "remove"]
@@ -284,7 +285,7 @@ def signals(vsrs, **changes):
         given = np.broadcast_to(np.asarray(value, float), rows[name].shape)
         rows[name] = np.where(late, given, rows[name]) if name.endswith(".on") else given
     kept = Recording(0.1, {n: r.shape[1] for n, r in rows.items()}, np.concatenate([*rows.values()], axis=1))
-    return procedure_checks.measure(kept, vsrs, p, gallbladder)
+    return procedure_checks.measure(kept, Setup(vsrs, {}, vsrs.tasks["cholecystectomy"], organs=[gallbladder]))
 
 
 def failed(measures):
@@ -340,21 +341,19 @@ def test_report_is_headed_by_what_was_done(vsrs, changes, differs, word):
 
 
 @functools.cache
-def parts():
+def built():
     scene = twin.load_scene("vsrs")
-    return api_procedure._parts(scene, scene.tasks["cholecystectomy"])
+    return api_procedure._setup(scene, scene.tasks["cholecystectomy"])
 
 
 class Room:
     """The World of the cholecystectomy with a surgeon, and what was kept of it."""
 
     def __init__(self, scene, seed=0, mistake="", manner=None):
-        self.scene, self.task = scene, scene.tasks["cholecystectomy"]
-        members, drawn, self.organ = parts()
-        self.tape = Tape()
-        device = procedure_run.surgeon(scene, members, self.task, drawn, seed, mistake, manner)
-        self.world = procedure_scene.world(scene, members, self.task, drawn, device, False, [self.tape])
-        self.keep = procedure_run.keep_for(self.world, self.task)
+        self.setup, self.tape = replace(built(), scene=scene), Tape()
+        device = ProcedureSurgeon(self.setup, seed, mistake, manner)
+        self.world = procedure_scene.world(self.setup, device, False, [self.tape])
+        self.keep = procedure_run.keep_for(self.world, self.setup.procedure)
 
     def step(self, ticks):
         self.world.step(ticks)
@@ -366,7 +365,7 @@ class Room:
         """Step until a stage is over."""
         while not self.world.ended and self.world.signals["surgeon.stage"][0] <= stage:
             assert np.isfinite(self.step(125)).all()
-        return procedure_checks.measure(self.keep.recording(), self.scene, self.task.procedure, self.organ)
+        return procedure_checks.measure(self.keep.recording(), self.setup)
 
 
 def test_surgeon_grasps_and_lifts_the_gallbladder(vsrs):
@@ -374,8 +373,9 @@ def test_surgeon_grasps_and_lifts_the_gallbladder(vsrs):
     found = room.until(1)
     assert found.checks[0].done, found.checks[0].text
     assert set(failed(found)) >= {"clip", "cut", "remove"}
-    surface = room.organ.surface
-    vertices = room.organ.weights @ room.world.signals["gallbladder.nodes"].reshape(-1, 3)
+    organ = operating_scene.organ_of(room.setup)
+    surface = organ.surface
+    vertices = organ.weights @ room.world.signals["gallbladder.nodes"].reshape(-1, 3)
     assert abs(volume(vertices, surface.triangles) / surface.volume - 1) < 0.02
 
 

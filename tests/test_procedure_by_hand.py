@@ -14,6 +14,7 @@ from twin.simulation import console_scene
 from twin.simulation.controllers.tool_grip import HALF, GripToTool
 from twin.simulation.devices.given import HandState
 from twin.simulation.session.procedure_guide import ProcedureGuide
+from twin.simulation.setup import Setup
 from twin.simulation.world import Block, World
 from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import Exercise
@@ -64,9 +65,10 @@ class Told:
     """A guide of the cholecystectomy with signals that the test changes."""
 
     def __init__(self, scene):
-        p, organ = scene.tasks["cholecystectomy"].procedure, made.abdomen()[1]
+        task, organ = scene.tasks["cholecystectomy"], made.abdomen()[1]
+        p = task.procedure
         clips = [f"clip_{k}.on" for k in range(1, 7)]
-        self.guide = ProcedureGuide(scene, p, organ, clips, 0.016)
+        self.guide = ProcedureGuide(Setup(scene, {}, task, organs=[organ]), clips, 0.016)
         names = [*scene.tools]
         self.now = {f"{r}.{what}": np.zeros(3) for r in p.start for what in ("tip", "pull", "lifted")}
         self.now |= {f"{r}.{what}": np.full(1, v) for r in p.start for what, v in (("slipped", 0.0), ("holds", -1.0))}

@@ -17,6 +17,7 @@ import pytest
 
 import twin
 from made.scene_text import refused
+from twin.api.act import members_of
 from twin.api.session import FILE, operate_console, replay_session
 from twin.cli import main
 from twin.core import spatial
@@ -32,6 +33,7 @@ from twin.simulation.devices.surgeon_hands import Eye, Habits, Seat
 from twin.simulation.session import file as session_file
 from twin.simulation.session import run
 from twin.simulation.session.file import CHUNK, SessionWriter, read_session
+from twin.simulation.setup import Setup
 from twin.simulation.world import Signals
 from twin.ui.headset.operation import Operation
 from twin.ui.session.exercise import Exercise
@@ -44,8 +46,8 @@ def davinci():
 
 
 @pytest.fixture(scope="module")
-def members(theatre):
-    return {n: run.Member(r.mechanism, r.kinematics()) for n, r in theatre.robots.items()}
+def setup(theatre, near):
+    return Setup(near, members_of(theatre.robots), near.tasks["near"])
 
 
 @pytest.fixture(scope="module")
@@ -341,7 +343,7 @@ def test_a_session_replays_with_the_same_bytes(replayed, performed):
     )
 
 
-def test_a_hand_that_was_a_little_elsewhere_is_found_with_signal_and_second(recorded, replayed, near, members):
+def test_a_hand_that_was_a_little_elsewhere_is_found_with_signal_and_second(recorded, replayed, setup):
     session = read_session(recorded)
     chunk = session.chunks[1]
     changed = chunk.device.copy()
@@ -349,7 +351,7 @@ def test_a_hand_that_was_a_little_elsewhere_is_found_with_signal_and_second(reco
     column = sum(s.size for s in session.head.device[: names.index("right.pose")]) + 3
     changed[500:, column] += 1e-9
     chunks = (session.chunks[0], replace(chunk, device=changed), *session.chunks[2:])
-    ran = run.replay(replace(session, chunks=chunks), near, members, lambda label, part: None)
+    ran = run.replay(replace(session, chunks=chunks), setup, lambda label, part: None)
     found = ran.difference
     assert (found.t0, found.t1) == (1.0, 2.0)
     assert found.signal in ("right.pose", "psm1.goal", "psm1.q", "psm1.command", "psm1.encoder")
@@ -389,11 +391,11 @@ def test_a_session_of_another_scene_is_refused(recorded, near, davinci, tmp_path
         replay_session(strange)
 
 
-def test_a_session_of_a_world_with_other_signals_is_refused(recorded, near, members):
+def test_a_session_of_a_world_with_other_signals_is_refused(recorded, setup):
     session = read_session(recorded)
     fewer = session.head.model_copy(update={"world": session.head.world[1:], "twin": "0.0.9"})
     with pytest.raises(WorldError, match=r"written by twin 0\.0\.9, whose World has other signals"):
-        run.replay(replace(session, head=fewer), near, members, lambda label, part: None)
+        run.replay(replace(session, head=fewer), setup, lambda label, part: None)
 
 
 # -- a person's hands -----------------------------------------------------------------------------------------------

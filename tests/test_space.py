@@ -276,13 +276,13 @@ def test_connections_without_length_are_as_free_as_their_ends():
 @pytest.mark.parametrize(
     ("start", "goal", "words"),
     [
-        ([0.0, 0, 0], [1.5, 0, 0], "at its start, link1 and room/post collide"),
-        ([1.5, 0, 0], [0.0, 0, 0], "at its goal, link1 and room/post collide"),
-        ([1.5, 0, 0], [2.7, 0, 0], r"at its goal, joint q0 = 154.699 deg is 5.73 deg beyond its limits"),
+        ([0.0, 0, 0], [1.5, 0, 0], "at the start, link1 and room/post collide"),
+        ([1.5, 0, 0], [0.0, 0, 0], "at the goal, link1 and room/post collide"),
+        ([1.5, 0, 0], [2.7, 0, 0], r"at the goal, joint q0 = 154.699 deg is 5.73 deg beyond its limits"),
         ([1.5, 0, 0], [0.0, 2.5, 2.5], "mm apart \\(required: 5 mm\\)|collide"),
         ([0.0, 0, 0], [1.5, 0, 0], r"the nearest free configuration found is q0_deg = .*, q1_deg = .*, q2_deg = "),
         ([1.5, 0, 0], [2.7, 0, 0], r"the nearest free configuration found is q0_deg = 149, q1_deg = 0, q2_deg = 0"),
-        ([np.nan, 0, 0], [1.5, 0, 0], "at its start, joint values are not finite"),
+        ([np.nan, 0, 0], [1.5, 0, 0], "at the start, joint values are not finite"),
     ],
 )
 def test_an_end_that_is_not_free_is_named_with_its_size(start, goal, words):

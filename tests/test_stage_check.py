@@ -83,6 +83,13 @@ def test_an_op_that_cannot_be_evaluated_stops_everyone(clean, tmp_path):
         read_stage(path)
 
 
+@pytest.mark.parametrize("name", ["drive_missing", "no_drive_at_all", "drive_gains"])
+def test_a_missing_drive_is_said_once(name, clean, tmp_path):
+    found = [f for f in check_stage(seeded(clean, tmp_path, MORE[name][0])) if f.code == "stage.drive_missing"]
+    assert [f.where for f in found] == [MORE[name][2]]
+    assert CRANK in found[0].message
+
+
 def test_public_findings_are_passed_on(clean, tmp_path):
     path = seeded(clean, tmp_path, put("/bars/rocker.physics:mass", -1.0))
     (finding,) = run_usd_validators(path)

@@ -55,13 +55,13 @@ BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 @pytest.mark.parametrize(
     ("vertices", "triangles", "edge", "message"),
     [
-        (BOX.vertices, BOX.faces[1:], np.inf, r"surface 'liver' is open: 3 sides .* at \(.*\) mm"),
+        (BOX.vertices, BOX.faces[1:], np.inf, r"surface 'liver' is open: 3 edges .* at \(.*\) mm"),
         (BOX.vertices, BOX.faces[:, ::-1], np.inf, r"is inverted: its volume is -1e\+03 cm3"),
         (
             BOX.vertices,
             np.r_[BOX.faces[:1, ::-1], BOX.faces[1:]],
             np.inf,
-            "triangles of both orientations: 3 sides join two triangles of different",
+            "triangles of both orientations: 3 edges join two triangles of different",
         ),
         (BOX.vertices, BOX.faces, 0.001, "is too fine: more than 6000 vertices; allow longer edges"),
         (trimesh.creation.icosphere(6).vertices, trimesh.creation.icosphere(6).faces, np.inf, "draw it coarser"),

@@ -113,7 +113,7 @@ def test_a_third_coordinate_that_may_not_decrease_orders_the_connections():
 
 def test_arms_that_collide_at_the_goal_are_named():
     one, whole = both()
-    with pytest.raises(ProtocolError, match="at its goal, left_link2 and right_link2 collide"):
+    with pytest.raises(ProtocolError, match="at the goal, left_link2 and right_link2 collide"):
         beside(whole, around(one, UP, DOWN), UP, np.array([0.35, 0.3, 0.0]))
 
 

@@ -14,24 +14,40 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twin
+from twin.api.act import members_of
 from twin.api.machine import machine, machine_parts
 from twin.cli.machines import running
 from twin.core import spatial
 from twin.core.errors import DescriptionError, DeviceError, TwinError
 from twin.model.scene import load_scene
 from twin.simulation import console_scene, machine_scene
+from twin.simulation.controllers import trainer
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.planned import HELD, RUN
-from twin.simulation.controllers.trainer import Bounds, Mode, Phase, Smooth, Tips, Trainer, ViewSwitch, Why, asked, told
+from twin.simulation.controllers.trainer import (
+    LONGEST,
+    Bounds,
+    Mode,
+    Phase,
+    Smooth,
+    Tips,
+    Trainer,
+    ViewSwitch,
+    Why,
+    asked,
+    told,
+)
 from twin.simulation.devices.joint_packets import JointPackets
 from twin.simulation.devices.joint_packets import pack as pack_joints
 from twin.simulation.machine import states
-from twin.simulation.machine.itp import pack, unpack
+from twin.simulation.machine.itp import number_of, pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.link import Address, MachineLink, StateReader
 from twin.simulation.machine.modelled import Modelled
+from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.states import State
 from twin.simulation.session.training import measure
+from twin.simulation.setup import Setup
 from twin.simulation.world import Recording, Signals
 from twin.ui.session.mirror import Mirror
 
@@ -186,6 +202,26 @@ def test_a_rehearsal_moves_the_model_only(desk):
     assert moved == pytest.approx(1e4, abs=30)
 
 
+def test_a_rehearsal_is_stopped_at_the_longest_record(desk, monkeypatch):
+    monkeypatch.setattr(trainer, "LONGEST", 0.2)
+    desk.step()
+    desk.ask(Mode.REHEARSE)
+    goal = desk.signals["arm.goal"].reshape(4, 4).copy()
+    goal[0, 3] += 0.05
+    desk.set("arm.goal", goal.ravel())
+    assert desk.step(199)[:2] == (Phase.REHEARSE, Why.NOTHING)
+    found = desk.step()
+    assert found[:3] == (Phase.REHEARSE, Why.FULL, 0.2)
+    assert text_of(found).startswith("the rehearsal was stopped: the record of arm is 0.2 s long (limit 0.2). Press Ju")
+    np.testing.assert_array_equal(found[4][:9], STILL)  # the model is at rest, where the record ends
+    desk.set("arm.model", 3.0, 2)  # not a part of the record
+    desk.step(300)
+    desk.set("arm.model", 0.0, 2)
+    assert len(desk.trainer._record) == 200
+    assert desk.ask(Mode.JUDGE)[:2] == (Phase.JUDGED, Why.NOTHING)
+    assert desk.ask(Mode.REPLAY)[0] == Phase.REPLAY
+
+
 def test_a_good_record_is_replayed_as_it_was(desk):
     desk.step()
     desk.rehearse()
@@ -314,11 +350,13 @@ def test_a_tap_of_the_camera_pedal_changes_the_view():
 # -- model and cue -------------------------------------------------------------------------------------
 
 
-def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts):
-    """A machine that is its model, 30 ms away, does not deviate while it moves."""
+@pytest.mark.parametrize("before", [0, 2**32 - 150])
+def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts, before):
+    """A machine that is its model, 30 ms away, does not deviate while it moves, nor after the largest number."""
     arm = machine(parts)
     arm.stand(parts.home)
     plant = Modelled("arm", parts, Cue(), parts.home)
+    plant._sent = plant._given = before
     signals = Signals(
         {
             "arm.given": np.append(STILL, 0.0),
@@ -332,7 +370,8 @@ def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts):
     for k in range(400):
         values = np.array([round(20 * np.sin(k / 60)), 0, 0, 1, 0, 0, 0, 0, 1.0]) if k > 10 else np.append(STILL[:8], 1)
         signals.view("arm.given")[:9] = values
-        waiting.append((k + 1, pack(k + 1, 0, values)))
+        number = number_of(before + k + 1)
+        waiting.append((number, pack(number, 0, values)))
         if k >= 15:
             number, data = waiting.pop(0)
             arm.step(k * 1e-3, [(data, "master")])
@@ -344,6 +383,14 @@ def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts):
         assert not out["arm.cue"].any()
     assert far > 1e-3  # the model is ahead
     assert max(apart) < 1e-5
+
+
+def test_packets_are_numbered_beyond_the_largest_number(parts):
+    outbox, signals = Outbox({"arm": parts}), Signals({"arm.packet": STILL})
+    outbox._count = 2**32 - 2
+    for k in range(2):
+        outbox.step(signals, k * 1e-3, 1e-3)
+    assert [sequence_of(data) for data in outbox.take()["arm"]] == [2**32 - 1, 1]
 
 
 def test_the_cue_is_in_the_axes_of_the_picture():
@@ -404,9 +451,9 @@ def test_a_wrong_trainer_is_refused(scene, tmp_path, old, new, message):
 
 def test_the_identity_has_the_limits_of_the_trainer(scene, robot):
     robots = {p.name: twin.load(p.robot) for p in console_scene.led_by(scene)}
-    members = {n: console_scene.Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+    setup = Setup(scene, members_of(robots))
     other = replace(scene, trainer=scene.trainer.model_copy(update={"start_mm": 3.0}))
-    assert console_scene.identity(scene, members) != console_scene.identity(other, members)
+    assert console_scene.identity(setup) != console_scene.identity(replace(setup, scene=other))
 
 
 # -- states and links ----------------------------------------------------------------------------------
@@ -667,6 +714,7 @@ def test_measures_of_a_session(scene, robot, parts):
     ghost[510:610], ghost[610:] = path, path[-1]
     phase = np.zeros((n, 3))
     phase[280:420, 0], phase[420:500, 0], phase[500:650, 0] = Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY
+    phase[400:420, 1:] = Why.FULL, LONGEST
     phase[800:850] = Phase.STOPPED, Why.START, 0.011
     tip = kin.forward_many(q)[:, :3, 3]
     apart = np.linalg.norm(tip - kin.forward_many(ghost)[:, :3, 3], axis=1)
@@ -683,13 +731,14 @@ def test_measures_of_a_session(scene, robot, parts):
     kept = Recording(dt, {k: v.shape[1] for k, v in rows.items()}, np.concatenate([*rows.values()], axis=1))
     found = measure(kept, scene.trainer, "raven_left", kin)
     assert [s.phase for s in found.steps] == [
-        Phase.TELEOPERATE, Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY, Phase.TELEOPERATE, Phase.STOPPED,
+        Phase.TELEOPERATE, Phase.REHEARSE, Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY, Phase.TELEOPERATE, Phase.STOPPED,
         Phase.TELEOPERATE,
     ]  # fmt: skip
-    assert found.steps[3].record < 1e-9
-    assert found.steps[3].deviation == pytest.approx(5e-4)
+    assert found.steps[4].record < 1e-9
+    assert found.steps[4].deviation == pytest.approx(5e-4)
     assert np.isnan(found.steps[1].deviation)
-    assert "raven_left is 11.0 mm from where the record begins (limit 2)" in found.steps[5].text
+    assert "raven_left is 11.0 mm from where the record begins (limit 2)" in found.steps[6].text
     assert found.cue == pytest.approx((0.4, 0.05))
-    assert [f.code for f in found.findings()] == ["training.cue"]
-    assert len(list(found.rows())) == 7
+    assert [f.code for f in found.findings()] == ["training.cue", "training.record"]
+    assert "the record of raven_left is 120 s long (limit 120)" in found.steps[2].text
+    assert len(list(found.rows())) == 8

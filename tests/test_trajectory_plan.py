@@ -281,7 +281,8 @@ def test_out_of_reach_names_the_limb_and_the_largest_depth():
 def test_too_much_tilt_says_how_far_it_goes():
     message = refusal(table2(Pivot("over", "steep", "enforced"), steep=(None, 0.04, (0, 60, 0))))
     assert "phase 'over' (pivot)" in message
-    assert "deg of tilt from its start" in message
+    assert ", tilted by " in message
+    assert " deg from the start of the phase" in message
 
 
 def test_a_singularity_on_the_way_is_an_error():
@@ -298,7 +299,7 @@ def test_carriages_on_one_rail_keep_their_distance():
 
 def test_an_unreachable_start_says_so():
     message = refusal(table2(), replace(SILS, upper=np.full(6, 0.5)))
-    assert "already at its start" in message
+    assert "already at the start of the phase" in message
     assert "No part of the phase is reachable" in message
 
 

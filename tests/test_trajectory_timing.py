@@ -185,14 +185,14 @@ def test_phases_join_and_keep_the_rcm_on_the_shaft():
 @pytest.mark.parametrize(
     ("phases", "words"),
     [
-        ((Positioning("go", "a"),), r"phase 'go' \(positioning\): it has no length"),
-        ((Insertion("in", 0.05), Retraction("out", 0.05)), "phase 'out' .retraction.: it has no length"),
+        ((Positioning("go", "a"),), r"phase 'go' \(positioning\): the phase has no length"),
+        ((Insertion("in", 0.05), Retraction("out", 0.05)), "phase 'out' .retraction.: the phase has no length"),
         (
             (Insertion("in", 0.05), Retraction("out", 0.06)),
             "should end at depth 60.000 mm, but begins at 50.000",
         ),
-        ((Pivot("turn", "about", "enforced"),), "no RCM is registered yet; add an insertion before it"),
-        ((Insertion("in", 0.05), Pivot("m", "b", "monitored"), INSIDE[1]), "after a monitored pivot its shaft .* mm"),
+        ((Pivot("turn", "about", "enforced"),), "no RCM is registered yet; add an insertion before this pivot"),
+        ((Insertion("in", 0.05), Pivot("m", "b", "monitored"), INSIDE[1]), "after a monitored pivot the shaft .* mm"),
     ],
 )
 def test_paths_that_make_no_sense_are_refused(phases, words):

@@ -199,7 +199,7 @@ def test_what_to_do_is_the_last_line_on_the_terminal_and_on_the_first_screen_of_
     said = capsys.readouterr().out
     assert "DISAGREE: equations (A) and CAD (B) differ" in said
     assert said.rstrip().splitlines()[-1].strip() == f"what to do: {printed.what_to_do}"
-    assert f"find the edit that makes them agree: {printed.commands['explain']}" == printed.what_to_do
+    assert f"find the edit that corrects the equations: {printed.commands['explain']}" == printed.what_to_do
     page = render_html(printed, {})
     first_screen = page[page.index('<div class="verdict') : page.index('<dl class="strip"')]
     assert f"<code>{printed.commands['explain']}</code>" in first_screen

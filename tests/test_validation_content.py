@@ -168,8 +168,8 @@ class Looked:
 @pytest.mark.parametrize(
     ("written", "says"),
     [
-        (Written("x.usda", Looked.keys, np.full(11, 1e-4), np.zeros(11)), "differs from the protocol's"),
-        (Written("x.usda", Looked.keys, np.zeros(11), np.full(11, 1e-3)), "differs from the protocol's"),
+        (Written("x.usda", Looked.keys, np.full(11, 1e-4), np.zeros(11)), "differs from the motion of the protocol"),
+        (Written("x.usda", Looked.keys, np.zeros(11), np.full(11, 1e-3)), "differs from the motion of the protocol"),
         (Written("x.usda", Looked.keys + 0.1, np.zeros(0), np.zeros(0)), "belongs to another protocol, or was changed"),
         (Written("x.usda", Looked.keys, np.zeros(11), np.zeros(11), ("bar1",)), "bar1 have no time codes"),
     ],

@@ -209,7 +209,7 @@ def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
     facts, found = consistent.fixes(protocol, trajectory, sils.path_kinematics(), T)
     move = facts["sweep: move the tip, keep the angles"]
     assert "by 45.78 mm" in move
-    assert "the robot reaches it" in move
+    assert "the robot can do the protocol" in move
     assert "would still miss the RCM by 0.9" in move  # both ends right, the straight way between not
     turn = facts["sweep: turn the shaft, keep the tip"]
     assert "by 47.96 deg" in turn

@@ -289,7 +289,7 @@ def test_the_scoreboard_of_a_task_its_end_and_a_restart(theatre):
         score._end_task("page 1")
         front.step()
         assert "The task was ended." in front._status.content
-        assert "No report is made." in score._result.content
+        assert "This attempt has no report." in score._result.content
         assert score._end.disabled
         score._restart("page 1")
         front.step()

@@ -310,7 +310,7 @@ def test_a_heading_between_waypoints_and_phases_stays_over_the_phases(protocol):
         ("no-name", None, DescriptionError, ["no-name", "must begin with a lower-case letter"]),
         ("look", np.full((4, 4), np.nan), TwinError, ["waypoint 'look'", "not a rigid pose"]),
         ("look", 2 * np.eye(4), TwinError, ["waypoint 'look'", "not a rigid pose"]),
-        ("look", "there", ProtocolError, ["phase 'look'", "it has no length"]),
+        ("look", "there", ProtocolError, ["phase 'look'", "the phase has no length"]),
     ],
 )
 def test_a_phase_that_is_refused_changes_nothing(name, T, kind, words, protocol, left_alone):

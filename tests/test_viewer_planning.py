@@ -148,7 +148,7 @@ def test_a_target_is_moved_by_the_arrows_and_the_arm_rests(front):
     assert front._planning._ghost.root.visible
     for name, T_base_body in poses.items():
         np.testing.assert_allclose(seen[name], T_base_body[:3, 3], atol=1e-6)
-    assert "Move the target of raven_left: it may pass through anything" in front._status.content
+    assert "Move the target of raven_left; the target may pass through anything" in front._status.content
     assert "Left hand: raven_left is at rest; its target follows" in front._status.content
 
 
@@ -176,7 +176,10 @@ def test_a_plan_is_shown_with_path_tree_and_clearance_then_accepted_and_made(fro
     np.testing.assert_allclose(tree.points, world(found.tree), atol=1e-6)
     assert panel._plot.visible
     np.testing.assert_allclose(panel._plot.data, [[0, 0.01, 0.02, 0.033], [8, 6, 5, 7], [4.5] * 4])
-    assert "Minimum clearance 5.0 mm (jaw and floor), proven 4.5 mm. Accept it, or cancel." in front._status.content
+    assert (
+        "Minimum clearance 5.0 mm (jaw and floor), proven to be at least 4.5 mm. Accept it, or cancel."
+        in front._status.content
+    )
     assert usable(front) == {"plan", "accept", "cancel"}
     assert panel._find.label == "Change the target"
     places = set()

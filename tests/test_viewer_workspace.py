@@ -205,7 +205,7 @@ def test_equations_without_a_closed_inverse_are_refused(tmp_path):
         ({"robot": "silz"}, "there is no robot 'silz'"),
         ({"parameters": {"l_9": 1.0}}, "there is no parameter 'l_9'"),
         ({"limits": np.zeros((5, 2))}, "limits"),
-        ({"count": 0}, "count 0"),
+        ({"count": 0}, "the number of poses 0"),
         ({"limits": np.full((6, 2), 9.0)}, "of 500 positions with this orientation no pose is within the joint limits"),
         ({"T_base_tool": np.diag([1.0, 1, 1, 1]) + 9 * np.eye(4, k=3)}, "no pose is reachable"),
     ],

@@ -15,9 +15,11 @@ from scipy.spatial.transform import Rotation
 from teleoperation import hands
 
 import twin
+from twin.api.act import members_of
 from twin.core import spatial
 from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS, PEDALS, Member
+from twin.simulation import setup as inputs
+from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.devices.recorded import Recorded
 
 DT, PYBULLET_DT = 1e-3, 1 / 240
@@ -47,9 +49,8 @@ class Setup:
 
     def world(self, ticks: int = LONG, records: bool = False):
         """Return a World at the start of the session; after so many ticks the hands end it."""
-        members = {n: Member(r.mechanism, r.kinematics()) for n, r in self.robots.items()}
         device = Recorded(hands(ticks), *HANDS, PEDALS)
-        return console_scene.world(self.scene, members, device, records=records)
+        return console_scene.world(inputs.Setup(self.scene, members_of(self.robots)), device, records=records)
 
     def port(self, name: str) -> np.ndarray:
         """Return the port of an arm in the world, (3,)."""

@@ -16,11 +16,11 @@ import time
 
 import numpy as np
 
-from twin.api.act import load_scene, robots_at
+from twin.api.act import load_scene, members_of, robots_at
 from twin.api.machine import ChildMachine, Machines
 from twin.core import spatial
 from twin.simulation import console_scene
-from twin.simulation.console_scene import Member
+from twin.simulation.condition import Condition
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.together import Together
 from twin.simulation.hazards.fault import Fault
@@ -28,6 +28,7 @@ from twin.simulation.machine.exchange import Exchange
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.session.machine_run import ready
+from twin.simulation.setup import Setup
 from twin.simulation.world import Block
 
 NAME, BESIDE, FIRST, EVERY, LIMIT = "raven_left", "raven_right", 6.0, 5.0, 3e-3
@@ -57,7 +58,7 @@ def main(faults):
     """Run, and print the times from the limit to the cue."""
     scene = load_scene("raven")
     robots = robots_at(console_scene.led_by(scene))
-    members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+    setup = Setup(scene, members_of(robots), condition=Condition(haptics=True))
     times = [FIRST + EVERY * k for k in range(faults)]
     stuck = [Fault("dac", t, t + 0.2, "overwrite", 2500.0, target=0) for t in times]
     start = lambda robot: ChildMachine(robot, faults=stuck if robot == NAME else ())  # noqa: E731
@@ -70,7 +71,7 @@ def main(faults):
             ready(n, machines.links[n])
         states, outbox = {n: MachineStates(n, parts[n].home) for n in names}, Outbox(parts)
         device = Together([Circles(), *states.values()])
-        world = console_scene.world(scene, members, device, records=False, watch=[outbox], haptics=True, parts=parts)
+        world = console_scene.world(setup, device, records=False, watch=[outbox], parts=parts)
         exchange, begin, pressed = Exchange(machines.links, states, outbox), time.monotonic(), -1.0
         begun = link.state.t
         while link.state is not None and link.state.t < times[-1] + EVERY:

@@ -16,16 +16,19 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 
 import twin
-from twin.api.act import props_of
+from twin.api.act import members_of, props_of, robots_at
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS, PEDALS, Member
+from twin.simulation.condition import Condition
+from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.devices.recorded import Recorded
+from twin.simulation.setup import Setup
 from twin.simulation.world import Recording, World
 
 DT = 1e-3
@@ -57,12 +60,11 @@ def hands(ticks: int, lower: float = 0.0) -> Recording:
 def world(ticks: int, haptics: bool = False) -> World:
     """Return the World of the scene `davinci` under these hands."""
     scene = twin.load_scene("davinci")
-    robots = {p.robot: twin.load(p.robot) for p in scene.places}
-    members = {p.name: Member(robots[p.robot].mechanism, robots[p.robot].kinematics()) for p in scene.places}
+    setup = Setup(scene, members_of(robots_at(scene.places)))
+    if haptics:
+        setup = replace(setup, props=props_of(scene), condition=Condition(haptics=True))
     device = Recorded(hands(ticks, LOWER if haptics else 0.0), *HANDS, PEDALS)
-    if not haptics:
-        return console_scene.world(scene, members, device)
-    return console_scene.world(scene, members, device, props=props_of(scene), haptics=True)
+    return console_scene.world(setup, device)
 
 
 def durations(ticks: int, haptics: bool = False) -> np.ndarray:

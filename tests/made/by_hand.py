@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from twin.api.act import members_of
 from twin.core import spatial
 from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS, Member
+from twin.simulation.console_scene import HANDS
 from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.setup import Setup
 
 
 class ByHand:
@@ -15,10 +17,10 @@ class ByHand:
 
     def __init__(self, scene, robots, fulcrum="compensated", scale=0.5):
         self.scene = scene
-        self.members = {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+        self.members = members_of(robots)
         settings = console_scene.settings(scene, fulcrum)
         self.device = GivenHands("pedals", HANDS, scale, settings=settings)
-        self.world = console_scene.world(scene, self.members, self.device, records=False)
+        self.world = console_scene.world(Setup(scene, self.members), self.device, records=False)
         self.places = {p.name: p for p in scene.places}
         self.p = {hand: np.zeros(3) for hand in HANDS}
         self.R = {hand: np.eye(3) for hand in HANDS}

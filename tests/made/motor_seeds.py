@@ -44,7 +44,7 @@ for name, suffix, change, says in (
         "joint factors of the transmission",
     ),
     ("range", "xml", attribute("tendon/fixed", "range", by(1.1)), "motor .*limits"),
-    ("force", "xml", attribute("actuator/*[@tendon]", "forcerange", by(10)), "motor .*largest effort"),
+    ("force", "xml", attribute("actuator/*[@tendon]", "forcerange", by(10)), "motor .*maximum effort"),
     ("rotor", "xml", attribute("tendon/fixed", "armature", by(1e3)), "motor .*rotor inertia"),
     ("gain x 10", "xml", gain(10.0), "stiffness"),
     ("deleted", "xml", without_motor, "motor .*(missing|not in)"),
@@ -85,7 +85,7 @@ for name, change, says in (
         "joint factors of the transmission",
     ),
     ("limits", entry("actuators", "limits", lambda v: Gf.Vec2d(v[0], v[1] / 2)), "motor .*limits"),
-    ("effort", entry("actuators", "max_effort", lambda v: 10 * v), "motor .*largest effort"),
+    ("effort", entry("actuators", "max_effort", lambda v: 10 * v), "motor .*maximum effort"),
     ("rotor", entry("actuators", "rotor_inertia", lambda v: 10 * v), "motor .*rotor inertia"),
     ("forgotten", lambda told: [told.pop(k) for k in ("actuators", "transmissions")], "motor .*(missing|not in)"),
 ):

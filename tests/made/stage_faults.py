@@ -102,6 +102,11 @@ def _no_drive(stage):
     stage.GetPrimAtPath(CRANK).RemoveAPI(UsdPhysics.DriveAPI, "angular")
 
 
+def _drive_elsewhere(stage):
+    _no_drive(stage)
+    UsdPhysics.DriveAPI.Apply(stage.GetPrimAtPath(ELBOW), "angular").CreateStiffnessAttr(1.0)
+
+
 def _wrong_drive(stage):
     UsdPhysics.DriveAPI.Apply(stage.GetPrimAtPath(CRANK), "linear").CreateStiffnessAttr(1.0)
 
@@ -236,7 +241,7 @@ MORE = {
         "stage.drive_target",
         CRANK,
     ),
-    "drive_missing": (_no_drive, "stage.drive_missing", CRANK),
+    "drive_missing": (_drive_elsewhere, "stage.drive_missing", CRANK),
     "no_drive_at_all": (_no_drive, "stage.drive_missing", "/"),
     "drive_gains": (_no_gains, "stage.drive_missing", CRANK),
     "drive_axis": (_wrong_drive, "stage.drive_axis", CRANK),

@@ -14,7 +14,7 @@ MOST = 400_000
 
 
 def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
-    """Return positions (k, 3) in m, values (k, 4) of `COLUMNS`, and colours (k, 3) uint8.
+    """Return reached positions (k, 3) in m, their values (k, 4) in the order of `COLUMNS`, and colours (k, 3) uint8.
 
     The colours show the inverse condition numbers or, without condition numbers, the margins to the joint limits.
     """
@@ -30,7 +30,7 @@ def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
 
 
 def write_ply(found: Workspace, path: Path) -> None:
-    """Write a binary PLY with x y z in m, red green blue, and the columns of the workspace."""
+    """Write a binary PLY file; each vertex has x, y, z in m, red, green, blue (0..255), and the values of `COLUMNS`."""
     p, values, rgb = points(found)
     kinds = [
         *((n, "<f4") for n in "xyz"),

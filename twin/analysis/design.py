@@ -36,7 +36,7 @@ OBJECTIVES = {
         "encoders 1 µm or 0.001°",
     ),
 }
-"""Objectives: unit, whether larger (+1) or smaller (-1) values are better, and description."""
+"""Objectives by name: (unit, +1 if larger values are better or -1 if smaller values are better, description)."""
 
 POSITIONS = 27_000
 """Number of tool positions at which every design is evaluated."""
@@ -116,18 +116,18 @@ def factor(robot: api.Robot, text: str) -> Factor:
         return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, drawn)
     parameters = {p.name: p for p in robot.formula.parameters}
     if name not in parameters:
-        raise TwinError(f"--vary: {unknown('parameter', name, parameters)} (or a distance: body:joint-joint)")
+        raise TwinError(f"--vary: {unknown('parameter', name, parameters)}; a distance is written body:joint-joint")
     unit = unit or (parameters[name].unit if parameters[name].unit in _UNITS else "")
     return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, float(parameters[name].value))
 
 
 def distance(mechanism: Mechanism, name: str) -> float:
-    """Return the distance in m for `body:joint-joint`; for parallel pins, perpendicular to their axes."""
+    """Return the distance named `body:joint-joint` in m; between parallel pins, it is perpendicular to their axes."""
     return float(np.linalg.norm(_between(mechanism, name)[0]))
 
 
 def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
-    """Return the mechanism with the distance `name` set to `value` in m; the second joint moves, the first is fixed."""
+    """Return the mechanism with the distance `name` set to `value` in m; the second joint of the name is moved."""
     line, joint, side = _between(mechanism, name)
     size = float(np.linalg.norm(line))
     if size < 1e-9:
@@ -221,7 +221,10 @@ def _robot(source: str, protocol: str | None) -> api.Robot:
 
 
 def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
-    """Return the objectives of one design by name, in the units of `OBJECTIVES`; NaN if it cannot be assembled."""
+    """Return the objectives of one design by name, in the units of `OBJECTIVES`.
+
+    All objectives are NaN if the design cannot be assembled.
+    """
     robot = _robot(work.source, work.protocol)
     out: dict[str, float] = {}
     named = {f.name: float(v) for f, v in zip(work.factors, design, strict=True)}
@@ -240,7 +243,7 @@ def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
 
 
 def grid_error(work: Job) -> float:
-    """Return the uncertainty in dm3 of the workspace volume of the CAD's design, which is a sum of grid cells."""
+    """Return the uncertainty in dm3 of the workspace volume of the CAD's design, computed by counting grid cells."""
     _, _, good = _good(work, _robot(work.source, work.protocol).kinematics())
     nx, ny, nz = work.shape
     return volume_error(good.reshape(nz, ny, nx), (work.step / 0.1) ** 3)
@@ -282,7 +285,10 @@ def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[st
 
 
 def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
-    """Return (k,) bool: whether each row of objectives (k, n) is Pareto-optimal; rows with NaN are not."""
+    """Return (k,) bool: whether each row of objectives (k, n) is Pareto-optimal; a row with a NaN never is.
+
+    `directions` (n,) is 1 for objectives that are better if larger, and -1 for objectives that are better if smaller.
+    """
     better = rows * np.array(directions)
     known = np.isfinite(better).all(axis=1)
     out = np.zeros(len(rows), bool)

@@ -1,8 +1,8 @@
 """Compile one function (kernel) that evaluates poses: reachability, margin to joint limits, conditioning.
 
 Condition numbers come from the eigenvalues of J J^T (J: Jacobian). The eigenvalues are computed by sweeps of Jacobi
-rotations until the off-diagonal entries are rounding errors. Poses that are computed at once get the same number of
-sweeps.
+rotations until the off-diagonal entries are rounding errors. The number of sweeps is the same for all poses that are
+computed together.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _SWEEPS, _BESIDE = 12, 1e-13
 
 
 def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
-    """Return the limits that involve several joints: limits of motors with a transmission, and gaps on one rail."""
+    """Return the limits that involve several joints: motor limits behind a transmission, and gaps along a rail."""
     return tuple(b for b in bounds if b.kind in ("motor", "gap"))
 
 
@@ -49,7 +49,9 @@ def kernel(
     from_joints: bool = False,
     size: int = 1,
 ) -> Kernel:
-    """Return a kernel that computes `NAMES` and the tool position from a sample (its number or its coordinates).
+    """Return a kernel that computes the values named in `NAMES` and the tool position from each sample.
+
+    A sample is its number or its coordinates.
 
     Args:
         kin: compiled equations of the robot.

@@ -35,14 +35,15 @@ def workspace(
 ) -> Workspace:
     """Return the workspace of the tool.
 
-    With a closed-form inverse, positions on a grid are evaluated in one or more orientations. Without it, or if
-    `by_joint_positions` is True, joint values are sampled; also if no position of the grid is reached, as with a planar
-    robot, whose tool keeps neither its orientation nor the positions of a grid.
+    If the equations have a closed-form inverse, positions on a grid are evaluated in one or more orientations. Joint
+    values are sampled instead if there is no closed-form inverse, if `by_joint_positions` is True, or if no position of
+    the grid is reached. The last case occurs with planar robots: a grid position in a fixed orientation is out of their
+    plane, or requires another orientation.
 
     Args:
         robot: a robot with CAD, or loaded from a stage.
         count: approximate number of poses or joint samples.
-        step: distance between positions in m; default: computed from `count`.
+        step: distance between neighbouring grid positions in m; default: computed from `count`.
         tilt: maximum rotation about each axis of base in rad.
         turns: number of orientations at each position.
         by_joint_positions: whether to sample joints even if there is a closed-form inverse.
@@ -53,7 +54,7 @@ def workspace(
         progress: see `twin.api.Progress`.
 
     Raises:
-        TwinError: no position is reached, or there are more positions than the limit.
+        TwinError: no position is reached, or the grid has more than 5e7 positions.
     """
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))

@@ -61,7 +61,7 @@ class Sweep(Result):
         ]
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the results as plain data."""
         known = {n: design.OBJECTIVES[n] for n in self.work.objectives}
         grid = None  # only volumes are computed by counting cells
         if "volume" in known:
@@ -84,7 +84,7 @@ class Sweep(Result):
         yield from (f"  {name}: {meaning['meaning']}" for name, meaning in data["objectives"].items())
         if (grid := data["grid"]) is not None:
             cells = f"a grid of {grid['step_mm']:.3g} mm, the same for every design"
-            yield f"  volume is counted on {cells}: ± {grid['volume_error_dm3']:.1g} dm³ for the CAD's design"
+            yield f"  volumes are sums of cells of {cells}: ± {grid['volume_error_dm3']:.1g} dm³ for the CAD's design"
         yield ""
         head = [n for n in data["drawn"] if n != "pareto"]
         best = [r for r in data["pareto"] if r["design"] != 0]
@@ -123,7 +123,7 @@ def sweep(
     Args:
         robot: a robot with CAD, and with equations if an objective requires them.
         vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
-        folder: function from a hash of the request to the folder in which each result is stored immediately.
+        folder: function that takes the hash of the request and returns the folder for its results.
         source: name or path by which workers load the robot.
         objectives: names in `twin.analysis.design.OBJECTIVES`; default: "tolerance" if all factors are distances, else
             "volume" and "conditioning".

@@ -1,4 +1,4 @@
-"""Store the results of a sweep on disk, one line for each evaluated design, so that it can be stopped and resumed."""
+"""Store the results of a sweep on disk, one line for each evaluated design; a stopped sweep can be resumed."""
 
 from __future__ import annotations
 
@@ -23,10 +23,12 @@ def key_of(work: Job, designs: Array) -> str:
 
 
 class Table:
-    """Stored results of a sweep: `rows.csv` and `job.json` in a folder. Use it as a context manager, then call `add`.
+    """Results of a sweep, stored as `rows.csv` and `job.json` in a folder.
+
+    `add` requires that the table is open as a context manager.
 
     Attributes:
-        done: objectives by design number, of designs evaluated so far.
+        done: objectives of the designs evaluated so far, by design number.
     """
 
     def __init__(self, folder: Path, work: Job, designs: Array, *, fresh: bool = False) -> None:
@@ -77,7 +79,7 @@ class Table:
         return self
 
     def add(self, number: int, judged: dict[str, float]) -> None:
-        """Store the objectives of a design; they are written to disk before the function returns."""
+        """Store the objectives of design `number`, and write them to disk before returning."""
         assert self._file is not None
         self.done[number] = judged
         csv.writer(self._file, lineterminator="\n").writerow([number, *(judged[n] for n in self._work.objectives)])

@@ -44,7 +44,7 @@ SHARE = 0.95
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations of the errors along and about each axis of each frame.
+    """Standard deviations of the errors of each joint frame, along and about each axis, and of each encoder.
 
     Attributes:
         shift: standard deviation of a joint frame's position on its body, in m.
@@ -64,12 +64,12 @@ class Budget:
 
     Attributes:
         q: (n,) active joints in m or rad.
-        sensitivity: (6, errors) tool shift (m) and rotation (rad), in base, per unit of each error.
+        sensitivity: (6, errors) tool shift (m) and rotation (rad), in base, per unit (m or rad) of each error.
         labels: (errors,) joint or encoder of each error.
         sigma: (errors,) standard deviations in m or rad.
         covariance: (6, 6) covariance of the tool error, to first order.
-        within: (2,) position error in m and rotation error in rad, each with probability `SHARE` not exceeded, to first
-            order.
+        within: (2,) position error in m and rotation error in rad, to first order; the fraction `SHARE` of the robots
+            does not exceed them.
         sampled, sampled_within: `covariance` and `within` by Monte Carlo; None if not requested.
         samples: number of Monte Carlo samples.
     """
@@ -87,7 +87,10 @@ class Budget:
 
     @property
     def contributors(self) -> list[tuple[str, float, float]]:
-        """(joint or encoder, fraction of position variance, fraction of rotation variance), largest position first."""
+        """(joint or encoder, fraction of position variance, fraction of rotation variance) of each source of errors.
+
+        The largest fraction of position variance comes first.
+        """
         effect = (self.sensitivity * self.sigma) ** 2
         whole = np.array([effect[:3].sum(), effect[3:].sum()])
         out = []
@@ -99,7 +102,10 @@ class Budget:
 
     @property
     def difference(self) -> float | None:
-        """Largest relative difference between first-order and Monte Carlo standard deviations; None if not sampled."""
+        """Largest relative difference between the first-order and Monte Carlo standard deviations of the tool error.
+
+        None without a Monte Carlo check.
+        """
         if self.sampled is None:
             return None
         a, b = (np.sqrt(np.diag(c)) for c in (self.covariance, self.sampled))
@@ -247,7 +253,7 @@ def _within(covariance: Array) -> tuple[float, float]:
 
 
 def as_dict(budget: Budget) -> dict[str, Any]:
-    """Return plain data in SI units."""
+    """Return a budget as plain data in SI units."""
     sd = np.sqrt(np.diag(budget.covariance))
     out: dict[str, Any] = {
         "state": budget.name,
@@ -329,7 +335,7 @@ class ToleranceBudget(Result):
         return 1 if self.findings else 0
 
     def content(self) -> dict[str, Any]:
-        """Return plain data; a key names its unit if the unit is not an SI unit."""
+        """Return all budgets as plain data; keys of values that are not in SI units end with the unit."""
         s = self.spread
         return {
             "robot": self.robot,

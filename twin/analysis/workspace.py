@@ -124,12 +124,13 @@ def _turned(w: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class Measure:
-    """The size of a set of grid cells.
+    """The quantity that states the size of a set of grid cells: their volume, area or length.
 
     Attributes:
         name: "volume", "area" or "length".
-        unit: unit in the keys of the JSON output, `symbol` in the text.
-        edge: edge length in m of a cube, square or line with the size 1.
+        unit: unit as it is written in the keys of the JSON output.
+        symbol: unit as it is written in the text.
+        edge: edge length in m of a cube, square or line of size 1 in this unit.
         dimension: 3, 2 or 1.
     """
 
@@ -140,11 +141,11 @@ class Measure:
     dimension: int
 
     def cell(self, step: float) -> float:
-        """Return the size of a cell with an edge length of `step` m."""
+        """Return the size, in `unit`, of a cell with an edge length of `step` m."""
         return (step / self.edge) ** self.dimension
 
     def key(self, what: str = "") -> str:
-        """Return the key of the JSON output."""
+        """Return the key of the size, or of its part `what`, in the JSON output, such as "volume_error_dm3"."""
         return "_".join(x for x in (self.name, what, self.unit) if x)
 
 
@@ -189,20 +190,20 @@ class Workspace(Result):
 
     @property
     def cube(self) -> np.ndarray:
-        """The values as an array (nx, ny, nz, 4)."""
+        """The values of the positions as an array (nx, ny, nz, 4); the last axis has the order of `COLUMNS`."""
         nx, ny, nz = self.grid.shape
         return self.values.reshape(nz, ny, nx, len(COLUMNS)).transpose(2, 1, 0, 3)
 
     @property
     def measure(self) -> Measure | None:
-        """What the cells of the grid measure; None for a curved surface, an inclined plane or a curve."""
+        """Quantity that states the size; None unless the positions fill a volume, or a plane or line along the axes."""
         return _MEASURES.get(self.dimension) if self.dimension == len(self.grid.axes) else None
 
     def content(self) -> dict[str, Any]:
         """Return the size, fractions, condition numbers and limits of the workspace as plain data.
 
-        The size is a volume in dm3; for positions in one plane parallel to two axes of base it is an area in cm2, and
-        on a line parallel to an axis a length in mm. It is None for other surfaces and curves.
+        The size is a volume in dm3, an area in cm2 if all positions are in one plane parallel to two axes of base, or a
+        length in mm if all positions are on a line parallel to an axis. For other surfaces and curves, it is None.
         """
         good = self.values[self.reached]
         share, inverse = good[:, 0].astype(float), good[:, 1].astype(float)
@@ -288,11 +289,12 @@ def _what(s: Mapping[str, Any]) -> str:
 def volume_error(cube: np.ndarray, cell: float) -> float:
     """Return the uncertainty of a volume computed by counting cells, about two standard deviations.
 
-    The result is the standard deviation of eight volumes, from the interleaved grids with twice the step; of four
-    areas, if there is one layer of cells. Measurements on SILS with shifted grids of 6 to 32 mm show that this is about
-    twice the standard deviation of the full grid.
-    `cube` (nx, ny, nz) states whether each position is reached; the result has the unit of `cell`, the volume of one
-    cell.
+    The grid is split into eight interleaved grids with twice the step (four, if there is one layer of cells). The
+    result is the standard deviation of the volumes computed from these grids. Measurements on SILS with shifted grids
+    of 6 to 32 mm show that it is about twice the standard deviation of the full grid.
+
+    `cube` (nx, ny, nz) states whether each position is reached. `cell` is the volume of one cell; the result has the
+    same unit.
     """
     starts = product(*[range(min(n, 2)) for n in cube.shape])
     parts = [cube[i::2, j::2, k::2].sum() for i, j, k in starts]
@@ -344,7 +346,7 @@ def chunks(grid: Grid, size: int = CHUNK) -> Iterator[tuple[int, int]]:
 
 
 def evaluate(kernel: Kernel, grid: Grid, first: int, last: int) -> np.ndarray:
-    """Return `COLUMNS`, (last - first, 4) float32, of positions first to last - 1."""
+    """Return the values (last - first, 4) float32, in the order of `COLUMNS`, of the positions first to last - 1."""
     number = np.arange(first * grid.turns, last * grid.turns, dtype=np.float64)[None]
     reached, inverse, margin, singularity, _ = (x.reshape(-1, last - first, grid.turns) for x in kernel(number))
     count = reached[0].sum(axis=1)
@@ -365,10 +367,12 @@ def centre(robot: Robot) -> Array:
 
 
 def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Array, Array]:
-    """Return the two corners (3,) in m of a box that contains all reached positions around a pose.
+    """Return the lower and the upper corner (3,) in m, in base, of a box around all reached positions.
+
+    The search for reached positions starts at the pose T (4, 4), in its orientation.
 
     Raises:
-        UnreachedError: no position near the pose is reached in its orientation.
+        UnreachedError: no position near the pose is reached.
     """
     half, middle = _START, T[:3, 3]
     while True:

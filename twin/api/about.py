@@ -23,7 +23,10 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 
 
 def scene_commands(scene: Scene) -> tuple[str, ...]:
-    """Return the commands for a scene: "run" and "export" require protocols, "operate" requires tasks or machines."""
+    """Return the twin commands that accept a scene.
+
+    "run" and "export" require a protocol of every robot, "operate" requires tasks or machines.
+    """
     operated = ("operate",) if scene.tasks or scene.trainer is not None else ()
     return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *operated)
 
@@ -33,9 +36,9 @@ class Info(Result):
     """Joints, limits, frames, degrees of freedom, variants and parameters of a robot.
 
     Attributes:
-        data: plain data, in SI units.
+        data: the facts about the robot as plain data (numbers, texts, lists, dicts), in SI units.
         bodies: number of bodies.
-        findings: findings of the CAD, and a warning if the mechanism is singular in the CAD's rest poses.
+        findings: findings on the CAD, and a warning if the mechanism is singular in the CAD's rest poses.
     """
 
     kind: ClassVar[str] = "info"
@@ -44,7 +47,7 @@ class Info(Result):
     findings: tuple[Finding, ...]
 
     def content(self) -> Mapping[str, Any]:
-        """Return plain data."""
+        """Return the facts about the robot as plain data."""
         return self.data
 
     def text(self) -> Iterator[Part]:
@@ -83,7 +86,7 @@ class SceneInfo(Result):
     """Robots and props of a scene, and its parameters with provenance.
 
     Attributes:
-        data: plain data.
+        data: the facts about the scene as plain data (numbers, texts, lists, dicts).
     """
 
     kind: ClassVar[str] = "info"
@@ -91,7 +94,7 @@ class SceneInfo(Result):
     findings: tuple[Finding, ...] = ()
 
     def content(self) -> Mapping[str, Any]:
-        """Return plain data."""
+        """Return the facts about the scene as plain data."""
         return self.data
 
     def text(self) -> Iterator[Part]:
@@ -122,8 +125,8 @@ class Listing(Result):
     """The built-in robots and scenes.
 
     Attributes:
-        robots: name, kind, title, equations, stage and protocols of each.
-        scenes: name, kind, title and robots of each.
+        robots: for each robot, its name, kind and title, whether it has equations and a stage, and its protocols.
+        scenes: for each scene, its name, kind, title and robots.
     """
 
     kind: ClassVar[str] = "list"
@@ -132,7 +135,7 @@ class Listing(Result):
     findings: tuple[Finding, ...] = ()
 
     def content(self) -> Mapping[str, Any]:
-        """Return both lists as plain data."""
+        """Return the list of the robots and the list of the scenes as plain data."""
         return {"robots": self.robots, "scenes": self.scenes}
 
     def text(self) -> Iterator[Part]:
@@ -198,7 +201,7 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
 
 
 def info_of_scene(scene: Scene, word: str) -> SceneInfo:
-    """Return the robots, props and parameters of a scene; `word` is the scene's name in the listed commands."""
+    """Return the robots, props and parameters of a scene, and its commands, in which `word` names the scene."""
     parameters: Sequence[Parameter] = scene.parameters
     return SceneInfo(
         {

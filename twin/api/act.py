@@ -1,8 +1,8 @@
-"""Simulations: trials of an operator with one robot, and all robots of a scene together."""
+"""Simulations: trials of an operator with one robot, and playing the protocols of all robots of a scene together."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from twin.simulation.controllers.velocity import Solver
     from twin.simulation.operated import Operated
     from twin.simulation.scene_play import Actor, Played
+    from twin.simulation.setup import Member
     from twin.simulation.world import World
 
 
@@ -40,9 +41,9 @@ def operate(
         protocol: a protocol with an insertion; default: the robot's default protocol.
         trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial; the same seed gives the same hand motion.
-        clutch: variant of eq. (7) of the SHER paper, "printed" or "corrected".
+        clutch: equation of the clutch, eq. (7) of the paper on the SHER simulation: "printed" or "corrected".
         scale: ratio of tool translation to handle translation; rotations are not scaled.
-        solver: solver of the joint step, "damped" or "slsqp".
+        solver: solver that computes the joint motion of each time step, "damped" or "slsqp".
         progress: see `Progress`.
 
     Raises:
@@ -109,7 +110,7 @@ def play(scene: Scene, progress: Progress = silent) -> Played:
     """Play the protocols of all robots of a scene together, and check clearances and trocar errors at the ports.
 
     Raises:
-        TwinError: a protocol cannot be planned, or a place assigns a port to a trocar that its robot lacks.
+        TwinError: a protocol cannot be planned, or the scene assigns a port to a trocar that the robot lacks.
     """
     from twin.simulation import scene_play
 
@@ -132,10 +133,17 @@ def _actors(scene: Scene, progress: Progress) -> list[Actor]:
 
 
 def robots_at(places: Iterable[Place]) -> dict[str, Robot]:
-    """Return the robots of a scene by the names of their places; each robot folder is read once."""
+    """Return {name of a place: the robot at this place}; robots from the same folder share one reading of its files."""
     places = tuple(places)
     kinds = {name: load(name) for name in {p.robot for p in places}}
     return {p.name: kinds[p.robot] for p in places}
+
+
+def members_of(robots: Mapping[str, Robot]) -> dict[str, Member]:
+    """Return mechanism and equations of robots, by the names of their places."""
+    from twin.simulation.setup import Member
+
+    return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
 
 
 def props_of(scene: Scene) -> Mechanism | None:

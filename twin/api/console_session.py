@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
 
 _STRIDE = 4
-"""Number of samples of `run.SAMPLE` (5 ms) between two keys of exported motions: 50 keys per second."""
+"""Number of samples (one every 5 ms, `run.SAMPLE`) from a key of an exported motion to the next key: 50 keys per s."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Arm:
         place, mechanism: place of the robot in the scene, and mechanism of the robot.
         q: (k, n) active joints in m or rad.
         links: T_base_link (k, 4, 4) by link, from the mechanism with closed loops, not from the robot's equations.
-        tip: (k, 3) position in m of the measured frame in the World.
+        tip: (k, 3) position in m, in the World, of the frame whose path is measured.
     """
 
     place: Place
@@ -69,13 +69,13 @@ class ConsoleSession(Result):
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
         arms: all robots that the console moves, by name.
-        lost: sentence on the end of a truncated file; "" if the file is complete.
+        lost: sentence that says what is missing at the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: pegs of a task with rings, by name.
         aligned: measures of a task with an alignment; None for another task.
         guided: measures of a task with a ring to guide; None for another task.
         wire: (k, 3) centre line of the wire of a task with a ring to guide, in m in the World; empty for another task.
-        training: measures of the machines.
+        training: measures of each machine: its deviation from its model, the cues and the stops.
     """
 
     scene: Scene
@@ -119,7 +119,7 @@ class ConsoleSession(Result):
 
     @cached_property
     def hands(self) -> Sequence[ArmMeasures]:
-        """Measures of every arm."""
+        """Measures of the motion of every arm that a hand moves."""
         return measures.of_arms(self.ran.kept, console_scene.console_of(self.scene), self._tips)
 
     @cached_property
@@ -129,7 +129,7 @@ class ConsoleSession(Result):
 
     @cached_property
     def touched(self) -> Sequence[Touched]:
-        """Result of every target; empty without a task."""
+        """For every target of the task, when it was touched and how near the tips came; empty without a task."""
         if self.task is None:
             return ()
         table = console_scene.console_of(self.scene)
@@ -151,7 +151,7 @@ class ConsoleSession(Result):
 
     @property
     def camera(self) -> str:
-        """Name of the robot of the camera."""
+        """Name of the robot that holds the camera."""
         return self.scene.cameras[console_scene.console_of(self.scene).camera].robot
 
     @property
@@ -160,19 +160,19 @@ class ConsoleSession(Result):
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """Findings on differences of the replay, a missing end of the file, and targets that were not touched."""
+        """Findings: the replay differs from the recording, the file is truncated, or a target was not touched."""
         out: list[Finding] = []
         if (d := self.ran.difference) is not None:
             size = (
                 f"; the largest difference is {d.size:.3g} in {d.signal}"
                 if d.signal
-                else "; all signals are equal again at the end of this second"
+                else f"; at {d.t1:g} s, all signals are equal again"
             )
             out.append(
                 disagreement(
                     "session.differs",
                     d.signal,
-                    f"the replay gives different bytes from this second on{size}",
+                    f"the replay gives other bytes than the recording, first between {d.t0:g} and {d.t1:g} s{size}",
                     suggestion="replay with the twin version and the processor type of the recording",
                     when=f"{d.t0:g} .. {d.t1:g} s",
                 )
@@ -187,7 +187,7 @@ class ConsoleSession(Result):
                 disagreement(
                     "task.missed",
                     target.name,
-                    "this target was not touched; smallest distance from the tips",
+                    "the target was not touched; minimum distance between the target and the tips",
                     mm(target.nearest),
                     mm(self.task.tolerance),
                     word="required",
@@ -197,7 +197,7 @@ class ConsoleSession(Result):
             ]
         if self.board is not None:
             out += [
-                disagreement("task.missed", r.ring, f"this ring is not around its peg, {r.peg}, at the end")
+                disagreement("task.missed", r.ring, f"at the end, the ring is not around its peg, {r.peg}")
                 for r in self.board.rings
                 if r.t is None
             ]
@@ -215,7 +215,7 @@ class ConsoleSession(Result):
             return
         for step in g.missed:
             yield disagreement(
-                "task.missed", step, f"this step is not done; the ring passed {g.passed:.0%} of the wire"
+                "task.missed", step, f"the step is not done; the ring passed along {g.passed:.0%} of the wire"
             )
         for what, value, most, unit in g.exceeded:
             text = f"more {what} than allowed"
@@ -492,7 +492,7 @@ def _aligned_rows(a: AlignMeasures) -> list[tuple[str, str]]:
         ("AlignErr by projection", angle),
         ("AlignErr in the picture", "-" if a.seen is None else f"{a.seen / DEG:+.3f} deg"),
         (
-            "distance of the upper side's ends from the line's ends",
+            "distance between the ends of the rectangle's upper side and of the line",
             "-" if np.isnan(a.off) else f"{a.off:.1%} of its length",
         ),
         ("time from the first press of the camera pedal to the last motion", f"{a.time:.1f} s"),

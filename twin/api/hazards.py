@@ -79,7 +79,7 @@ def hazards(
         robot: a robot with machine.toml.
         campaign: name of a file in the folder `campaigns` of the robot, or a path.
         folder: folder of the log; it is created.
-        source: name or path by which other processes load the robot; None: its name.
+        source: name or path by which other processes load the robot; None: the robot's name.
         sessions: maximum number of sessions that this call runs; None: all that are not in the log.
         processes: number of processes; None: one for each processor.
         software: settings of the machine's software.
@@ -102,7 +102,7 @@ def hazards(
     streams: list[Stream[dict[str, Any]]] = [Stream(outcomes) for _ in range(count if left else 0)]
 
     def give(stream: Stream[dict[str, Any]]) -> None:
-        """Give a process its next sessions: fewer towards the end, so that all processes end together."""
+        """Give a process its next sessions; later shares are smaller, so that all processes end at the same time."""
         size = -(-len(left) // (2 * count))
         share, left[:size] = tuple(left[:size]), []
         stream.start(Share(source or robot.name, str(path.resolve()), share, software))
@@ -169,13 +169,13 @@ def _require_own(plan: Campaign, log: Log) -> None:
             said = f"{wrong[0]} is {row[wrong[0]]!r}" if wrong[0] in row else f"{wrong[0]} is missing"
             expected = f"; expected {drawn[wrong[0]]!r}" if wrong[0] in drawn else ""
             raise OutputError(
-                f"{log.path}: session {index}: {said}{expected}: delete its line, and it runs again, or give another "
-                "--out"
+                f"{log.path}: session {index}: {said}{expected}. Delete the line of this session to run the session "
+                "again, or give another --out"
             )
 
 
 def outcomes(share: Share) -> Iterator[dict[str, Any]]:
-    """Yield the line of each session of a share; this runs in a separate process."""
+    """Run the sessions of a share, in a separate process, and yield the line of the log of each session."""
     from twin.simulation.hazards.attacked import Session
 
     plan, arena = _arena(share.robot, share.campaign, share.software)
@@ -202,10 +202,10 @@ def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Are
 
 
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
-    """Run the experiments of the second paper (sections 3.1 and 3.2.1), see `twin.simulation.hazards.trends`.
+    """Measure the deviation of the control software's model from the machine, in two experiments.
 
-    The experiments measure the deviation of the model from the machine: at each motion scale, and with a motor command
-    that is stuck every 8 s.
+    In the first one, the motion scale is varied; in the second one, a motor command is stuck every 8 s. They repeat
+    sections 3.1 and 3.2.1 of a paper that `twin.simulation.hazards.trends` names.
 
     Args:
         robot: a robot with machine.toml.
@@ -223,9 +223,9 @@ def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress =
 
 
 def campaign_file(robot: Robot, campaign: str | Path) -> Path:
-    """Return the path of a campaign; a name without suffix is a file in the robot's folder `campaigns`.
+    """Return the path of a campaign file; a name without suffix means a file in the robot's folder `campaigns`.
 
-    If the only key of this file is `same_as`, the path is that of the file named there.
+    If `same_as` is the only key of this file, return the path of the file that `same_as` names.
     """
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)

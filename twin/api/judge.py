@@ -52,13 +52,13 @@ def validate(
 
     Args:
         robot: a robot with CAD and equations.
-        trajectory: the planned trajectory; None: the function plans it.
+        trajectory: the planned trajectory; None: `validate` plans it.
         protocol: the protocol of the trajectory; default: the robot's default protocol.
         variants: variants of the equations to judge; the motion is always planned with the robot's own variants.
         tolerances: maximum deviations; default: tolerances of exact geometry, increased by the placement precision of
             the CAD.
         stage: root layer to judge; default: the robot's own stage, or a new build if it is missing or outdated.
-        baked: whether the motion in `stage` was baked from this trajectory. Otherwise a difference is only a warning.
+        baked: whether the motion in `stage` was baked from `trajectory`. If it was not, differences are only warnings.
         progress: see `Progress`.
 
     Raises:
@@ -95,13 +95,13 @@ def explain(
     seconds: float = 8.0,
     progress: Progress = silent,
 ) -> Explanation:
-    """Find the row (assignment) of an equation that disagrees with the mechanism, its cause and its correction.
+    """Find which rows (assignments) of the equations disagree with the mechanism, why, and which edits correct them.
 
     Args:
         robot: a robot with CAD (or a stage) and equations.
         variants: variants of the equations to explain; default: the robot's own.
         tolerance: accuracy of the CAD in m; default: ten times the placement precision of the CAD.
-        seconds: time limit of the search for two edits in one row.
+        seconds: time limit in s of the search for two edits in one row.
         progress: see `Progress`.
 
     Raises:

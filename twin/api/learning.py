@@ -21,7 +21,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
     the session.json of `twin session --out` or `twin operate`.
 
     Raises:
-        DescriptionError: there are fewer than two groups, a file is not a session, or tasks differ.
+        DescriptionError: there are fewer than two groups, a file is not a session, or the tasks of the sessions differ.
         WorldError: a session is damaged, or its replay gives different bytes.
     """
     if len(groups) < 2:
@@ -48,7 +48,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
 
 
 def measures(content: Mapping[str, Any]) -> dict[str, float]:
-    """Return the compared measures of a session, {name with unit: value}, from the session's plain data."""
+    """Return the measures that are compared between sessions, {name with unit: value}, from a session's plain data."""
     out = {"time_s": content["time_s"]}
     out |= {f"{name}_path_mm": hand["path_mm"] for hand in content["hands"] for name in [hand["robot"]]}
     out |= {n: content[n] for n in ("clutches", "camera_moves")}

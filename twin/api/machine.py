@@ -29,9 +29,9 @@ def machine_parts(
     """Return the compiled parts of a robot's machines; several machines can share them.
 
     Args:
-        robot: a robot with inertia.toml and machine.toml in its folder, and with a closed inverse.
+        robot: a robot with inertia.toml and machine.toml in its folder, and with an inverse in closed form.
         mode: name of the DAC limits in machine.toml; None: the mode of machine.toml.
-        overdrive: action for DAC commands above these limits; None: as in machine.toml.
+        overdrive: action for DAC commands above the DAC limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
         released: faults of the released control software to reproduce, as names of fields of `settings.Released`; all
             others are corrected. ("none",): all are corrected; None: as in machine.toml.

@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twin.api.act import anatomy_of, load_scene, props_of, robots_at
+from twin.api.act import anatomy_of, load_scene, members_of, props_of, robots_at
 from twin.api.robot import Progress, silent
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, warning
 from twin.core.result import Part, Result, Table
 from twin.core.units import MM
-from twin.model.mechanism import Mechanism
 from twin.model.procedure import ProcedureTable
 from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.model.tissue import Tissue
 from twin.simulation import operating_scene, tissue_scene
-from twin.simulation.console_scene import Member
 from twin.simulation.devices.procedure_surgeon import Mistake
 from twin.simulation.session import procedure_checks, procedure_run
 from twin.simulation.session.file import NAME, read_session
 from twin.simulation.session.procedure_checks import ProcedureMeasures
 from twin.simulation.session.run import Ran, task_of
+from twin.simulation.setup import Setup
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class ProcedureSession(Result):
         seed: random seed of a simulated surgeon; None: a person.
         mistake: the intended mistake of the simulated surgeon; "": no mistake, or unknown.
         organ: the organ to remove.
-        lost: sentence on the end of a truncated file; "" if the file is complete.
+        lost: sentence that says what is missing at the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
     """
 
@@ -71,25 +70,27 @@ class ProcedureSession(Result):
 
     @property
     def procedure(self) -> ProcedureTable:
-        """The procedure."""
+        """Description of the procedure that the task asks for."""
         return operating_scene.procedure_of(self.scene, self.task)
 
     @cached_property
     def measures(self) -> ProcedureMeasures:
         """The checks and measures, from the signals of the World."""
-        return procedure_checks.measure(self.ran.kept, self.scene, self.procedure, self.organ)
+        return procedure_checks.measure(self.ran.kept, Setup(self.scene, {}, self.task, organs=[self.organ]))
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """Findings on checks that are not passed, differences of the replay, and a missing end of the file."""
+        """Findings: a check is not passed, the replay differs from the recording, or the file is truncated."""
         out = [disagreement(f"procedure.{c.name}", self.task.name, c.text) for c in self.measures.checks if not c.done]
         if (d := self.ran.difference) is not None:
             out.append(
                 disagreement(
-                    "session.differs", d.signal, f"the replay gives different bytes from {d.t0:g} .. {d.t1:g} s on",
+                    "session.differs",
+                    d.signal,
+                    f"the replay gives other bytes than the recording, first between {d.t0:g} and {d.t1:g} s",
                     suggestion="replay with the twin version and the processor type of the recording",
                 )
-            )  # fmt: skip
+            )
         if self.lost:
             out.append(warning("session.interrupted", self.source, self.lost))
         return out
@@ -152,12 +153,9 @@ class ProcedureSession(Result):
             (folder / NAME).write_bytes(self.recorded)
 
 
-def _parts(scene: Scene, task: Task) -> tuple[dict[str, Member], Mechanism | None, Tissue]:
-    procedure = operating_scene.procedure_of(scene, task)
-    robots = robots_at(operating_scene.robots_of(scene, procedure))
-    drawn = anatomy_of(scene)
-    organ = next(t for t in tissue_scene.tissues(scene, drawn) if t.name == procedure.organ)
-    return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}, drawn, organ
+def _setup(scene: Scene, task: Task) -> Setup:
+    members = members_of(robots_at(operating_scene.robots_of(Setup(scene, {}, task))))
+    return Setup(scene, members, task, organs=tissue_scene.tissues(scene, anatomy_of(scene)))
 
 
 def operate_procedure(
@@ -184,11 +182,12 @@ def operate_procedure(
     chosen = task_of(scene, task)
     operating_scene.procedure_of(scene, chosen)
     progress("read CAD", 0.0)
-    members, drawn, organ = _parts(scene, chosen)
+    setup = _setup(scene, chosen)
     with Scratch() as folder:
         path = Path(folder) / NAME
-        ran = procedure_run.perform(scene, members, chosen, drawn, path, seed=seed, mistake=mistake, progress=progress)
+        ran = procedure_run.perform(setup, path, seed=seed, mistake=mistake, progress=progress)
         recorded = path.read_bytes()
+    organ = operating_scene.organ_of(setup)
     return ProcedureSession(scene, chosen, "", seed, mistake, ran, organ, recorded=recorded)
 
 
@@ -200,7 +199,7 @@ def replay_procedure(
     The default scene is the built-in scene that the file names.
 
     Raises:
-        WorldError: the file is damaged, of another version or of another scene.
+        WorldError: the file is damaged, or was recorded with another version of twin or in another scene.
         TwinError: there is no such scene, or the session is not of a procedure.
     """
     path = Path(path)
@@ -210,13 +209,13 @@ def replay_procedure(
         raise TwinError(f"{path}: the session has no task")
     task = task_of(placed, session.head.task)
     progress("read CAD", 0.0)
-    members, drawn, organ = _parts(placed, task)
-    ran = procedure_run.replay(session, path, placed, members, task, drawn, progress, props_of(placed))
+    setup = replace(_setup(placed, task), props=props_of(placed), condition=session.head.condition)
+    ran, organ = procedure_run.replay(session, path, setup, progress), operating_scene.organ_of(setup)
     return ProcedureSession(placed, task, str(path), session.head.seed, "", ran, organ, session.lost)
 
 
 def is_procedure(path: str | Path, scene: str | Path | None = None) -> bool:
-    """Return whether a session file is of a procedure.
+    """Return whether a session file is the recording of a procedure.
 
     Raises:
         WorldError: the file is damaged.

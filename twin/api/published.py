@@ -45,11 +45,11 @@ class Study(Result):
 
     @property
     def what_to_do(self) -> str:
-        """The suggestion in one line; "" if all values follow from the printed rows."""
+        """What to do about values that do not follow from the printed rows, in one line; "" if all values follow."""
         return _NEXT if self.verdict == "disagree" else ""
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the suggestion and the recomputed tables as plain data."""
         return {"what_to_do": self.what_to_do, **self.data}
 
     def text(self) -> Iterator[Part]:
@@ -166,7 +166,7 @@ def _inertias(path: Path) -> Study:
 
 @dataclass(frozen=True)
 class Masses(Result):
-    """All sources that state masses of a robot (CAD, stage, tables), and whether the masses are physically possible.
+    """Sources that state masses of a robot (CAD, stage, tables), and whether these masses are physically possible.
 
     Attributes:
         sources: the sources, each with its bodies and findings.
@@ -183,7 +183,7 @@ class Masses(Result):
         return tuple(f for s in self.sources for f in s.all_findings)
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the robot's name, and the bodies of each source, as plain data."""
         data = [{"title": s.title, "bodies": [b.as_dict() for b in s.bodies]} for s in self.sources]
         return {"name": self.robot, "sources": data}
 
@@ -267,7 +267,7 @@ class PublishedMotion(Result):
     Attributes:
         source: document of the equations.
         states: number of random states.
-        judged: rows, cause and findings.
+        judged: row of each compared term, cause of the differences, and findings.
     """
 
     robot: str
@@ -279,18 +279,18 @@ class PublishedMotion(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings on differing terms and violated properties."""
+        """Findings on terms that differ from the mechanism, and on violated properties of equations of motion."""
         return tuple(self.judged.findings)
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the compared rows, the cause of the differences, and the violated properties, as plain data."""
         j = self.judged
         rows = [{"term": r.term, "worst": r.worst, "unit": r.unit, "limit": r.limit} for r in j.rows]
         about = {"name": self.robot, "source": self.source, "states": self.states, "cause": j.cause}
         return {**about, "rows": rows, "power_balance": j.balance, "smallest_eigenvalue": j.least}
 
     def text(self) -> Iterator[Part]:
-        """Yield the rows, the findings, the cause and the verdict."""
+        """Yield a row for each compared term, the findings, the cause of the differences, and the verdict."""
         j = self.judged
         yield f"{self.robot}: equations of motion against the mechanism, {self.states} random states"
         yield f"  {self.source}\n"
@@ -329,7 +329,7 @@ def equations_of_motion(robot: Robot, states: int = 200, seed: int = 0) -> Publi
 def console(
     name: str = "davinci", variants: str | Mapping[str, str] | None = None, progress: Progress = silent
 ) -> Contract:
-    """Judge the published equations of a surgeon's console, each clause (one requirement of its contract) separately.
+    """Judge the published equations of a surgeon's console against each clause (requirement on them) separately.
 
     `variants` is one variant for all equations ("paper", "conjugate", "decoupled"), or {equation: variant}.
 

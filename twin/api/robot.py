@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from twin.reference.dynamics import Dynamics
 
 Progress = Callable[[str, float], None]
-"""Progress callback: (current step, fraction done, 0 to 1)."""
+"""Function that is called to report progress, with the name of the current step and the fraction done (0 to 1)."""
 
 STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def silent(label: str, fraction: float) -> None:
-    """Ignore progress."""
+    """Report nothing: the default of `progress`."""
 
 
 def names() -> list[str]:
@@ -78,7 +78,7 @@ class Source:
 
     @cached_property
     def opened(self) -> tuple[Mechanism, str]:
-        """(mechanism of the stage, note on the assumed tool; "" if the stage names its tool)."""
+        """Mechanism of the USD stage, and a note on the tool that was assumed; "" if the stage names its tool."""
         from twin.usd.read import read_stage, with_tool
 
         assert self.stage is not None
@@ -156,7 +156,7 @@ class Robot:
 
     @property
     def tool_note(self) -> str:
-        """Note on the assumed tool of a stage; "" if the stage names its tool."""
+        """Note on the tool that was assumed, for a robot from a stage that names no tool; else ""."""
         return "" if self.source.stage is None else self.source.opened[1]
 
     def _placed(self, mechanism: Mechanism) -> Mechanism:
@@ -224,17 +224,17 @@ class Robot:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Active joints, in the order of q."""
+        """Names of the active joints, in the order of q."""
         return tuple(j.name for j in self.mechanism.active)
 
     @property
     def variants(self) -> dict[str, tuple[str, ...]]:
-        """Names of the existing variants, by equation."""
+        """{equation: names of its variants}."""
         return dict(self._kinematics.choices)
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of the frames."""
+        """Names of the robot's frames."""
         return tuple(f.name for f in self.mechanism.frames)
 
     def inverse(
@@ -375,7 +375,7 @@ class Robot:
         return out
 
     def path_kinematics(self) -> PathKinematics:
-        """Return limits, equations and mechanism for planning; without equations, the mechanism alone is used."""
+        """Return the limits, the equations (if the robot has any) and the mechanism, for planning."""
         from twin.api.standing import standing
         from twin.planning.trajectory import without_equations
         from twin.reference.following import Follower
@@ -420,14 +420,14 @@ def load(
     parameters: Mapping[str, float] | None = None,
     tool: str | None = None,
 ) -> Robot:
-    """Return a robot.
+    """Load a robot by its name, folder or USD stage.
 
     Args:
         robot: the name of a built-in robot, or the path of a robot folder or of a USD stage (mechanism only).
         variants: {equation: variant}, or one name for all equations; default: the default of each equation.
         parameters: {name: value in SI} that replace published values in the equations.
-        tool: frame or body of a stage to use as tool; default: the tool named in the stage, else the end of its longest
-            chain.
+        tool: frame or body of a stage to use as tool; default: the tool that the stage names, else the end of the
+            stage's longest chain.
 
     Raises:
         TwinError: there is no such robot, or `tool` is given for a robot whose description names its tool.

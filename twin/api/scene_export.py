@@ -43,8 +43,8 @@ class SceneBundle(Result):
 
     Attributes:
         formats: the formats written.
-        bundles: bundle of each robot, by name.
-        checks: results of the checks of the scene's stage; empty without USD.
+        bundles: {robot: its bundle, the exported files of one robot}.
+        checks: results of the checks of the scene's USD stage; empty if USD is not among the formats.
     """
 
     scene: Scene
@@ -56,12 +56,12 @@ class SceneBundle(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings of the bundles and of the scene's stage."""
+        """Findings on the bundles of all robots and on the scene's USD stage."""
         own = [f for b in self.bundles.values() for f in b.findings]
         return (*own, *(_finding(c) for c in self.checks if c["verdict"] != "agree"))
 
     def content(self) -> dict[str, Any]:
-        """Return plain data; the keys of quantities end with the unit."""
+        """Return the bundles and checks as plain data; the keys of quantities end with the unit."""
         bundles = self.bundles
         return {
             "scene": self.scene.name,

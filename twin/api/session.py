@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.api.act import load_scene, props_of, robots_at
+from twin.api.act import load_scene, members_of, props_of, robots_at
 from twin.api.console_session import Arm, ConsoleSession
 from twin.api.machine import Machines, machine_parts
 from twin.api.robot import Progress, Robot, silent
@@ -17,20 +17,19 @@ from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, TwinError
 from twin.core.units import DEG
 from twin.model import alignment
-from twin.model.mechanism import Mechanism
+from twin.model.alignment import Alignment
 from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.reference import ReferenceModel
 from twin.simulation import console_scene, contact_scene, machine_scene
-from twin.simulation.console_scene import Member
-from twin.simulation.contact_scene import Peg
+from twin.simulation.condition import Condition
 from twin.simulation.machine.link import Address
 from twin.simulation.session import camera_task, guiding, training
 from twin.simulation.session.camera_task import AlignMeasures, Sight
-from twin.simulation.session.condition import Condition
 from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.run import Ran
 from twin.simulation.session.training import Training
+from twin.simulation.setup import Setup
 
 
 def operate_console(
@@ -50,7 +49,7 @@ def operate_console(
         task: a task of the scene; default: the first task.
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
-        haptics: whether to compute forces on the hands, to which this surgeon does not react; default: no.
+        haptics: whether to compute forces on the hands, to which the simulated surgeon does not react; default: no.
         mistake: a mistake that the surgeon makes in a task with a ring to guide; see `devices.guiding_surgeon`.
         progress: see `Progress`.
 
@@ -60,24 +59,17 @@ def operate_console(
     from twin.simulation.session import run
 
     console_scene.console_of(scene)
-    _require_console(run.task_of(scene, task))
+    _require_console(chosen := run.task_of(scene, task))
     _require_scale(scale)
-    chosen = run.task_of(scene, task)
     if mistake and chosen.guide is None:
-        raise TwinError(f"task '{chosen.name}': this surgeon makes mistakes only in a task with a ring to guide")
+        raise TwinError(f"task '{chosen.name}': the simulated surgeon makes mistakes only with a ring to guide")
     progress("read CAD", 0.0)
-    robots, members = _members(scene)
-    condition = None if haptics is None else Condition(haptics=haptics)
-    props, pegs = _board(scene, chosen, condition)
+    robots, setup = _setup(scene, chosen, None if haptics is None else Condition(haptics=haptics))
     with Scratch() as folder:
         file = Path(folder) / FILE
-        more = {"seed": seed, "scale": scale, "props": props, "condition": condition, "mistake": mistake}
-        ran = run.perform(scene, members, chosen, file, **more, progress=progress)
+        ran = run.perform(setup, file, seed=seed, scale=scale, mistake=mistake, progress=progress)
         recorded = file.read_bytes()
-    arms = _arms(scene, robots, ran)
-    aligned = _aligned(scene, chosen, robots, ran, arms, props)
-    more = {"pegs": pegs, "aligned": aligned, **_guided(scene, chosen, members, ran, props)}
-    return ConsoleSession(scene, "", seed, chosen, ran, arms, recorded=recorded, **more)
+    return _session(setup, robots, ran, "", seed, recorded=recorded)
 
 
 def operate_machine(
@@ -112,15 +104,12 @@ def operate_machine(
     if triangles < 1:
         raise TwinError(f"--trials {triangles}: the number of triangles must be at least 1")
     progress("read CAD", 0.0)
-    robots, members = _members(scene)
+    robots, setup = _setup(scene, None, Condition(haptics=True))
     with Scratch() as folder, machines_of(scene, robots, running) as machines:
-        file = Path(folder) / FILE
-        more = {"seed": seed, "triangles": triangles, "scale": scale, "props": props_of(scene)}
-        ran = machine_run.train(scene, members, machines.parts, machines.links, file, **more, progress=progress)
+        file, more = Path(folder) / FILE, {"seed": seed, "triangles": triangles, "scale": scale}
+        ran = machine_run.train(setup, machines.parts, machines.links, file, **more, progress=progress)
         recorded = file.read_bytes()
-    arms = _arms(scene, robots, ran)
-    found = _training(scene, robots, ran)
-    return ConsoleSession(scene, "", seed, None, ran, arms, recorded=recorded, training=found)
+    return _session(setup, robots, ran, "", seed, recorded=recorded, training=_training(setup, ran))
 
 
 def machines_of(scene: Scene, robots: Mapping[str, Robot], running: Mapping[str, Address] | None = None) -> Machines:
@@ -145,8 +134,8 @@ def replay_session(
     The default scene is the built-in scene that the file names.
 
     Raises:
-        WorldError: the file is damaged, of another version or of another scene.
-        TwinError: there is no such scene, or it has no console.
+        WorldError: the file is damaged, or was recorded with another version of twin or in another scene.
+        TwinError: there is no such scene, or the scene has no console.
     """
     from twin.simulation.session import run
     from twin.simulation.session.file import read_session
@@ -163,23 +152,34 @@ def replay_session(
     if task is not None:
         _require_console(task)
     progress("read CAD", 0.0)
-    robots, members = _members(placed)
-    props, pegs = _board(placed, task, start.condition)
-    run.require_scene(session, path, placed, members, props)
+    robots, setup = _setup(placed, task, start.condition)
+    run.require_scene(session, path, setup)
     parts = {n: machine_parts(robots[n]) for n in machine_scene.machines(placed)}
-    ran = run.replay(session, placed, members, progress, props, parts)
-    arms = _arms(placed, robots, ran)
-    aligned = _aligned(placed, task, robots, ran, arms, props)
-    more = {"pegs": pegs, "aligned": aligned, "training": _training(placed, robots, ran)}
-    more |= _guided(placed, task, members, ran, props)
-    return ConsoleSession(placed, str(path), start.seed, task, ran, arms, session.lost, **more)
+    ran = run.replay(session, setup, progress, parts)
+    found = _training(setup, ran)
+    return _session(setup, robots, ran, str(path), start.seed, lost=session.lost, training=found)
 
 
-def _training(scene: Scene, robots: Mapping[str, Robot], ran: Ran) -> list[Training]:
+def _session(
+    setup: Setup, robots: Mapping[str, Robot], ran: Ran, source: str, seed: int | None, **more: Any
+) -> ConsoleSession:
+    """Return the result of a session with the measures of its task; `more`: further fields of the result."""
+    arms, task = _arms(setup, robots, ran), setup.task
+    if task is not None and task.transfers:
+        more["pegs"] = contact_scene.pegs(setup.scene, setup.props, task)
+    if task is not None and task.guide is not None:
+        referee = guiding.Referee.of(setup, ran.kept.dt)
+        more |= {"guided": guiding.measure(ran.kept, referee), "wire": referee.course.wire}
+    if task is not None and task.alignment is not None:
+        more["aligned"] = _aligned(setup, task.alignment, ran, arms)
+    return ConsoleSession(setup.scene, source, seed, task, ran, arms, **more)
+
+
+def _training(setup: Setup, ran: Ran) -> list[Training]:
     """Return the measures of the machines of a session."""
-    if (table := scene.trainer) is None:
+    if (table := setup.scene.trainer) is None:
         return []
-    return [training.measure(ran.kept, table, n, robots[n].kinematics()) for n in table.robots]
+    return [training.measure(ran.kept, table, n, setup.members[n].kin) for n in table.robots]
 
 
 def _require_console(task: Task) -> None:
@@ -189,43 +189,23 @@ def _require_console(task: Task) -> None:
         )
 
 
-def _board(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[Mechanism | None, Mapping[str, Peg]]:
-    """Return the props and the pegs of a task; a task with targets needs props only for forces on the hands."""
-    if task is None or not (task.grasps or task.alignment):
-        return None if condition is None else props_of(scene), {}
-    props = props_of(scene)
-    return props, contact_scene.pegs(scene, props, task) if task.transfers else {}
+def _setup(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[dict[str, Robot], Setup]:
+    """Return the robots of a console, and the setup; a task with targets needs props only for forces on the hands."""
+    robots = robots_at(console_scene.led_by(scene))
+    needed = condition is not None or (task is not None and (task.grasps or task.alignment is not None))
+    return robots, Setup(scene, members_of(robots), task, props_of(scene) if needed else None, condition)
 
 
-def _guided(
-    scene: Scene, task: Task | None, members: Mapping[str, Member], ran: Ran, props: Mechanism | None
-) -> dict[str, Any]:
-    """Return the measures of a task with a ring to guide, and its wire; {} for another task."""
-    if task is None or task.guide is None:
-        return {}
-    course = contact_scene.course(scene, props, task)
-    referee = guiding.Referee.of(scene, task, members, course, ran.kept.dt)
-    return {"guided": guiding.measure(ran.kept, referee), "wire": course.wire}
-
-
-def _aligned(
-    scene: Scene,
-    task: Task | None,
-    robots: Mapping[str, Robot],
-    ran: Ran,
-    arms: Mapping[str, Arm],
-    props: Mechanism | None,
-) -> AlignMeasures | None:
+def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, Arm]) -> AlignMeasures:
     """Return the measures of an alignment: by the camera's equations, and in a picture drawn from the mechanisms."""
-    if task is None or task.alignment is None:
-        return None
+    scene, props = setup.scene, setup.props
     camera = scene.cameras[console_scene.console_of(scene).camera]
-    arm, robot = arms[camera.robot], robots[camera.robot]
+    arm, kin = arms[camera.robot], setup.members[camera.robot].kin
     T_tool_picture = console_scene.picture_in_tool(camera, arm.mechanism)
-    Ts_world_picture = arm.place.T_world_base @ robot.forward(arm.q) @ T_tool_picture
+    Ts_world_picture = arm.place.T_world_base @ kin.forward_many(arm.q) @ T_tool_picture
     frame = arm.mechanism.frame(camera.frame)
     Ts_world_camera = arm.place.T_world_base @ arm.links[frame.body] @ frame.T_body_frame @ camera.in_frame
-    seen = camera_task.surfaces(alignment.BODY, [task.alignment.body()], {alignment.BODY: np.eye(4)})
+    seen = camera_task.surfaces(alignment.BODY, [goal.body()], {alignment.BODY: np.eye(4)})
     if props is not None:
         seen += camera_task.surfaces(props.name, props.bodies, ReferenceModel(props).home().link_poses)
     for name, other in arms.items():
@@ -234,19 +214,14 @@ def _aligned(
         seen += camera_task.surfaces(name, [b for b in other.mechanism.bodies if b.name != own], poses)
     sight = Sight(seen, Ts_world_camera[-1])
     view = camera.view_deg * DEG
-    return camera_task.measure(ran.kept, task.alignment, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
+    return camera_task.measure(ran.kept, goal, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
 
 
-def _members(scene: Scene) -> tuple[dict[str, Robot], dict[str, Member]]:
-    robots = robots_at(console_scene.led_by(scene))
-    return robots, {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
-
-
-def _arms(scene: Scene, robots: Mapping[str, Robot], ran: Ran) -> dict[str, Arm]:
+def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, Arm]:
     """Return the motions of all robots, from their mechanisms."""
-    out, tip = {}, console_scene.console_of(scene).tip
-    camera = scene.cameras[console_scene.console_of(scene).camera].robot
-    for place in console_scene.led_by(scene):
+    out, table = {}, console_scene.console_of(setup.scene)
+    tip, camera = table.tip, setup.scene.cameras[table.camera].robot
+    for place in console_scene.led_by(setup.scene):
         mechanism, q = robots[place.name].mechanism, ran.kept[f"{place.name}.q"]
         solver = robots[place.name].loops
         closed = solver.forward_many(q)

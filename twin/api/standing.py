@@ -41,8 +41,9 @@ def standing(
 def obstacles(read: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in the world frame.
 
-    `names` are the names of the robots that are not obstacles. `Still.touches` contains the names of their bodies in
-    `twin.model.joined`. `load` returns the robot with a name.
+    `names` are the names of the planned robots, which are not obstacles. In the result, `Still.touches` has the names
+    (as in `twin.model.joined`) of bodies of the planned robots that may touch the obstacle. `load` returns the robot
+    with a name.
     """
     return _loaded(read, {name: f"{name}_" for name in names}, spatial.pose(), load, {})
 

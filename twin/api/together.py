@@ -53,7 +53,7 @@ class _Arm:
         self.waypoints = [protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))]
 
     def at(self, phase: int) -> int:
-        """Return the row of `q` at the start of a phase; after its last phase, the arm stays."""
+        """Return the index of the row of `q` at the start of a phase; after the arm's last phase, the last row."""
         return min(phase, len(self.q) - 1)
 
     def ends(self, phase: int) -> tuple[Array, Array]:
@@ -69,7 +69,7 @@ class _Arm:
         return self.waypoints[self.at(phase)]
 
     def beyond(self, phase: int) -> str:
-        """Return which limit the start of a phase exceeds; "" if none."""
+        """Return a text that names the limits exceeded at the start of a phase; "" if none is exceeded."""
         from twin.planning.feasible import Anchor, margins_at, said
 
         row, before = self.at(phase), self.at(max(phase - 1, 0))
@@ -77,10 +77,11 @@ class _Arm:
         return said(self.kinematics, margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor))
 
     def keep(self, phase: int) -> Keep:
-        """Return the test whether states keep this arm's limits and its working mode at the start of a phase.
+        """Return a function that tests whether this arm keeps its limits, and its working mode at the start of a phase.
 
-        Its arguments are T_world_tool (k, 4, 4) of this arm, in the World and not in the base as in other tests, and q
-        (k, m), the joint values of all arms up to this one. The last columns are this arm's.
+        The arguments of the function are the poses T_world_tool (k, 4, 4) of this arm (in the World, while other tests
+        take poses in the base), and the joint values q (k, m) of this arm, in the last columns, and of the arms before
+        it.
         """
         from twin.planning.feasible import Anchor
         from twin.planning.freeing import kept
@@ -100,15 +101,15 @@ def plan_together(
 ) -> PlannedTogether:
     """Return a common plan of several robots of a scene, by priority.
 
-    The first phases of all protocols begin together and end together, then the second ones, and so on. The first arm
-    avoids the obstacles at rest. Each further arm also avoids the moving arms before it; these may wait for it. If no
-    path is found, the opposite order is tried. Each arm keeps the limits that `plan` keeps for one robot: joints and
-    motors, speed, acceleration and jerk of the moved frame, reach, singularities and working mode. The samples of each
-    arm are checked as by `plan`.
+    The first phases of all protocols begin together and end together, then the second phases, and so on. The first arm
+    avoids the obstacles at rest. Each further arm also avoids the moving arms before it, which may wait for it. If no
+    path is found, the opposite order of the arms is tried. Each arm keeps the limits that `plan` keeps for one robot:
+    joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and working mode. The
+    samples of each arm are checked as by `plan`.
 
     Args:
         scene: name or path of the scene.
-        arms: robot and protocol of each arm, by its name in the scene or of the robot, in the order of priority.
+        arms: {name of an arm in the scene, or of its robot: (robot, protocol)}, in the order of priority.
         clearance: minimum distance between bodies in m.
         seed: seed of the random searches.
         progress: see `Progress`.

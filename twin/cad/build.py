@@ -39,14 +39,14 @@ class CadModel:
     """A robot as read from its CAD and description.
 
     Attributes:
-        mechanism: bodies, joints and loops, rest poses as in the CAD.
+        mechanism: bodies, joints and loops; the rest poses of the bodies are their poses in the CAD.
         findings: results of the checks of joints (gap between their two parts), of meshes (open), and of placements
             (single precision).
         description: the content of the TOML file.
-        measured: every feature by body and name, in drawn coordinates (coordinates of the STEP file, in m).
-        dimensions: the dimensions from which the drawing was made, with provenance.
-        gaps: (lower joint, upper joint, minimum difference of their coordinates in m) of each pair of joints on one
-            rail.
+        measured: every measured feature by body and name, in drawn coordinates (coordinates of the STEP file, in m).
+        dimensions: the dimensions from which the CAD was drawn, with provenance.
+        gaps: (lower joint, upper joint, minimum difference of their coordinates in m), one for each pair of joints that
+            slide on the same rail.
     """
 
     mechanism: Mechanism
@@ -63,7 +63,7 @@ class CadModel:
 
 
 def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
-    """Return the files of a robot: its TOML file and the CAD files named there.
+    """Return the files of a robot: its TOML file and the CAD files that the TOML file names.
 
     `description` is the content of the TOML file, which is read if None.
     """
@@ -74,7 +74,10 @@ def inputs(description_path: Path, description: Description | None = None) -> li
 
 
 def fingerprint(description_path: Path, description: Description | None = None, read: Read | None = None) -> str:
-    """Return the hash of all `inputs`; `read` returns the bytes of the TOML and STEP files (default: from disk)."""
+    """Return one hash of all files in `inputs`.
+
+    `read` returns the bytes of a TOML or STEP file; by default, it reads the file from disk.
+    """
     read = read or Once()
     description = description or load(description_path, read)
     digest = hashlib.sha256()
@@ -258,7 +261,7 @@ def _weigh(
                     "cad.no_material",
                     part,
                     f"part '{part}' has no material and therefore no mass",
-                    suggestion="add it to a [material.*] in the description",
+                    suggestion="add the part to a [material.*] in the description",
                 )
             )
         return
@@ -337,6 +340,6 @@ def _placement_finding(step: StepModel) -> Finding:
         f"{step.path.name} places instances by single-precision matrices: the error of measured joint frames is up "
         f"to ±{um(step.placement_error)}",
         um(step.placement_error),
-        suggestion="export the STEP file with the placements applied to the shapes to measure exactly",
+        suggestion="to measure exactly, export the STEP file with the placements applied to the shapes",
         word="",
     )

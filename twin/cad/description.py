@@ -52,7 +52,7 @@ class FrameSpec(Table):
     `at`. `z` is the direction of a feature, or the normal of three sphere centres in counter-clockwise order. x or y
     points towards a feature (`x_towards`, `y_towards`; for a list: towards the centroid of its features), or along a
     direction (`x_along`). `offset_mm` shifts the frame along its z by a distance that no face defines. If faces do not
-    define all directions, `angles_deg` gives the missing ones: all three, or, if `z` is given, only the direction of x.
+    define all directions, `angles_deg` defines the others: those of all axes or, if `z` is given, the direction of x.
 
     Given frame: `position_mm` and `angles_deg` (angles about z, y, x: R = Rz Ry Rx), in drawn coordinates.
     """
@@ -88,7 +88,7 @@ class FrameSpec(Table):
         return self
 
     def features(self, *keys: str) -> tuple[str, ...]:
-        """Return the names of the features in the entries `keys`, each once."""
+        """Return the names of all features that the entries `keys` of the frame use, each name once."""
         values = (getattr(self, key) for key in keys)
         return tuple(dict.fromkeys(n for v in values for n in (v if isinstance(v, list) else [v] if v else [])))
 
@@ -104,7 +104,8 @@ class MassSpec(Sourced):
 class BodySpec(Table):
     """A rigid body: the STEP node `node` (default: the node with the body's name), or mesh files with a declared unit.
 
-    `mass` states its mass; without `mass`, it is computed from the densities and volumes of the parts.
+    `mass` states the mass properties of the body; without `mass`, they are computed from the densities and volumes of
+    its parts.
     """
 
     node: str | None = None
@@ -270,12 +271,12 @@ class ActuatorSpec(Sourced):
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        """Limits in deg or mm."""
+        """Minimum and maximum coordinate of the motor in deg or mm; None if unlimited."""
         return self.limits_deg or self.limits_mm
 
     @property
     def max_speed(self) -> float | None:
-        """Maximum speed in deg/s or mm/s."""
+        """Maximum speed of the motor in deg/s or mm/s; None if unlimited."""
         return self.max_speed_deg_s or self.max_speed_mm_s
 
 
@@ -329,13 +330,13 @@ class LengthSpec(Table):
 
 
 class RequirementSpec(Sourced):
-    """Required accuracy of the tool; results of tolerance analyses are compared with it."""
+    """Required accuracy of the tool; the results of tolerance analyses are compared with this accuracy."""
 
     tool_um: float = Field(gt=0)
 
 
 class Tolerance(Table):
-    """Tolerances: `gross` for a face to match its `Feature`, `meeting` for the difference of a joint's two frames."""
+    """Maximum deviations: `gross` of a face from its `Feature`, `meeting` between the two frames of a joint."""
 
     gross_mm: float = Field(gt=0)
     gross_deg: float = Field(gt=0)

@@ -1,4 +1,4 @@
-"""Find the wrong part if the two sides of a joint do not meet in the CAD: their joint frames do not coincide.
+"""Find the wrong part if the two frames of a joint, one on each of its parts, do not coincide in the CAD.
 
 A feature of a part (a face that defines a joint) is a suspect if moving this feature alone makes both sides of all its
 joints meet. Often the CAD contains evidence that one of two suspects is the fault: lengths that several parts share,
@@ -27,7 +27,7 @@ _LEVER = 0.1
 """Length in m by which angles are multiplied to compare them with offsets."""
 
 _STEPS = 5
-"""Number of Newton steps; the first step is nearly exact."""
+"""Number of Newton steps that correct the position of a feature; the first step is nearly exact."""
 
 _PARALLEL = 0.02
 """Maximum sine of the angle between two directions that are compared as parallel."""
@@ -36,7 +36,7 @@ _ENTRIES = ("origin", "at", "z", "x_along", "x_towards", "y_towards")
 """Entries of a frame that name features."""
 
 _COAXIAL = 1e-7
-"""Maximum distance in m, and maximum sine of the angle, of two cylinders that count as coaxial."""
+"""Maximum distance in m, and maximum sine of the angle, between the axes of two cylinders that count as coaxial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Fault:
 def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fault]:
     """Return the faults of a CAD model, each with its suspects, the most likely first.
 
-    `nominal` has lengths in m from another source, by the parameter name in the description; it may be incomplete.
+    `nominal` is {parameter name in the description: length in m from another source}; lengths may be missing.
     """
     d = cad.description
     bad = _apart(d, drawn(d, cad.measured))
@@ -256,7 +256,7 @@ def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterato
 
 def _apart_mm(value: float, true: float) -> str:
     n = decimals(abs(value - true) / MM)
-    return f"{value / MM:.{n}f} mm; elsewhere it is {true / MM:.{n}f} mm"
+    return f"{value / MM:.{n}f} mm; in other places, this length is {true / MM:.{n}f} mm"
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:

@@ -38,7 +38,7 @@ class Measured:
 def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: Tolerance) -> Measured:
     """Return the face of a body that `spec` identifies.
 
-    Among the faces with this kind and radius, the face nearest to `near_mm` is used.
+    Among the faces of the body with the kind and radius of `spec`, the face nearest to `spec.near_mm` is returned.
 
     Raises:
         CadError: the body has no face of this kind and radius, or none within the gross tolerance; the message gives
@@ -129,8 +129,8 @@ def _distance(face: Face, near: Array) -> float:
 def centre(names: str | list[str], features: Mapping[str, Measured], at: str | None = None) -> Array:
     """Return the point (3,) in m of a feature, or the centroid of several features.
 
-    For a cylinder, it is the point at which its axis intersects the plane `at`, or the axis point nearest to the axis
-    or centre of feature `at`.
+    The point of a cylinder, if `at` is given, is the intersection of the cylinder axis with the plane `at`, or the
+    point of the cylinder axis that is nearest to the axis or centre of feature `at`.
     """
     if isinstance(names, list):
         return np.mean([centre(n, features) for n in names], axis=0)

@@ -65,6 +65,6 @@ def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
 
 
 def locked_error(T: Array, joint_type: str) -> tuple[float, float]:
-    """Return (offset in m, angle in rad) between a joint's two frames, without the joint's free directions."""
+    """Return (offset in m, angle in rad) between a joint's two frames; motion that the joint allows is not counted."""
     offset, turn = locked(T, joint_type)
     return float(np.linalg.norm(offset)), float(np.linalg.norm(turn))

@@ -25,7 +25,7 @@ from twin.model.inertia import Inertia
 SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
 
 _PLAUSIBLE = (0.5 * MM, 20.0)
-"""Smallest and largest plausible extent of a robot part in m; otherwise the declared unit is probably wrong."""
+"""Minimum and maximum plausible size of a robot part in m; for another size, the declared unit is probably wrong."""
 
 _UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 
@@ -90,7 +90,7 @@ def load_mesh(
 
 
 def open_mesh(name: str) -> Finding:
-    """Return the warning that a mesh is not closed, so that its mass is undefined."""
+    """Return a warning: the mesh `name` is not closed, so it has no volume and its mass is not counted."""
     text = f"'{name}' is not watertight: its volume is undefined, so its mass is not counted"
     return warning("cad.open_mesh", name, text, suggestion="close the surface in the CAD, or export a solid")
 
@@ -107,7 +107,7 @@ def weld(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def inertia(vertices: Array, triangles: np.ndarray, density: float) -> Inertia | None:
-    """Return mass, centre and inertia of a closed, welded mesh with uniform density in kg/m3; None if it is open."""
+    """Return mass, centre of mass and inertia of a welded mesh with uniform density in kg/m3; None if it is open."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)

@@ -12,7 +12,7 @@ from twin.model.transmission import faults
 from twin.schema import Keys, error_at
 
 UNITS = {"revolute": "deg", "prismatic": "mm"}
-"""Unit of the coordinate of each joint type with one coordinate."""
+"""Unit of the joint coordinate, for the joint types that have exactly one coordinate."""
 
 
 def check(path: Path, d: Description) -> None:

@@ -1,6 +1,6 @@
 """STEP import by OpenCASCADE (cascadio): parts with triangles, linear colours and exact faces.
 
-The reader writes a GLB whose JSON contains the tree, the names and, for each part, the analytic faces in double
+The importer writes a GLB whose JSON contains the tree, the names and, for each part, the analytic faces in double
 precision. Vertices and instance placements in the GLB are float32. If the placements are applied to the shapes, as in
 the built-in STEP files, the faces are exact; for other files `StepModel.placement_error` states the error.
 """
@@ -31,13 +31,13 @@ VISUAL_TOLERANCE = 0.1 * MM
 """Chord tolerance in m of the displayed meshes; the normals of neighbouring triangles differ by at most 0.5 rad."""
 
 PROP_TOLERANCE = 0.5 * MM
-"""Chord tolerance in m of the props of a scene; this gives a third as many triangles as `VISUAL_TOLERANCE`."""
+"""Chord tolerance in m of the props of a scene; they have a third of the triangles that `VISUAL_TOLERANCE` gives."""
 
 MASS_TOLERANCE = 0.005 * MM
 """Chord tolerance in m of the meshes for mass computation; the volume of a convex part is slightly too small."""
 
 _CACHED = 32
-"""Maximum number of files in the cache."""
+"""Maximum number of converted STEP files in the cache."""
 
 _SPACE = bytes(i for i in range(256) if chr(i).isspace())
 
@@ -96,8 +96,8 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
     """Return the length unit of a STEP file in m; `read` returns the bytes of the file.
 
     Raises:
-        CadError: the file is missing, is not a STEP file or is truncated; or its length unit is missing or unknown, or
-            it has several.
+        CadError: the file is missing, is not a STEP file, is truncated, or has no, an unknown or more than one length
+            unit.
     """
     try:
         data = read(path, "STEP")
@@ -179,7 +179,7 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
                 (Path(work) / "room").write_bytes(bytes(path.stat().st_size))
             except OSError as e:
                 raise CadError(
-                    f"{path}: cannot write its triangles to {work}: {e.strerror}. Choose another folder with TMPDIR."
+                    f"{path}: cannot write the triangles to {work}: {e.strerror}. Choose another folder with TMPDIR."
                 ) from None
             raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
         data = glb.read_bytes()

@@ -15,7 +15,7 @@ from twin.core.spatial import Array
 _MODEL = "3D/3dmodel.model"
 
 UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
-"""Units that a 3MF file may state, in m; the default is millimeter."""
+"""{unit that a 3MF file may state: its length in m}; the default unit is the millimeter."""
 
 
 def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
@@ -52,7 +52,7 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
         add(item.get("objectid"), _placement(item.get("transform")))
     unit = root.get("unit", "millimeter")
     if unit not in UNITS:
-        raise ValueError(f"its unit '{unit}' is not known; use one of {', '.join(UNITS)}")
+        raise ValueError(f"the unit '{unit}' of the file is not known; use one of {', '.join(UNITS)}")
     return np.concatenate([np.zeros((0, 3)), *vertices]), np.concatenate([np.zeros((0, 3), int), *triangles]), unit
 
 

@@ -29,7 +29,7 @@ def protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
-    """Return the variants of `--variant`: one name for all equations, or a name by equation; None without the option.
+    """Return the variants of `--variant`: one name for all equations, or {equation: name}; None without the option.
 
     Raises:
         TwinError: names are mixed with EQ=NAME pairs, several names are given, or an equation is given twice.
@@ -48,7 +48,8 @@ def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
 def variants_of_each(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
     """Return one entry for each report to write: the variant of each equation, or None for the default variants.
 
-    If several equations have a variant of the given name, each gets a report of its own, and all together get one.
+    If n > 1 equations have a variant of the given name, there are n + 1 reports: in each of the first n, one equation
+    uses this variant; in the last one, all n equations use it.
 
     Raises:
         TwinError: no equation has a variant of a given name.

@@ -38,14 +38,14 @@ class _LateError(BaseException):
 
 
 class Cures:
-    """Cache of the fixes of a robot's equations: of a protocol, a fix depends only on the positions of the trocars."""
+    """Cache of the fixes of a robot's equations, by variants and trocar positions; nothing else changes a fix."""
 
     def __init__(self, robot: api.Robot, seconds: float = SECONDS) -> None:
         self.robot, self.seconds = robot, seconds
         self._known: dict[tuple[object, ...], str] = {}
 
     def of(self, report: Report, protocol: str | Path | None, progress: Progress) -> Report:
-        """Return the report on a protocol; add a fix if the first cause is in the equations and a fix is found."""
+        """Return the report, with a fix added if its first cause is in the equations and a fix is found."""
         causes = report.causes
         if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
             return report
@@ -95,14 +95,14 @@ def tolerance(report: Report) -> tuple[float, float]:
 
 
 def text(found: Explanation, command: str) -> str:
-    """Return the fix of the disagreeing rows (equations compared with the mechanism) in one line; "" without a fix.
+    """Return one line of text on the fix of the equation rows that disagree with the mechanism; "" without a fix.
 
     `command` is a command line that shows details; the text refers to it where necessary.
     """
     parts = [*_edits(found, command), *_numbers(found), *dict.fromkeys(c.message for c in found.conventions)]
     if not parts:
         return ""
-    rest = "every row then agrees" if found.explained else f"other rows still disagree: {command}"
+    rest = "every row then agrees" if found.explained else f"other rows still disagree, see {command}"
     return f"{'; '.join(parts)}; {rest}"
 
 

@@ -1,4 +1,4 @@
-"""Ctrl-C while packages are imported: native libraries end with a segmentation fault then, or swallow the interrupt."""
+"""Delay Ctrl-C until imports have ended: during an import, native libraries crash at Ctrl-C, or ignore it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _AGAIN = 0.05
 
 @contextlib.contextmanager
 def after_imports() -> Iterator[None]:
-    """Raise the KeyboardInterrupt of a Ctrl-C inside this context as soon as no import is in progress."""
+    """In this context, a Ctrl-C raises KeyboardInterrupt only when no import is in progress."""
     ours = threading.current_thread() is threading.main_thread()
     if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield

@@ -1,4 +1,4 @@
-"""The parser of the command line, and the arguments of several commands; those of a single command are in its file."""
+"""The parser of the command line, and the arguments that several commands share."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Command(_Parser):
     def integer(
         self, name: str, text: str, default: int | None = None, metavar: str = "N", least: int | None = None
     ) -> None:
-        """Add an option with a whole number, as `number` does; smaller numbers than `least` are refused."""
+        """Add an option with a whole number, as `number` does; numbers below `least` are refused."""
         self.number(name, metavar, text, default, int if least is None else _at_least(least))
 
     def seed(self, text: str) -> None:
@@ -106,7 +106,7 @@ class Command(_Parser):
         self.integer("--seed", text, 0, least=0)
 
     def choice(self, name: str, choices: tuple[str, ...], text: str, default: str | None = None) -> None:
-        """Add an option with a few possible values."""
+        """Add an option whose value must be one of `choices`."""
         self.add_argument(name, choices=choices, default=default, help=text)
 
     def robot(self, text: str = "a built-in robot (see `twin list`), or the path of a robot folder") -> None:
@@ -147,7 +147,7 @@ class Command(_Parser):
         self.text("--tool", "NAME", text + "its longest chain)")
 
     def page(self, port: int, what: str) -> None:
-        """Add the arguments of a page in a browser."""
+        """Add the arguments of a command that shows a page in a browser."""
         self.robot(SHOWN)
         self.protocol()
         self.address(port, what)
@@ -159,7 +159,7 @@ class Command(_Parser):
         self.machines()
 
     def address(self, port: int, what: str) -> None:
-        """Add the address of a page in a browser."""
+        """Add the options for the address of a page in a browser: port, host, and whether a browser is opened."""
         text = f"port of the {what} (default {port}; 0: any free port)"
         self.add_argument("--port", type=port_number, default=port, help=text)
         text = (

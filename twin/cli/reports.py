@@ -15,7 +15,7 @@ def folder(protocol: str, variants: Mapping[str, str] | None) -> str:
 
 
 def write(report, folder: Path, root: Path) -> None:
-    """Write a report into a folder, with the score of the self-test found in `root`."""
+    """Write a report into a folder; include the score of the self-test if `root` has its selftest.json."""
     from twin.ui.report.files import write_report
     from twin.ui.report.selftest import with_selftest
 

@@ -50,7 +50,7 @@ def refuse(args: argparse.Namespace) -> None:
 
 
 def load(scene: Scene) -> LoadedScene:
-    """Return a scene with its robots and props; each robot folder is read once."""
+    """Return a scene with its robots and props; robots from the same folder share one reading of its files."""
     return LoadedScene(scene, robots_at(scene.places), props_of(scene))
 
 
@@ -64,7 +64,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 
 
 def with_organs(loaded: LoadedScene, task: Task | None = None) -> LoadedScene:
-    """Return a scene with its soft organs; in a procedure, the World simulates them, otherwise `feed` does."""
+    """Return a scene with its soft organs, simulated by the World in a procedure, else by the scene's `feed`."""
     found = tissues(loaded.scene)
     if task is not None and task.procedure is not None:
         return replace(loaded, organs=found)
@@ -79,7 +79,7 @@ def with_organs(loaded: LoadedScene, task: Task | None = None) -> LoadedScene:
 
 
 def run(file: Path, args: argparse.Namespace) -> int:
-    """Plan and play the protocols of all robots together; write stage, table and picture.
+    """Plan and play the protocols of all robots of a scene together; write a USD stage, a table and a picture.
 
     The exit code is 1 if bodies are nearer than the required clearance, or a trocar is not at its port.
     """

@@ -75,8 +75,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
 def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], Served]:
     """Return the function that starts the console of a scene; raise `TwinError` for wrong arguments."""
     from twin.cli.commands.session import report
+    from twin.simulation.condition import Condition, randomised
     from twin.simulation.console_scene import console_of
-    from twin.simulation.session.condition import Condition, randomised
     from twin.simulation.session.run import task_of
     from twin.ui.headset import served
     from twin.ui.session.exercise import Exercise

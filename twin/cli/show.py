@@ -87,7 +87,7 @@ def micrometres(option: str, value: float | None) -> float | None:
 
 
 def folder(args: argparse.Namespace, *default: str) -> Path:
-    """Return the folder of --out or, without this option, ./twin-out/<default>; it is not created yet.
+    """Return the folder of --out or, without this option, ./twin-out/<default>; do not create it.
 
     Raises:
         OutputError: the folder cannot be written.

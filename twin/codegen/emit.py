@@ -5,7 +5,7 @@ functions would process one lane at a time and be ten times slower. Therefore si
 branches, and the other functions are replaced as in `lower`. NaN and infinity follow IEEE 754, so that unreachable
 poses remain NaN. A product and a sum may be fused, which avoids a rounding.
 
-An exact kernel, of one lane, does none of this. It rounds after each operation and calls the functions of the C
+An exact kernel has one lane and fuses no operations. It rounds after each operation and calls the functions of the C
 library, so that its numbers are those of CasADi's interpreter to the last bit.
 """
 
@@ -139,7 +139,10 @@ class _Writer:
     def call(
         self, function: ca.Function, arguments: Sequence[Sequence[str]], reciprocals: bool = False
     ) -> list[list[str]]:
-        """Write the instructions of a function; return the LLVM names of its results."""
+        """Write the instructions of a function; return the LLVM names of its results.
+
+        `reciprocals`: see `Stage`.
+        """
         if not function.is_a("SXFunction"):
             raise ValueError(f"function '{function.name()}' is not a CasADi function of scalars (SX)")
         V, one, zero = self.V, self.constant(1.0), self.constant(0.0)

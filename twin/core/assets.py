@@ -1,7 +1,7 @@
 """Locations of data folders and robot files: next to pyproject.toml in a checkout, in twin/_data in a wheel.
 
 A user's robot is one folder that contains `cad/`, `trajectories/`, `usd/` and `formula.py`. The files of a built-in
-robot are in several folders. For both, `RobotFiles` has the same attributes.
+robot are in several folders. `RobotFiles` has the same attributes for both kinds of robots.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def scenes() -> list[str]:
 
 
 def scene_file(scene: str | Path) -> Path | None:
-    """Return the scene.toml of a built-in scene, a scene file, or a scene folder; None if `scene` is none of these."""
+    """Return the path of scene.toml; `scene` is a built-in scene, the file or its folder; None for anything else."""
     if str(scene) in scenes():
         return data_folder() / "cad" / str(scene) / "scene.toml"
     path = Path(scene)
@@ -168,7 +168,7 @@ def files(robot: str | Path) -> RobotFiles:
 
 
 def hidden(robot: str | Path) -> Path | None:
-    """Return the robot folder in the working directory that has the same name as this built-in robot, or None."""
+    """Return the robot folder in the working directory with the name of a built-in robot, which hides it; else None."""
     there = str(robot) in names() and _descriptions(Path(robot))
     return Path(robot).resolve() if there else None
 

@@ -96,7 +96,7 @@ def require_writable_file(path: Path) -> None:
 
 
 class Scratch(tempfile.TemporaryDirectory):
-    """A temporary folder; if this process is killed, the next start removes the folder."""
+    """A temporary folder; if this process is killed, the next start of twin removes the folder."""
 
     def __init__(self) -> None:
         def make() -> str:

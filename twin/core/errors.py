@@ -1,6 +1,6 @@
 """All exceptions that twin raises deliberately.
 
-All have the base class `TwinError`, so that calling programs need to catch only this class. The command line prints a
+Their base class is `TwinError`, so that calling programs need to catch only this class. The command line prints a
 `TwinError` as one line and ends with exit code 2 ("could not check").
 """
 
@@ -62,7 +62,7 @@ class AssemblyError(TwinError):
 
     Attributes:
         best: the best assembly found.
-        gap: maximum loop gap of this assembly in m; NaN if unknown.
+        gap: maximum loop gap of the assembly `best` in m; NaN if unknown.
     """
 
     def __init__(self, message: str, best: Any = None, gap: float = float("nan")) -> None:
@@ -98,8 +98,8 @@ class OutputError(TwinError):
 def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = ()) -> str:
     """Return a message for an unknown name: the most similar name, then all known names.
 
-    `kind` is the kind of object, for instance "joint". Names in `unread` have a value but are never used; they are
-    suggested first.
+    `kind` is the kind of object, for instance "joint". `unread` are the names that have a value but are never used;
+    such a name is suggested first, because `name` may be a misspelling of it.
     """
     names, waiting = sorted(known), sorted(unread)
     close = get_close_matches(name, waiting, n=1, cutoff=0.3) or (waiting if len(waiting) == 1 else [])

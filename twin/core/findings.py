@@ -44,7 +44,7 @@ class Finding:
     cause: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
+        """Return the finding as plain data for JSON."""
         return asdict(self)
 
 
@@ -82,10 +82,10 @@ def finding(
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of finding: the fields that all findings with one code share. A call adds the other fields.
+    """A kind of finding: the fields that all findings with one code share.
 
-    The call returns the finding; its suggestion, if not empty, replaces the suggestion of the kind. For the fields see
-    `Finding` and `finding`.
+    Call a kind with the other fields to get a finding. A suggestion in the call, if not empty, replaces the suggestion
+    of the kind. For the fields see `Finding` and `finding`.
     """
 
     code: str

@@ -1,6 +1,6 @@
 """Run work in another process: one call with one result, or a stream of pieces that can be cancelled.
 
-The process ends when its `Call` or `Stream` is deleted, or when this program ends; it ignores Ctrl-C.
+The process ends when its `Call` or `Stream` is deleted, or when this program ends. The process ignores Ctrl-C.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class Stream(Generic[Piece]):
             self._say(job)
 
     def poll(self) -> tuple[list[Piece], str | None]:
-        """Return (new pieces, end): once at the end of a job, `end` is "" (done) or an error text; otherwise None."""
+        """Return (new pieces, end); `end` is None until the job has ended, then once "" (done) or an error text."""
         with self._lock:
             new: list[Piece] = []
             with suppress(queue.Empty):

@@ -50,7 +50,7 @@ def compiled(text: str) -> tuple[Call, Any]:
 
 
 def lanes() -> int:
-    """Return the number of doubles in two vector registers; a kernel uses two at once to hide latencies."""
+    """Return the number of doubles in two vector registers; a kernel uses two registers at once to hide latencies."""
     features = llvm.get_host_cpu_features()
     return 16 if features.get("avx512f") else 8 if features.get("avx2") else 4
 

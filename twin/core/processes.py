@@ -26,8 +26,8 @@ _SERVE = "from twin.core.processes import serve; serve()"
 def isolated(program: str, *arguments: object) -> list[str]:
     """Return the command line that runs a Python program with these arguments in `sys.argv[1:]`.
 
-    Its `sys.path` is the standard library, then the folder of twin and the folders of installed packages; it does not
-    contain PYTHONPATH or the folder of a script.
+    The program's `sys.path` has the standard library, then the folder of twin and the folders of installed packages; it
+    does not have the folders of PYTHONPATH or the folder of a script.
     """
     places = [str(Path(__file__).resolve().parents[2])]
     places += [p for p in sys.path if Path(p).is_absolute() and Path(p).name in _PACKAGES]

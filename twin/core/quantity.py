@@ -51,6 +51,6 @@ def moved(value: float, angle: bool, per: str = "") -> Quantity:
 
 
 def si(value: float, unit: str) -> Quantity:
-    """Return a value in "m", "rad" or a rate of these ("m/s") as a quantity in mm or degrees."""
+    """Return a value as a quantity in mm or degrees (or a rate of them); `unit` is "m", "rad", "m/s", "rad/s", ..."""
     base, slash, per = unit.partition("/")
     return moved(value, base == "rad", slash + per)

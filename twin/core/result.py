@@ -38,10 +38,10 @@ class Result(ABC):
     """Base class of the results of commands and API functions.
 
     `twin <command> --json` prints `as_dict`. `twin.cli.show.finish` prints the text and returns the exit code of a
-    command; `twin.ui.report.files.write_result` writes its JSON file.
+    command; `twin.ui.report.files.write_result` writes the JSON file.
 
     Attributes:
-        judges: whether the result has a verdict; measurements and comparisons have none.
+        judges: whether the result has a verdict; measurements and comparisons have no verdict.
         kind: name of the command; the schema of the data is twin/<kind>/1, and the file is <kind>.json.
     """
 
@@ -72,14 +72,14 @@ class Result(ABC):
 
     @abstractmethod
     def content(self) -> Mapping[str, Any]:
-        """Return plain data for JSON, without schema, verdict and findings."""
+        """Return the result as plain data for JSON, without schema, verdict and findings."""
 
     @abstractmethod
     def text(self) -> Iterator[Part]:
         """Yield the parts of the result's text, in order."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON, with the most severe findings first."""
+        """Return the result as plain data for JSON, with the most severe findings first."""
         return {
             "schema": f"twin/{self.kind}/1",
             "verdict": self.verdict,

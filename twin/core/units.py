@@ -8,14 +8,14 @@ UM = 1e-6
 DEG = pi / 180
 
 ROUNDING = 1e-9
-"""Excess over a limit, in m or rad, that counts as rounding: a path may end exactly at a limit."""
+"""Largest excess over a limit, in m or rad, that is taken as a rounding error: a path may end exactly at a limit."""
 
 SI = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "g": 1e-3, "kPa": 1e3, "N mm": MM}
 SI |= {"N/mm": 1 / MM, "N s/mm": 1 / MM}
 """Factor from each unit to the coherent SI unit: 5 mm is 5 * SI["mm"] in m. A unit that is not listed has factor 1."""
 
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
-"""Length units that a CAD mesh may declare, in m."""
+"""{unit that the description may declare for a mesh file: its length in m}."""
 
 
 def srgb(linear: float) -> float:

@@ -212,7 +212,7 @@ def check_formula(formula: Any) -> None:
 
 
 def arguments(function: Rows) -> tuple[list[str], list[str]]:
-    """Return (required, optional): argument names of a function of symbols."""
+    """Return (names of the required arguments, names of the optional arguments) of a function of symbols."""
     required, optional = [], []
     for p in inspect.signature(function).parameters.values():
         (required if p.default is inspect.Parameter.empty else optional).append(p.name)

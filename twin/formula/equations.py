@@ -87,10 +87,10 @@ class Equations:
     def variant(self, name: str, of: Callable[..., Any], why: str) -> Callable[[Callable[..., Any]], Variant]:
         """Return a decorator that registers a variant of an equation: a function with only the rows that differ.
 
-        A row is one assignment. Each row replaces the row of `of` that assigns the same symbols. If the symbols are
-        arguments of `of`, the row is inserted at the beginning. Any other assignment is inserted before the next
-        changed row. The arguments of the function are symbols of the flow, or names that `of` assigns. The function
-        returns the changed symbols.
+        A row is one assignment. Each row of the variant replaces the row of `of` that assigns the same symbols. If the
+        symbols are arguments of `of`, the row is inserted at the beginning. Any other row of the variant is inserted
+        before its next changed row. The arguments of the decorated function are symbols of the flow, or names that `of`
+        assigns. It returns the changed symbols.
 
         Args:
             name: name of the variant.

@@ -63,7 +63,9 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
 
 
 def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence[str] = ()) -> Any:
-    """Call a function with the symbols that it names as arguments; `unread`: names to suggest for a missing symbol.
+    """Call a function with the symbols that it names as arguments, and return its result.
+
+    `what` names the function in messages. `unread` are the names that a message may suggest for a missing symbol.
 
     Raises:
         KinematicsError: a symbol is missing, or the function fails; the message gives file and line.
@@ -239,7 +241,10 @@ class Evaluator:
         self.one = self._caller()
 
     def compile_one(self) -> None:
-        """Replace `one` by compiled code, for loops of many calls: half the time, the same numbers to the last bit."""
+        """Replace `one` by compiled code, which takes half the time and gives the same numbers to the last bit.
+
+        Compilation is worth its time in loops of many calls.
+        """
         from twin import codegen
 
         stage, size, shape = codegen.Stage(self.function, ("z",), ("out",)), self.function.size1_in(0), self.shape

@@ -1,4 +1,4 @@
-"""Load formula files: the bytes that are read once are used for execution, hash and explanation."""
+"""Load formula files: each file is read once, and its bytes are used for execution, hash and explanation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ class Loader(SourceFileLoader):
 
 
 def text_of(path: Path, names: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a module's file: those its `Loader` read, else those on disk; `names`: its globals."""
+    """Return the bytes of a module's file: the bytes that its `Loader` has read, otherwise the bytes on disk.
+
+    `names` are the globals of the module.
+    """
     loader = names.get("__loader__")
     if isinstance(loader, Loader) and Path(loader.path) == path:
         return loader.data

@@ -72,14 +72,17 @@ class Program:
 
     @cached_property
     def inverse(self) -> Evaluator:
-        """Function of the pose (16,): q (n), and the norm of the pose minus the pose rebuilt from its coordinates."""
+        """Function of the pose (16,) that returns q (n) and a misfit.
+
+        The misfit is the norm of the difference between the pose and the pose rebuilt from its coordinates.
+        """
         T = symbolic.unflat(self._z, 4, 4)
         misfit = _length(ca.vec(flow.to_pose(self.formula, self._symbols) - T))
         return Evaluator("inverse", self._z, ca.vertcat(self._q, misfit))
 
     @cached_property
     def judged_inverse(self) -> Evaluator:
-        """Function of the pose (16,): q (n); all NaN if the pose is not rigid within `POSE_TOL`, or out of reach."""
+        """Function of the pose (16,) that returns q (n); NaN if the pose is out of reach, or not rigid (`POSE_TOL`)."""
         pose = self.inverse.function(self._z)
         q, misfit = pose[:-1], pose[-1]
         good = ca.logic_and(misfit <= POSE_TOL, ca.sumsqr(q) < np.inf)
@@ -87,7 +90,7 @@ class Program:
 
     @cached_property
     def inverse_jacobian(self) -> Evaluator:
-        """Function of the pose (16,): the derivative (n, 6) of q with respect to a twist of the tool."""
+        """Function of the pose (16,) that returns the derivative (n, 6) of q with respect to a twist of the tool."""
         xi = ca.SX.sym("xi", 6)
         J = ca.jacobian(self.joints_at(symbolic.retract(symbolic.unflat(self._z, 4, 4), xi)), xi)
         J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # at least a third faster, because derivatives repeat terms
@@ -95,13 +98,13 @@ class Program:
 
     @cached_property
     def forward(self) -> Evaluator:
-        """Function of q (n): the pose (4, 4)."""
+        """Function of q (n) that returns the pose (4, 4)."""
         q, T = self._forward()
         return Evaluator("forward", q, T, (4, 4))
 
     @cached_property
     def forward_jacobian(self) -> Evaluator:
-        """Function of q (n): the derivative (6, n) of the tool's twist with respect to q, linear rows first."""
+        """Function of q (n) that returns the Jacobian (6, n): the tool's twist per rate of q, linear rows first."""
         q, T = self._forward()
         R = T[0:3, 0:3]
         columns = []
@@ -113,25 +116,25 @@ class Program:
 
     @cached_property
     def pose_of_coordinates(self) -> Evaluator:
-        """Function of the coordinates of the published equations: the pose (4, 4)."""
+        """Function of the coordinates of the published equations that returns the pose (4, 4)."""
         x = ca.SX.sym("x", len(self.formula.coordinates.names))
         T = flow.to_pose(self.formula, dict(zip(self.formula.coordinates.names, ca.vertsplit(x), strict=True)))
         return Evaluator("pose_of_coordinates", x, T, (4, 4))
 
     @cached_property
     def coordinates_of_pose(self) -> Evaluator:
-        """Function of the pose (16,): the coordinates of the published equations."""
+        """Function of the pose (16,) that returns the coordinates of the published equations."""
         z = ca.SX.sym("z", 16)
         values = self.formula.coordinates.from_pose(symbolic.unflat(z, 4, 4))
         return Evaluator("coordinates_of_pose", z, ca.vertcat(*values))
 
     @cached_property
     def newton(self) -> Evaluator:
-        """Newton's method, as a function of q and a start pose: pose (16,), joint error, travel and aspects.
+        """Newton's method, a function of q and a start pose that returns pose (16,), joint error, travel and aspects.
 
-        The joint error is a norm in m or rad. The travel is the norm of the translation (divided by the characteristic
-        length) and the rotation in rad. One call returns all results, because separate Python calls would take ten
-        times as long as the solution.
+        The joint error is a norm in m or rad. The travel is the norm of the motion from the start pose: its translation
+        divided by the characteristic length, and its rotation in rad. One call returns all results, because separate
+        Python calls would take ten times as long as the solution.
         """
         n = len(self.order)
         xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)

@@ -82,7 +82,10 @@ class PlainRows(ABC):
         """Return the outputs for the values of the symbols."""
 
     def arguments(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
-        """Return the arguments from the symbols; `convert` converts one symbol, `join` builds an array."""
+        """Return {argument: value} for a call of the function, from the values of the symbols.
+
+        `convert` converts one value to the form that the function requires; `join` joins several values to one array.
+        """
         out = {}
         for n in self.argument_names:
             if n == POSE:
@@ -124,11 +127,11 @@ class PlainRows(ABC):
         return parts
 
     def error(self, text: str, line: int | None = None) -> KinematicsError:
-        """Return an error at a line of the file; default: the line of the last return."""
+        """Return an error whose message has the file, a line and a text; default: the line of the last return."""
         return KinematicsError(f"{self.path}:{line or self.end}: {text}.")
 
     def located(self, error: BaseException) -> KinematicsError:
-        """Return a `KinematicsError` for `error`, with the last line of this file in its traceback."""
+        """Return a `KinematicsError` with the cause of `error` and the last line of this file in its traceback."""
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(self.path)]
         return self.error(f"{self.name}(): {reason(error)}", lines[-1] if lines else self.line)
 

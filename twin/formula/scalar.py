@@ -1,7 +1,8 @@
 """A scalar in NumPy arrays that is not a plain number: a symbol, or the values at many samples.
 
-NumPy functions work on arrays of such objects: arithmetic calls the operators below, `np.sin` calls the method `sin`,
-and so on. A subclass defines the operations. Operations that require a plain number (`if`, `math.sin`) raise an error.
+NumPy functions work on arrays of such objects: arithmetic calls the operators of `Scalar`, `np.sin` calls its method
+`sin`, and so on. Subclasses define the operations. Operations that require a plain number (`if`, `math.sin`) raise an
+error.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ class NeedsNumberError(TypeError):
 
 
 class Scalar:
-    """One scalar; subclasses define the operations on `x`.
+    """One scalar `x`; subclasses define the operations on `x`.
 
     Attributes:
-        functions: functions of values, by the names in `METHODS` and "if_else".
+        functions: function that computes each operation, by name; the names are those of `METHODS`, and "if_else".
     """
 
     __slots__ = ("x",)

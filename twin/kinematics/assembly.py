@@ -93,7 +93,7 @@ def inverse_by_solver(kin: Compiled, T: Array, seed: object) -> Array:
 
 
 def inverse_by_solver_many(kin: Compiled, Ts: Array, seed: object = None) -> Array:
-    """Return q (k, n) at poses (k, 4, 4), each solved from the previous solution; NaN rows without a solution."""
+    """Return q (k, n) at poses (k, 4, 4), each solved from the previous solution; rows without one are NaN."""
     out = np.full((len(Ts), len(kin.joints)), np.nan)
     for i, T in enumerate(Ts):
         try:

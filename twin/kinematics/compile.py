@@ -30,7 +30,7 @@ def compile_formula(
         variants: {equation: variant}, or one name for all equations that have this variant; default: the default of
             each equation.
         parameters: {parameter: value in SI}; the values replace published values.
-        extra_joints: auxiliary joints, which are not in the equations, in the order of q.
+        extra_joints: auxiliary joints (joints of the robot that are not in the equations), by ascending index in q.
 
     Raises:
         KinematicsError: the formula breaks the contract, a name is unknown, or a value is not finite.
@@ -146,9 +146,9 @@ class Kinematics(Compiled):
 
     def _why_unreachable(self, T: Array) -> str:
         margins = self.reach(T[None])
-        short = [f"{name} by {-m[0] / MM:.3f} mm" for name, m in margins.items() if m[0] < 0]
+        short = [f"{name} is {-m[0] / MM:.3f} mm beyond its limit" for name, m in margins.items() if m[0] < 0]
         where = np.array2string(T[:3, 3] / MM, precision=1, suppress_small=True)
         if short:
-            return f"{self.formula.name}: tool at {where} mm is out of reach: beyond the limit of {', '.join(short)}."
+            return f"{self.formula.name}: tool at {where} mm is out of reach: {', '.join(short)}."
         why = self.why(T)
         return f"{self.formula.name}: the equations have no real solution with the tool at {where} mm. {why}".rstrip()

@@ -114,7 +114,7 @@ class Compiled(ABC):
         return {name: out[:, i] for i, name in enumerate(self.formula.points)}
 
     def passive_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
-        """Return the passive joints {name: (k,)} in rad or m."""
+        """Return the values of the passive joints {name: (k,)} in rad or m."""
         return self._named("passive", Ts, qs)
 
     def inverse_jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
@@ -159,7 +159,7 @@ class Compiled(ABC):
         return self._named("measure", Ts, qs)
 
     def singularity_alarm(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, np.ndarray]:
-        """Return {name: (k,) bool}: whether the absolute value of the measure is below its alarm value, or NaN."""
+        """Return {name: (k,) bool}: true where the measure is NaN or its absolute value is below its alarm value."""
         values = self.singularity(Ts, qs)
         return {m.name: ~(np.abs(values[m.name]) >= m.alarm) for m in self.formula.measures}
 
@@ -168,11 +168,11 @@ class Compiled(ABC):
         return self._named("reach", Ts, qs)
 
     def aspect_signs(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the signs (k, m) of the formula's aspects: -1, +1, or 0 (also where undefined)."""
+        """Return the signs (k, m) of the formula's m aspects: -1, 0 or +1; 0 also where an aspect is undefined."""
         return np.nan_to_num(np.sign(self.program.group["aspect"].many(self._states(Ts, qs))))
 
     def branch(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> np.ndarray:
-        """Return labels (k,) of the assemblies, composed of the signs of the formula's aspects: "X_E+ z_up+ D-"."""
+        """Return the labels (k,) of the assemblies: names and signs of the aspects, such as "X_E+ z_up+ D-"."""
         names, marks = self.program.scalars["aspect"], {1: "+", -1: "-", 0: "0"}
         rows = self.aspect_signs(Ts, qs)
         return np.array([" ".join(f"{n}{marks[int(s)]}" for n, s in zip(names, r, strict=True)) for r in rows])

@@ -42,7 +42,7 @@ class States(Protocol):
 
 
 class Margins:
-    """Values of a formula that are not poses, points or joints (rows): reach margins, singularity measures, aspects.
+    """The reach margins, singularity measures and aspects of a formula; each is a row of the computed values.
 
     Attributes:
         names: names of the rows: reach margins, then measures, then aspects.
@@ -66,7 +66,7 @@ class Margins:
         self.preferred = (*(0 for _ in f.reach), *(0 for _ in f.measures), *(a.preferred for a in f.aspects))
 
     def values(self, s: States, larger: float = 1.0) -> Array:
-        """Return the values (k, rows) at states; `larger` is a factor of all lengths of robot and states."""
+        """Return the values (k, rows) at states; all lengths of robot and states are multiplied by `larger`."""
         kin = self._kin
         numbers = {**kin.parameters, **self._lengths(larger)}
         z = [
@@ -107,7 +107,7 @@ class Margins:
         return np.stack([found[n] for n in self._kin.formula.reach], axis=1)
 
     def fails(self, s: States) -> Array:
-        """Return the largest entry (k,) of the inverse Jacobian: infinite out of reach, 0 without inverse equations."""
+        """Return (k,): largest entry of each inverse Jacobian; infinite out of reach, 0 without inverse equations."""
         kin = self._kin
         if not kin.closed_inverse:
             return np.zeros(len(s.q))

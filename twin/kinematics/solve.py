@@ -125,8 +125,8 @@ def solve(
 def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> Iterator[Array]:
     """Yield starting states: q (n,) if there is a forward equation, else poses (4, 4).
 
-    First the seeds of the formula, then random states: poses near the seeds; joints within their limits (without
-    limits: within ±180 deg or ±1 m).
+    The seeds of the formula come first, then random states. Random poses are near the seeds; random joint values are
+    within the limits (without limits: within ±180 deg or ±1 m).
     """
     homes: list[Array] = []
     for seed in kin.formula.seeds[:starts]:

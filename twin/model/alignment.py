@@ -45,7 +45,7 @@ class AlignTable(Table):
     roll_deg: float = Field(gt=-45, lt=45)
     size_mm: tuple[float, float]
     plate_mm: tuple[float, float]
-    color: str = Field("#20a040", pattern="^#[0-9a-f]{6}$", description="sRGB; green exceeds red and blue")
+    color: str = Field("#20a040", pattern="^#[0-9a-f]{6}$", description="sRGB; green must exceed red and blue")
     line: float = Field(ge=0.1, le=0.95)
     tolerance_deg: float = Field(gt=0, le=10)
     tolerance_line: float = Field(gt=0, le=0.5)
@@ -163,7 +163,7 @@ def alignment(a: AlignTable) -> Alignment:
 
 
 def rows(a: AlignTable) -> Iterator[Row]:
-    """Yield name, value and unit of the numbers of an alignment."""
+    """Yield (name, value, unit) of each number of an alignment."""
     yield "rectangle", a.position_mm, "mm"
     for what, (width, height) in (("rectangle", a.size_mm), ("plate", a.plate_mm)):
         yield f"{what} width", width, "mm"

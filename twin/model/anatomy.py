@@ -65,9 +65,9 @@ class AnatomyTable(Sourced):
     """The organs of a scene. `file` is a description as for props, with one body for each organ.
 
     `touching` names the links of instruments that can touch organs, each as "robot/body"; other links pass through
-    organs. If the organs are drawn in a frame of their own, `axes` are the directions of its x, y and z in the world
-    frame, such as ["-y", "x", "z"]; `origin_mm` is its origin in the world frame; `scale` is a length in the world
-    divided by the length in the drawing.
+    organs. If the drawing of the organs has a frame of its own, `axes` are the directions of that frame's x, y and z
+    in the world frame, such as ["-y", "x", "z"]; `origin_mm` is that frame's origin in the world frame; `scale` is a
+    length in the world divided by the same length in the drawing.
     """
 
     file: str
@@ -92,8 +92,8 @@ class AnatomyTable(Sourced):
     def to_world(self, p_drawing: Array) -> Array:
         """Return points (n, 3) in m in the World for points of the drawing.
 
-        The paper on the PA-10 virtual surgery robot maps points between its simulator and Blender in this way: axes are
-        swapped, one of them is reversed, then offset and scale (figures 13 to 15).
+        The paper on the PA-10 virtual surgery robot maps points between its simulator and Blender in the same way: it
+        swaps axes, reverses one axis, then shifts and scales the points (figures 13 to 15).
         """
         return p_drawing @ self._R_world_drawing.T * self.scale + np.array(self.origin_mm) * MM
 
@@ -141,7 +141,7 @@ def tissues(
 
 
 def listed(tables: Mapping[str, TissueTable]) -> Iterator[Parameter]:
-    """Yield the numbers of the organs with their provenance."""
+    """Yield each number of the organs, with its provenance."""
     for name, t in tables.items():
         rows = (
             ("edge", t.edge_mm, "mm"),

@@ -17,7 +17,7 @@ from twin.schema import Identifier, Sourced, Table, at, error_at
 
 
 class StereoTable(Table):
-    """Two lenses side by side: `baseline_mm` between them; their lines of sight cross at the distance `converge_mm`."""
+    """Two lenses, `baseline_mm` apart, side by side; their lines of sight cross `converge_mm` in front of them."""
 
     baseline_mm: float = Field(gt=0, le=200)
     converge_mm: float = Field(gt=0, le=10_000)
@@ -63,11 +63,11 @@ class ConsoleTable(Sourced):
     """A surgeon's console: the robots that each hand can control, and the camera of the picture.
 
     A tap on the clutch selects the next robot in `right` or `left`. `scale` is the tool displacement divided by the
-    hand displacement. `tip` is the name of a frame that each of these robots has: its origin must touch the targets,
-    and its path length is measured; default: the tool frame. `instrument_mm` is the length of a robot's instrument from
-    its tip to its outer end; with this length, the hand can control either end. `through` names the robots without a
-    mechanical RCM: the controller keeps their shaft, the z axis of the tool, in the port. `camera_range` replaces the
-    range of the da Vinci's endoscope.
+    hand displacement. `tip` is the name of a frame that each of these robots has; default: the tool frame. The origin
+    of that frame must touch the targets, and the length of its path is measured. `instrument_mm` is the length of a
+    robot's instrument from its tip to its outer end; with this length, the hand can control either end. `through` names
+    the robots without a mechanical RCM: the controller keeps the shaft of each, the z axis of its tool, in its port.
+    `camera_range` replaces the range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)
@@ -106,7 +106,7 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
     """Raise an error if the console names a camera or robot that the scene does not have, or names a robot twice.
 
     Raises:
-        DescriptionError: with file, line, key and value.
+        DescriptionError: the message gives the file, the line, the key and the wrong name.
     """
     if console.camera not in cameras:
         raise error_at(path, ("console", "camera"), unknown("camera", console.camera, cameras))
@@ -130,7 +130,7 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
 
 
 def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
-    """Yield the numbers of a console, and of the forces on its hands, with their provenance."""
+    """Yield each number of a console, and of the forces on its hands, with its provenance."""
     if console is not None:
         lengths = [(f"instrument {name}", v, "mm") for name, v in console.instrument_mm.items()]
         yield from console.parameters("console", [("scale", console.scale, "1"), *lengths])

@@ -43,7 +43,7 @@ class Deformable:
         return 3 * (len(self.mesh.vertices) if self.weights is None else self.weights.shape[1])
 
     def vertices(self, values: Array) -> Array:
-        """Return the vertices (n, 3) in m for a value of the signal."""
+        """Return the vertices (n, 3) in m for `values` (size,) of the signal."""
         points = values.reshape(-1, 3)
         return points if self.weights is None else self.weights @ points
 
@@ -70,7 +70,7 @@ class Bend:
         return self.mesh.name
 
     def vertices(self, k: int) -> Array:
-        """Return the vertices (n, 3) in m at the time with index k."""
+        """Return the vertices (n, 3) in m at the time `times[k]`."""
         return self.weights @ self.nodes[k]
 
     def changes(self) -> Index:

@@ -10,10 +10,10 @@ from twin.schema import Identifier, Row, Table
 
 
 class AllowedTable(Table):
-    """Errors up to which the task counts as done.
+    """Largest errors with which the task still counts as done.
 
-    `touch_s`: time for which the held ring touches the wire; `drops`: drops of the ring; `collisions`: collisions of an
-    instrument with a solid body or with the other instrument.
+    `touch_s`: time in s for which the held ring touches the wire; `drops`: number of drops of the ring; `collisions`:
+    number of collisions of an instrument with a solid body or with the other instrument.
     """
 
     touch_s: float = Field(ge=0, le=1000)
@@ -42,7 +42,7 @@ class GuideTable(Table):
 
 
 def rows(table: GuideTable) -> list[Row]:
-    """Return the numbers of the table: name, value, unit."""
+    """Return (name, value, unit) of each number of the table."""
     return [
         ("lift", table.lifted_mm, "mm"),
         ("end of the wire", table.end_mm, "mm"),

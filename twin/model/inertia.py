@@ -34,10 +34,10 @@ class Inertia:
         return Inertia(self.mass, R @ self.p_body_com + T[:3, 3], R @ self.I_com @ R.T)
 
     def principal(self) -> tuple[Array, Array]:
-        """Return principal moments (3,) and the rotation (3, 3) of their axes, chosen nearest to identity.
+        """Return the principal moments (3,) in kg m2, and the rotation (3, 3) whose columns are the principal axes.
 
-        Eigenvectors have no defined order. The order nearest to identity gives readable axes for aligned parts, and
-        does not jump when a length changes slightly.
+        Eigenvectors have no defined order. The order and signs that make the rotation nearest to identity give readable
+        axes for aligned parts, and do not jump when a length changes slightly.
         """
         moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
         best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))
@@ -64,7 +64,7 @@ class Inertia:
         return out
 
     def violations(self) -> list[str]:
-        """Return the reasons why no rigid body can have this mass and tensor; empty if it is possible."""
+        """Return the reasons why no rigid body can have this mass and tensor; empty if a rigid body can have them."""
         bad = []
         if not (np.isfinite(self.mass) and self.mass > 0):
             bad.append(f"mass {self.mass:g} kg is not positive")

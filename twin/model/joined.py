@@ -22,7 +22,7 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
     Motors are left out: the joints count as driven directly. The tool is that of the last arm.
 
     Args:
-        arms: by name: mechanism, and T_world_base (4, 4).
+        arms: {name of the arm: (its mechanism, T_world_base (4, 4))}.
     """
     bodies, joints, couplings, frames, rest = [Body(WORLD)], [], [], (), {WORLD: np.eye(4)}
     for name, (mechanism, T_world_base) in arms.items():

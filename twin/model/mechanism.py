@@ -201,8 +201,8 @@ class Mechanism:
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
         """(joints, T_base_tool, q) of the active joints that move the tool.
 
-        `joints`: (name, is_angle) of each joint; `T_base_tool`: (4, 4) at the rest pose; `q`: (n,) in m or rad, or None
-        if the mechanism has no posture.
+        `joints`: (name, is_angle) of each joint; `T_base_tool` (4, 4) and `q` (n,) in m or rad: values in the rest
+        poses. `q` is None if the mechanism has no posture.
         """
         tool, joints = self.frame(self.tool), [j for j in self.active if j not in self.auxiliary]
         q = np.array([self._drawn(j) for j in joints]) if self.postures else None
@@ -212,8 +212,9 @@ class Mechanism:
     def materials(self) -> dict[str, Material]:
         """Material of every mesh, by mesh name; all written formats use these names and finishes.
 
-        A name consists of the part's material and its colour, `steel_8a8f96`. It is the same for all robots and does
-        not change with the drawing, so that a user's replacement material in another program stays assigned.
+        A name consists of the part's material and its colour, such as `steel_8a8f96`. The name is the same for all
+        robots and does not change with the drawing, so that a user's replacement material in another program stays
+        assigned.
         """
         known: dict[tuple[tuple[float, ...], Finish], Material] = {}
         taken: set[str] = set()
@@ -378,7 +379,7 @@ def _check(m: Mechanism) -> None:
             fail(f"{count} {kind}; the limit is {BODIES}")
     freedoms = sum(len(FREE_AXES.get(j.type, ())) for j in m.joints)
     if freedoms > FREEDOMS:
-        fail(f"its joints have {freedoms} degrees of freedom in total; the limit is {FREEDOMS}")
+        fail(f"all joints together have {freedoms} degrees of freedom; the limit is {FREEDOMS}")
     names = {b.name for b in m.bodies}
     if m.base not in names:
         fail(f"base: {unknown('body', m.base, names)}")

@@ -42,7 +42,7 @@ class ProcedureTable(Table):
 
 
 def rows(p: ProcedureTable) -> Iterator[Row]:
-    """Yield name, value and unit of the numbers of a procedure."""
+    """Yield (name, value, unit) of each number of a procedure."""
     yield "change", p.change_mm, "mm"
     yield "lift", p.lift_mm, "mm"
     yield "seen", p.seen, "1"

@@ -35,9 +35,9 @@ class PortTable(Sourced):
 class RobotTable(Sourced):
     """A robot in the scene: base position in the world frame, yaw about the vertical z axis, and ports of its trocars.
 
-    `protocol` is optional if the scene has a console. `robot` names the built-in robot if `name` is another name, for
-    example for the second of two equal robots. `start` gives joint values in deg or mm at the start of console control;
-    other joints start as in the posture home.
+    `protocol` is optional if the scene has a console. `robot` is the name of the built-in robot; it can be left out if
+    `name` is the same, but not for the second of two equal robots. `start` gives joint values in deg or mm at the start
+    of console control; joints that it does not name start as in the posture home.
     """
 
     name: Identifier
@@ -139,7 +139,7 @@ class Scene:
 
     @property
     def models(self) -> tuple[Place, ...]:
-        """The `Place` of each machine's model (see `twin.model.trainer`): that of the machine, with another name."""
+        """The `Place` of each machine's model: that of the machine, with the model's name; see `twin.model.trainer`."""
         machines = [] if self.trainer is None else self.trainer.robots
         return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 

@@ -109,12 +109,12 @@ def _outwards(triangles: Index, start: int) -> Iterator[Index]:
 
 
 def _sides(triangles: Index) -> Index:
-    """Return the three sides of each triangle (m, 3, 2), from corner 0 to 1, 1 to 2, and 2 to 0."""
+    """Return the three edges of each triangle (m, 3, 2), from corner 0 to 1, 1 to 2, and 2 to 0."""
     return triangles[:, [[0, 1], [1, 2], [2, 0]]]
 
 
 def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
-    """Raise an error for a side that does not belong to exactly two triangles, or has the same direction in both."""
+    """Raise an error for an edge that does not belong to exactly two triangles, or has the same direction in both."""
     sides = _sides(triangles).reshape(-1, 2)
     _, index = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     index = index.reshape(-1)
@@ -126,11 +126,11 @@ def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
     bad = sides[wrong if wrong.any() else (balance != 0)[index]]
     x, y, z = (vertices[bad[0]].mean(axis=0) / MM).tolist()
     count = len(np.unique(np.sort(bad, axis=1), axis=0))
-    what, why = f"is open: {count} sides do not join two triangles", "a deformable needs a closed surface"
+    what, why = f"is open: {count} edges do not join two triangles", "a deformable needs a closed surface"
     if not wrong.any():
-        what = f"has triangles of both orientations: {count} sides join two triangles of different orientation"
+        what = f"has triangles of both orientations: {count} edges join two triangles of different orientation"
         why = "list the corners of all triangles counter-clockwise, seen from outside"
-    raise TwinError(f"surface '{name}' {what}, one of them at ({x:.1f}, {y:.1f}, {z:.1f}) mm; {why}")
+    raise TwinError(f"surface '{name}' {what}, one of these edges at ({x:.1f}, {y:.1f}, {z:.1f}) mm; {why}")
 
 
 def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:

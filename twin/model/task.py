@@ -137,7 +137,7 @@ def check_rings(path: Path, name: str, task: TaskTable, objects: Mapping[str, Ob
     A ring cannot be touched if `contact` is False: the scene file has no section [contact].
 
     Raises:
-        DescriptionError: with file, line, key and value.
+        DescriptionError: the message gives the file, the line, the key and the wrong value.
     """
     kind = "transfer" if task.transfer else "guide" if task.guide else ""
     if kind and not contact:
@@ -159,7 +159,7 @@ def _check_ring(path: Path, keys: tuple[str | int, ...], name: str, objects: Map
 
 
 def listed(name: str, task: TaskTable) -> Iterator[Parameter]:
-    """Yield the numbers of task `name`, with their provenance."""
+    """Yield each number of task `name`, with its provenance."""
     rows: list[Row] = [("tolerance", task.tolerance_mm, "mm"), ("hold", task.hold_s, "s")]
     if task.guide is not None:
         rows += guide.rows(task.guide)

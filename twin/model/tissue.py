@@ -58,7 +58,7 @@ class Tissue:
 
     @cached_property
     def T_world_grid(self) -> Array:  # noqa: N802
-        """Pose (4, 4) of the grid; its origin is the corner that is lowest along all of its axes."""
+        """Pose (4, 4) of the grid in the World; its origin is the corner with the smallest coordinates on its axes."""
         v = self.surface.vertices
         if self.upright:
             return spatial.pose(p=v.min(axis=0))
@@ -144,6 +144,6 @@ class Tissue:
 
     @property
     def deformable(self) -> Deformable:
-        """The deformable of the World, with the signal `<name>.nodes`."""
+        """The organ as a `Deformable` that is fixed to the World; its signal is `<name>.nodes`."""
         mesh = Mesh(self.name, self.surface.vertices, self.surface.triangles.astype(np.int32), self.color_rgba)
         return Deformable(self.name, mesh, weights=self.weights)

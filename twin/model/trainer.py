@@ -1,7 +1,8 @@
 """The section `[trainer]` of a scene: machines, the model of each machine, and the limits of their motions.
 
 A machine is a robot with motors and control software that runs as a separate process and is commanded by packets. Its
-model is a simulated robot that gets the same packets; differences between both reveal faults of the machine.
+model is a simulated robot that gets the same packets; differences between machine and model reveal faults of the
+machine.
 """
 
 from __future__ import annotations
@@ -61,10 +62,11 @@ class TrainerTable(Sourced):
 
 
 def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None, names: Sequence[str]) -> None:
-    """Raise an error if no hand of the console controls a machine, or if another robot has the name of its model.
+    """Check the section `[trainer]` of a scene against its console and the names of its robots.
 
     Raises:
-        DescriptionError: with file, line, key and value.
+        DescriptionError: the scene has no console; or a machine is listed twice, is controlled by no hand, or has an
+            `instrument_mm`; or another robot has the name of a machine's model. The message gives file, line and value.
     """
     if trainer is None:
         return
@@ -84,7 +86,7 @@ def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None
 
 
 def listed(trainer: TrainerTable | None) -> Iterator[Parameter]:
-    """Yield the numbers of a trainer, with their provenance."""
+    """Yield each number of a trainer, with its provenance."""
     if trainer is None:
         return
     cue = trainer.cue

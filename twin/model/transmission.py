@@ -78,7 +78,7 @@ class Transmission:
 
     @property
     def equations(self) -> str:
-        """The matrix as text: "q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2"."""
+        """The matrix as text, such as "q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2"."""
         rows = (
             " + ".join(f"{k:g} {a}" for k, a in zip(row, self.actuators, strict=True) if k).replace("+ -", "- ")
             for row in self.matrix
@@ -95,10 +95,10 @@ class Transmission:
 
 
 def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tuple[Array, Array] | None:
-    """Return joint stiffness (n,) and damping (n,) of the motors' drives, each with the other joints held fixed.
+    """Return the stiffness (n,) and damping (n,) at each joint due to the motors' drives, the other joints held fixed.
 
-    They are the diagonals of inverse.T @ diag(k) @ inverse, for formats in which drives act on joints only.
-    None if a motor has no drive.
+    Both are the diagonal of inverse.T @ diag(g) @ inverse, where g is the stiffness or the damping of the drives. File
+    formats in which drives act on joints only require these values. None if a motor has no drive.
     """
     known = {a.name: a for a in actuators}
     motors = [known[n] for n in transmission.actuators]
@@ -196,12 +196,12 @@ def _matrix(t: Transmission) -> Iterator[tuple[str, str]]:
     if not n or len(t.actuators) != n:
         yield "actuators", f"{n} joints and {len(t.actuators)} actuators; the numbers must be equal and at least 1"
     elif shape != (n, n):
-        yield "matrix", f"the matrix is {' x '.join(map(str, shape))}; it must be {n} x {n}, a row for each joint"
+        yield "matrix", f"the matrix is {' x '.join(map(str, shape))}; it must be {n} x {n}, one row for each joint"
     elif not np.all(np.isfinite(t.matrix)):
         yield "matrix", "the matrix has entries that are not finite"
     elif not (size := condition(t.matrix)) <= CONDITION:
         yield (
             "matrix",
             f"the matrix cannot be inverted (condition number {size:.3g}, limit {CONDITION:.0e}): some motion of the "
-            "motors moves no joint, or no motor moves a joint; check its rows",
+            "motors moves no joint, or a joint is moved by no motor; check the rows of the matrix",
         )

@@ -82,9 +82,9 @@ class Vessel:
 
         Args:
             points: (n + 1, 3) nodes of the centre line in the World in m.
-            cut: (n,) 1: the segment is cut away.
+            cut: (n,) 1 for each segment that is cut away, else 0.
             flat: (n + 1,) fraction by which a clip flattens the vessel at each node.
-            across: (3,) direction in which a clip flattens it.
+            across: (3,) direction in which a clip flattens the vessel.
         """
         along = np.diff(points, axis=0)
         z = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
@@ -105,7 +105,7 @@ class Vessel:
 
     @cached_property
     def deformable(self) -> Deformable:
-        """The deformable of the World: one closed prism for each segment, with the signal `<name>.nodes`."""
+        """The vessel as a `Deformable` fixed to the World, a closed prism per segment; its signal is `<name>.nodes`."""
         turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
         c, s = np.cos(turn), np.sin(turn)
         ring = np.column_stack([1 - c - s, c, s])  # weights of the centre and of the ends of the two radii
@@ -151,7 +151,7 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
 
 
 def listed(name: str, t: VesselTable) -> Iterator[Parameter]:
-    """Yield the numbers of a vessel with their provenance."""
+    """Yield each number of a vessel, with its provenance."""
     rows = (("radius", t.radius_mm, "mm"), ("segment", t.segment_mm, "mm"), ("Young's modulus", t.young_kpa, "kPa"))
     points = ((str(k), point, "mm") for k, point in enumerate(t.line_mm, 1))
     return t.parameters(f"vessel {name}", (*rows, *points))

@@ -29,7 +29,7 @@ _POLISHED = 5
 """Number of times that shortcuts are tried again when a path is improved."""
 
 _ENCLOSED = 0.1
-"""Part of the samples; if fewer are reached from an end, a message says that this end seems to be enclosed."""
+"""Fraction of the samples; if fewer are connected with an end, a message says that this end seems to be enclosed."""
 
 _WIDTHS = (0.1, 0.05, 0.025, 0.0125)
 """Standard deviations for the rounding of corners, relative to the path length, in the order of trial."""
@@ -70,15 +70,18 @@ def around(
         goal: (n,) joint values at the goal.
         seed: seed of the random samples.
         progress: called with the fraction done of the current search.
-        cancelled: asked every few milliseconds, in the same thread; once it is true, the search ends. None: never.
+        cancelled: called every few milliseconds, in the same thread; the search ends when it returns True. None: the
+            search cannot be cancelled.
         cost: what the search minimises; None: the length of the path.
-        straight: whether a free straight path is returned without a search; False if its cost may not be the smallest.
-        samples: maximum number of samples by which the first path found is improved; 0: it is returned as found.
-        grown: called after each search with its tree; not called if the straight path is free.
-        ended: called after each round, which is a search or an improvement; not called if the straight path is free.
+        straight: whether a free straight path is returned without a search; pass False if another path may cost less.
+        samples: the first path found is improved with at most this number of samples; 0: it is not improved.
+        grown: called with the tree of each search, after the search; not called if the straight path is returned
+            without a search.
+        ended: called with each round (a search or an improvement) at its end; not called if the straight path is
+            returned without a search.
 
     Raises:
-        CancelledError: `cancelled` was true.
+        CancelledError: `cancelled` returned True.
         ProtocolError: a joint value of start or goal is not finite.
         NoPathError: start or goal collides or exceeds a limit, or no path was found; the message lists the searches.
     """
@@ -87,13 +90,13 @@ def around(
         space = space.interruptible(_ending(cancelled))
     for name, q in (("start", start), ("goal", goal)):
         if not np.all(np.isfinite(q)):
-            raise ProtocolError(f"at its {name}, joint values are not finite: {q.tolist()}")
+            raise ProtocolError(f"at the {name}, joint values are not finite: {q.tolist()}")
         if reason := space.why(q):
             near = nearest_free(space, q, seed)
             text = f"; the nearest free configuration found is {space.named(near)}" if near is not None else ""
             lower = ". Move this waypoint" if "apart" in reason else ""
             lower += ", or lower clearance_mm" if " mm apart (" in reason else ""
-            raise NoPathError(f"at its {name}, {reason}{text}", lower, name == "start")
+            raise NoPathError(f"at the {name}, {reason}{text}", lower, name == "start")
     direct = line(start, goal)
     if straight and space.free_along(direct):
         return direct
@@ -165,11 +168,11 @@ class Way:
 def searched(
     search: Search, samples: int, rng: np.random.Generator, progress: Callable[[float], None] = lambda fraction: None
 ) -> tuple[bool, Way | None]:
-    """Return whether a search found corners, and the way along them if their path can be rounded, else None.
+    """Return whether a search found corners, and the way along these corners (None if they cannot be rounded).
 
-    The first trial is the smoothest path with all shortcuts: it often is free, and it is tested whole itself. Only if
-    it is not, the connections of the corners are tested whole. If some are not free, the search goes on without them;
-    if all are free, less smooth paths and paths with fewer shortcuts are tried.
+    The smoothest path with all shortcuts is often free; it is tested first, over its whole length. Only if it is not
+    free, the connections between the corners are tested over their whole length. If some connections are not free, the
+    search goes on without them; if all are free, less smooth paths and paths with fewer shortcuts are tried.
     """
     space = search.space
     corners = search.path(samples, progress)
@@ -212,11 +215,11 @@ def improved(
     informed: bool,
     record: Callable[[Tree, Cost, Array], None] = lambda tree, cost, best: None,
 ) -> Way:
-    """Return the best way found by a search that goes on with twice as many samples each time, up to `samples`.
+    """Continue a search in rounds, each with twice as many samples, up to `samples`; return the best way found.
 
-    Each time, shortcuts are tried `_POLISHED` times as often as for a first path. `informed`: samples through which the
-    length of the path cannot get shorter are left out (`Search.inform`). `record` is called each time with the tree,
-    the cost, and the corners (k, n) of the best way.
+    In each round, shortcuts are tried `_POLISHED` times as often as for a first path. With `informed`, samples through
+    which the path cannot become shorter are left out (`Search.inform`). `record` is called after each round with the
+    tree, the cost, and the corners (k, n) of the best way.
     """
     count, best = search.count, way
     while count < samples:
@@ -242,7 +245,7 @@ def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
 def _enclosed(reached: tuple[int, int], count: int) -> str:
     """Return a text that says which end is enclosed, as far as `count` samples tell; "" if none is."""
     text = [
-        f"the {name} seems to be enclosed, because only {n} of {count} samples are reached from there"
+        f"the {name} seems to be enclosed, because only {n} of {count} samples are connected with it"
         for name, n in zip(("start", "goal"), reached, strict=True)
         if count and n < _ENCLOSED * count
     ]
@@ -252,13 +255,13 @@ def _enclosed(reached: tuple[int, int], count: int) -> str:
 def shortcuts(
     space: Space, corners: Array, rng: np.random.Generator, cost: Cost | None = None, *, partial: bool = False
 ) -> Iterator[Array]:
-    """Yield the corners (k, n) of a path with one, two, ... detours replaced by shorter parts, where these are free.
+    """Yield the corners (k, n) of a path with one free shortcut, then with two free shortcuts, and so on.
 
-    In each round, shortcuts between random pairs of points are tested together, and the one is taken that lowers the
-    cost of the path most; `cost` None: its length. A shortcut is straight. `partial`: every second one is straight in
-    some joints only, drawn at random, and the others move as before; this shortens paths along obstacles, where no
-    straight shortcut is free (R. Geraerts, M. H. Overmars, "Creating high-quality paths for motion planning", Int. J.
-    Robotics Research 26(8), 2007).
+    In each round, shortcuts between random pairs of points on the path are tested together. The free shortcut that
+    lowers the cost of the path most is applied; without `cost`, the cost is the length. A shortcut is straight. With
+    `partial`, every second shortcut is straight in some joints only, which are drawn at random; the other joints move
+    as before. Such shortcuts shorten paths along obstacles, where no straight shortcut is free (R. Geraerts,
+    M. H. Overmars, "Creating high-quality paths for motion planning", Int. J. Robotics Research 26(8), 2007).
     """
     points, cost = np.asarray(corners), cost or length(space.weights)
     straight = np.ones((_SHORTCUTS, points.shape[1]), bool)
@@ -310,9 +313,10 @@ def _shortcut(points: Array, along: Array, i: int, j: int, ends: Array, straight
 def rounded(corners: Array, weights: Array, width: float) -> Smooth:
     """Return a path with rounded corners: the path along the corners (k, n), convolved with a Gaussian.
 
-    `width` is the standard deviation of the Gaussian, relative to the length of the path, which is measured with
-    `weights`. The path is extended by its mirror images at both ends, so that start and end do not change. Straight
-    parts remain straight. Each change of direction d at s0 contributes d (w phi(x) + (s - s0) Phi(x)), x = (s - s0)/w.
+    `width` is the standard deviation w of the Gaussian, divided by the length of the path; `weights` (n,) are in m per
+    unit of each joint. The path is extended by its mirror images at both ends, so that start and end do not change.
+    Straight parts remain straight. A change of direction d at s0 contributes d (w phi(x) + (s - s0) Phi(x)), where
+    x = (s - s0) / w, and phi and Phi are density and distribution function of the standard normal distribution.
     """
     from scipy.special import ndtr
 

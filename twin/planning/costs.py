@@ -1,4 +1,4 @@
-"""Costs of straight connections for a search: length, acceleration, both weighted, and clearance.
+"""Costs of straight connections for a search: length, acceleration, weighted sum of both, and clearance.
 
 The Raven paper's eq. (1) is eta1 c(path) + eta2 (integral of |tip acceleration|^2 dt), with eta1 = 0.1 and eta2 = 0.5.
 It gives no time law, but a corner that is passed without stopping has an infinite acceleration. ASSUMED: each
@@ -41,7 +41,10 @@ def length(weights: Array) -> Cost:
 
 
 def acceleration(weights: Array, most: float = ACCELERATION) -> Cost:
-    """Return the cost that is the integral of the squared acceleration in m2/s3; `most`: acceleration in m/s2."""
+    """Return the cost that is the integral of the squared acceleration, in m2/s3.
+
+    `most` is the acceleration in m/s2 at the start of a connection, and the deceleration at its end.
+    """
     way = length(weights)
     return lambda a, b: 2 * most**1.5 * np.sqrt(way(a, b))
 

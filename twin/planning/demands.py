@@ -43,7 +43,7 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
 
     Args:
         path: the phase.
-        joints: path of its driven joints (n,).
+        joints: path of the robot's driven joints (n,) in this phase.
         protocol: source of the limits of the moved frame.
         kinematics: source of the limits of joints and motors.
         dt: sampling time in s.

@@ -50,7 +50,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     (cause, name), margin = next(item for item in margins.items() if item[1][first] < -ROUNDING)
     worst = int(np.nanargmin(np.where(np.isnan(margin), 0.0, margin)))
     text = _cause(kinematics, cause, name, float(-margin[worst]))
-    where = "already at its start" if first == 0 else f"from {100 * high:.1f} % of the phase on"
+    where = "already at the start of the phase" if first == 0 else f"from {100 * high:.1f} % of the phase on"
     if cause not in ("branch", "inverse", "singularity"):
         where += f", worst at {100 * s[worst]:.0f} %"
     message = (
@@ -162,14 +162,14 @@ def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> 
     if cause == "reach":
         return f"{name} is too short by {size / MM:.2f} mm"
     if cause == "singularity":
-        return f"it would cross a singularity: the measure {name} changes its sign"
+        return f"the motion would cross a singularity: the measure {name} changes its sign"
     return "the working mode changes" if cause == "branch" else "the inverse kinematics has no solution"
 
 
 def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
     """Return a sentence on the reachable part of the phase, up to s minus a small margin."""
     if nothing:
-        return "No part of the phase is reachable; change the pose at its start."
+        return "No part of the phase is reachable; change the pose at the start of the phase."
     s = max(0.0, s - 1e-4)
     match path.phase:
         case Insertion():
@@ -181,12 +181,12 @@ def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
             shafts = ends @ path.n_tool_shaft
             tilt = np.arctan2(np.linalg.norm(np.cross(*shafts)), shafts[0] @ shafts[1]) / DEG
             angles = ", ".join(f"{a / DEG:.2f}" for a in path.angles(s))
-            depth = f"{path.depth(s) / MM:.2f} mm"
-            return f"Reachable: ({angles}) deg at a depth of {depth}, {tilt:.2f} deg of tilt from its start."
+            tilted = f"tilted by {tilt:.2f} deg from the start of the phase"
+            return f"Reachable: ({angles}) deg at a depth of {path.depth(s) / MM:.2f} mm, {tilted}."
         case _:
             here = path.motion(np.array([s])).p[0]
             angles = ", ".join(f"{a / DEG:.2f}" for a in path.angles(s))
-            return f"Reachable: up to {_mm(here)} with ({angles}) deg."
+            return f"Reachable: up to the position {_mm(here)} with the angles ({angles}) deg."
 
 
 def _mm(p: Array) -> str:

@@ -49,7 +49,7 @@ class Tree:
 
     @property
     def branches(self) -> np.ndarray:
-        """Rows (m, 2) of parent and child of each branch."""
+        """Row numbers (m, 2) in `q`: parent and child of each of the m branches."""
         child = np.flatnonzero(self.parent >= 0)
         return np.column_stack([self.parent[child], child])
 
@@ -116,16 +116,17 @@ class Search:
 
     @property
     def tree(self) -> Tree:
-        """The tree of the last `path`, also if it found none, or if an exception ended it."""
+        """The tree of the last call of `path`, even if this call found no path or ended by an exception."""
         return Tree(self._q[: len(self._parent)].copy(), self._parent.copy())
 
     def path(self, samples: int, progress: Progress = lambda fraction: None) -> Array | None:
-        """Return the corners (k, n) of the shortest path found through `samples` free samples in all; None if none.
+        """Return the corners (k, n) of the shortest path found; None if no path was found.
 
-        After `inform`, samples through which no path can be shorter are left out.
+        Free samples are added until the search has `samples` free samples. After `inform`, samples through which no
+        path can be shorter are left out.
 
-        `progress` is called with the fraction done: first half drawing of samples, second half growth of the tree. An
-        exception that it raises ends the search.
+        `progress` is called with the fraction done: 0 to 0.5 while samples are drawn, 0.5 to 1 while the tree grows. An
+        exception raised by `progress` ends the search.
 
         Raises:
             ProtocolError: `samples` is less than 1.
@@ -144,7 +145,7 @@ class Search:
         return None if rows is None else self._q[rows]
 
     def reached(self) -> tuple[int, int]:
-        """Return how many samples of the last `path`, which found none, are connected with start and goal."""
+        """Return two numbers of samples: connected with the start, and with the goal, after `path` found no path."""
         (near, way), none = self._graph, np.full(len(self._graph[0]), -1)
         back = [
             self.cost(np.broadcast_to(self._q[i], (len(n), len(self._box))), self._q[n]) for i, n in enumerate(near)
@@ -154,8 +155,8 @@ class Search:
     def inform(self, corners: Array) -> None:
         """From now on, use only samples through which a path can be shorter than the path along corners (k, n).
 
-        J. D. Gammell, S. S. Srinivasa, T. D. Barfoot, "Informed RRT*", IROS 2014: such points are in an ellipsoid whose
-        foci are start and goal. Only for the length as cost; the connections tested so far stay known.
+        J. D. Gammell, S. S. Srinivasa, T. D. Barfoot, "Informed RRT*", IROS 2014: such samples are in an ellipsoid
+        whose foci are start and goal. The cost of the search must be the length. Results of collision tests are kept.
         """
         x = corners * self.space.weights
         self._most = float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum())
@@ -174,7 +175,10 @@ class Search:
         return way <= self._most
 
     def block(self, corners: Array) -> bool:
-        """Exclude the connections along a path that are not free when tested whole; return whether there are any."""
+        """Test the connections along `corners` (k, n) over their whole length; return whether any is blocked.
+
+        Blocked connections are excluded from the search.
+        """
         rows = [int(np.flatnonzero((self._q == c).all(axis=1))[0]) for c in corners]
         bad = [
             pair
@@ -220,7 +224,10 @@ class Search:
         heap, z = [(0.0, root)], root
 
         def candidates(to: np.ndarray) -> list[tuple[int, int]]:
-            """Return (node of the front through which the path to i would be shortest, i) of samples; none if none."""
+            """Return pairs (node, i): the path to sample i is shortest through this node of the front.
+
+            Samples that no node of the front can reach have no pair.
+            """
             out = []
             for i in to.tolist():
                 through = front[near[i]] + way[i]
@@ -230,7 +237,7 @@ class Search:
             return out
 
         def moved(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-            """Return the pairs in the direction of motion."""
+            """Return the pairs, each ordered in the direction of motion."""
             return [(i, j) for j, i in pairs] if back else pairs
 
         while z != target:
@@ -268,7 +275,7 @@ class Search:
 
 
 def neighbours(x: Array, radius: float) -> list[np.ndarray]:
-    """Return the rows of all points nearer than the radius to each point of x (k, n), in order."""
+    """Return, for each point of x (k, n), the rows of the points nearer than the radius, in ascending order."""
     pairs = cKDTree(x).query_pairs(radius, output_type="ndarray")
     a, b = np.concatenate([pairs, pairs[:, ::-1]]).T
     order = np.lexsort((b, a))

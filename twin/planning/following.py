@@ -30,7 +30,7 @@ _STATIONS = 33
 """Number of points of a phase at which the mechanism is evaluated before fitting."""
 
 _STILL = 1e-12
-"""Maximum change (in m, or of a matrix entry) along a phase that counts as rounding."""
+"""Maximum change (in m, or of a matrix entry) along a phase that counts as a rounding error."""
 
 _NONE = 1e-9
 """Change (m, rad) of all driven joints below which a phase counts as having no length."""
@@ -55,7 +55,7 @@ class Followed(PhasePath):
     place: Path
 
     def joints(self, s: Array, kinematics: PathKinematics) -> Array:
-        """Return the driven joint values (k, n) at s (k,)."""
+        """Return the driven joint values (k, n) at the path parameters s (k,)."""
         return self.values(s)
 
     def driven(self, kinematics: PathKinematics, where: str) -> Path:
@@ -63,7 +63,7 @@ class Followed(PhasePath):
         return self.values
 
     def motion(self, s: Array) -> Motion:
-        """Return the motion at s (k,)."""
+        """Return the motion of the phase at the path parameters s (k,)."""
         at = [self.place(s, order) for order in (0, 1, 2)]
         R, R1, R2 = (x[:, 3:].reshape(-1, 3, 3) for x in at)
         R = R @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(R, 1, 2) @ R)  # restore orthogonality lost by truncation
@@ -290,7 +290,7 @@ class Follower:
 
 
 def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where: str) -> tuple[Followed, Array]:
-    """Return (a phase driven along the joint path `course` from the state `start`, the state at its end).
+    """Drive a phase along the joint path `course` from the state `start`; return the phase, and the state at the end.
 
     Raises:
         ProtocolError: the loops open; the message begins with `where`.
@@ -356,7 +356,9 @@ def freed(
             try:
                 X, _ = carrier.carry(line(drawn, q[0])(np.linspace(0.0, 1.0, _STATIONS)), x)
             except AssemblyError as error:
-                raise ProtocolError(f"{where}: its start cannot be reached from the drawn pose: {error}") from error
+                raise ProtocolError(
+                    f"{where}: the start of the phase cannot be reached from the drawn pose: {error}"
+                ) from error
             path, _ = carried(path, course, carrier, X[-1], where)
         out.append(path)
     return tuple(out)
@@ -370,7 +372,9 @@ def placed(
     angles: tuple[bool, ...],
     where: str,
 ) -> Array:
-    """Return q (n,) with the given joint values, in m or rad.
+    """Return q (n,) with the values of the joints in `given` replaced, in m or rad.
+
+    `in_degrees` names the joints whose values the file gives in deg; the file gives the others in mm.
 
     Raises:
         ProtocolError: a given joint is not driven, or its unit is wrong; the message begins with `where`.

@@ -22,7 +22,10 @@ Searched = Callable[[str, Rounds], None]
 
 
 def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
-    """Return a test whether states are within all limits, in the working mode of `anchor` and with its signs."""
+    """Return a function of poses (k, 4, 4) and q (k, n): (k,) bool, whether a state violates no limit.
+
+    Limits are those of `margins_at`: they include the working mode and the signs of `anchor`.
+    """
 
     def keep(Ts: Array, q: Array) -> np.ndarray:
         return np.all([m >= -ROUNDING for m in margins_at(kinematics, Ts, q, anchor).values()], axis=0)
@@ -41,8 +44,8 @@ def way(
 ) -> Path:
     """Return the path of the driven joints in a free phase.
 
-    Like every phase, it respects joint and motor limits, the distances of carriages on one rail, and the reach. It
-    stays on the same side of every singularity, and in its initial working mode.
+    The path respects joint and motor limits, minimum distances of carriages on one rail, and the reach, like the path
+    of every phase. It stays on the same side of every singularity, and in the working mode of its start.
 
     Args:
         phase: the phase, with clearance, seed and scene.
@@ -65,7 +68,7 @@ def way(
     anchor = Anchor.at(kinematics, Ts[:1], ends[0][None])
     for name, q, T in zip(("start", "goal"), ends, Ts, strict=True):
         if reason := said(kinematics, margins_at(kinematics, T[None], q[None], anchor)):
-            raise ProtocolError(f"{where} cannot be carried out: at its {name}, {reason}")
+            raise ProtocolError(f"{where} cannot be carried out: at the {name}, {reason}")
 
     def report(fraction: float) -> None:
         progress(f"{phase.name}: path around obstacles, {100 * fraction:.0f} %")

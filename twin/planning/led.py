@@ -42,9 +42,11 @@ class Led:
 
     @property
     def carrier(self) -> Carrier:
-        """The mechanism."""
+        """The robot's mechanism; raises `ProtocolError` if the robot has none."""
         if self.kinematics.carrier is None:
-            raise ProtocolError(f"{self.name} has no mechanism; to plan several arms at once, each arm needs one")
+            raise ProtocolError(
+                f"{self.name} has no mechanism; every arm needs a mechanism to plan several arms at once"
+            )
         return self.kinematics.carrier
 
 
@@ -62,8 +64,8 @@ class _Guide(Follower):
 def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]], dt: float = 1e-3) -> list[Trajectory]:
     """Return the timed trajectory of each robot, with the findings of the check of every sample.
 
-    All robots have the same timing in a phase. It is the fastest within the limits of the joints, motors and moved
-    frames of all robots, jerk included. A robot with fewer phases has a shorter trajectory.
+    All robots have the same timing in a phase. This timing is the fastest within the limits (jerk included) of the
+    joints, motors and moved frames of all robots. A robot with fewer phases has a shorter trajectory.
 
     Args:
         robots: the robots.
@@ -71,7 +73,7 @@ def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]], dt: f
         dt: sampling time in s.
 
     Raises:
-        ProtocolError: a robot cannot follow its path; the message has phase, cause and place.
+        ProtocolError: a robot cannot follow its path; the message names the phase, the cause, and where it begins.
         TimingError: no timing within the limits was found; the message names the phases.
     """
     paths = [build(r.protocol, r.T_tool_frame, _Guide(r, c)) for r, c in zip(robots, courses, strict=True)]

@@ -8,14 +8,14 @@ from twin.core.spatial import Array
 from twin.planning.space import Space
 
 _AROUND, _SAMPLES = (0.01, 0.03, 0.1, 0.3, 1.0), 200
-"""Half the edges of the boxes that are searched, relative to the joint ranges, in order; number of samples in each."""
+"""Half edges of the searched boxes, relative to the joint ranges, in order of search; number of samples in each box."""
 
 _HALVINGS = 8
 """Number of bisections between the nearest free sample and the configuration."""
 
 
 def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
-    """Return a free configuration (n,) near q (n,): the nearest free sample, moved towards q; None: no sample is."""
+    """Return a free configuration (n,) near q (n,): the nearest free sample, moved towards q; None if none is free."""
     rng, limits = np.random.default_rng(seed), space.limits
     inside = np.clip(q, limits[:, 0], limits[:, 1])
     if space.free(inside[None])[0]:

@@ -63,7 +63,7 @@ class PhasePath(Course):
         return series
 
     def motion(self, s: Array) -> Motion:
-        """Return the motion at s (k,)."""
+        """Return the motion of the phase at the path parameters s (k,)."""
         return self.phase.motion(self, np.asarray(s, float))
 
     def angles(self, s: float) -> Array:
@@ -71,7 +71,7 @@ class PhasePath(Course):
         return self.angles0 + s * (self.angles1 - self.angles0)
 
     def depth(self, s: float) -> float:
-        """Return the depth in m at s (NaN without RCM)."""
+        """Return the insertion depth in m at the path parameter s; NaN if no RCM is registered."""
         return self.phase.depth_at(self, s)
 
 
@@ -108,8 +108,8 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         missed = spatial.point_to_line(rcm, tip, rotation(angles, protocol.rotation) @ n_tool)
         if missed > protocol.tolerances.rcm:
             raise ProtocolError(
-                f"{protocol.name}: rcm_mm is registered from the start, but the shaft at '{protocol.start}' misses it "
-                f"by {missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
+                f"{protocol.name}: rcm_mm is the RCM from the start, but the shaft at '{protocol.start}' misses this "
+                f"RCM by {missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
             )
     paths: list[PhasePath] = []
     for phase in protocol.phases:
@@ -135,7 +135,7 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         if still and np.linalg.norm(end.angles - angles) < _NO_LENGTH:
             at = ", ".join(f"{x / MM:.3f}" for x in tip)
             turn = ", ".join(f"{x / DEG:.3f}" for x in angles)
-            raise begin.refuse(f"it has no length: it begins and ends at ({at}) mm, ({turn}) deg; remove it")
+            raise begin.refuse(f"the phase has no length: it is at ({at}) mm, ({turn}) deg; remove it")
         path = PhasePath(
             T_tool_frame=np.asarray(T_tool_frame, float),
             n_tool_shaft=n_tool,
@@ -169,8 +169,9 @@ def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, 
     inserts = phase.registers
     missed = float(np.linalg.norm(place - tip) if inserts else spatial.point_to_line(place, tip, shaft))
     if missed > allowed:
-        what = f"begins {missed / MM:.3f} mm from" if inserts else f"begins with its shaft {missed / MM:.3f} mm beside"
-        raise ProtocolError(f"{_where(protocol, phase)}: it {what} trocar '{name}' (allowed: {allowed / MM:g} mm)")
+        what = f"tip is {missed / MM:.3f} mm from" if inserts else f"shaft is {missed / MM:.3f} mm beside"
+        text = f"at the start of the phase, the {what} trocar '{name}' (allowed: {allowed / MM:g} mm)"
+        raise ProtocolError(f"{_where(protocol, phase)}: {text}")
     return rcm if rcm is not None and np.linalg.norm(rcm - place) <= allowed else place
 
 

@@ -55,11 +55,12 @@ def plan(
         protocol: the protocol.
         kinematics: the robot's planning data.
         T_tool_frame: (4, 4) pose of `protocol.frame` in the tool frame.
-        dt: sampling time in s; the duration of every phase is a multiple of it.
+        dt: sampling time in s; the duration of every phase is a multiple of dt.
         progress: called with the name of each phase before it is planned, and with steps of free phases.
 
     Raises:
-        ProtocolError: a phase cannot be carried out; the message contains place and size, and what is reachable.
+        ProtocolError: a phase cannot be carried out; the message tells where in the phase a limit is violated, by how
+            much, and what is reachable.
         TimingError: no timing within the limits was found.
     """
     T_tool_frame = np.asarray(T_tool_frame, float)
@@ -128,7 +129,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
 
 
 def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinematics) -> Leg:
-    """Return a phase with its samples; `joints` is the path of its driven joints."""
+    """Return a phase with its samples; `joints` is the path of the driven joints in this phase."""
     first, sd, sdd = joints(timing.s, 1), timing.sd[:, None], timing.sdd[:, None]
     qdd = first * sdd + joints(timing.s, 2) * sd**2
     return Leg(path, timing, path.motion(timing.s), path.joints(timing.s, kinematics), first * sd, qdd)
@@ -137,7 +138,7 @@ def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinem
 def assemble(
     protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, legs: list[Leg], dt: float
 ) -> Trajectory:
-    """Join the planned phases; a sample shared by two phases is taken from the earlier phase."""
+    """Join the planned phases; the sample at the border of two phases is that of the earlier phase."""
     spans: list[PhaseSpan] = []
     waypoints: dict[str, list[int]] = {protocol.start: [0]}
     start = 0

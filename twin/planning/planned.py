@@ -42,7 +42,7 @@ class Planned(Result):
         return {p.name: p.rounds for p in self.trajectory.phases if p.rounds is not None}
 
     def content(self) -> Mapping[str, Any]:
-        """Return the trajectory without its samples."""
+        """Return the trajectory as plain data, without its samples."""
         return self.trajectory.as_dict(arrays=False)
 
     def as_dict(self) -> dict[str, Any]:
@@ -70,7 +70,7 @@ class Planned(Result):
 
 
 def searches(found: Mapping[str, Rounds]) -> Table:
-    """Return a table of the rounds of searches, by name of the phase."""
+    """Return a table with one row for each round of a search; `found` gives the rounds by name of the phase."""
     rows = [
         (name, str(r.samples), *(_cost(x, s.unit) for x in (r.tree, r.best)), f"{r.processor:.2f}", f"{r.wall:.2f}")
         for name, s in found.items()

@@ -21,14 +21,14 @@ from twin.planning.space import Certificate
 
 @dataclass(frozen=True)
 class CommonPhase:
-    """A phase of all arms, which begin and end it at rest together.
+    """A phase of all arms; the arms are at rest at its start and at its end.
 
     Attributes:
-        name: names of the arms' phases.
-        t0, t1: times in s of its start and its end.
-        seen: distance between bodies of the arms and of the scene along the whole phase.
-        rounds: rounds of the search for each arm's path, by name of the arm; none where the straight path is free. The
-            length of the path of a later arm includes the progress of the arms that were planned before it.
+        name: names of the phases of the arms, joined.
+        t0, t1: times in s at the start and at the end of the phase.
+        seen: minimum distance between bodies of the arms and of the scene along the whole phase.
+        rounds: rounds of the search for each arm's path, by name of the arm; empty if no arm needed a search. For
+            arms planned after the first, the path length includes the progress of the arms planned before.
     """
 
     name: str
@@ -76,7 +76,7 @@ class PlannedTogether(Result):
         return {f"{arm}, {p.name}": rounds for p in self.phases for arm, rounds in p.rounds.items()}
 
     def content(self) -> Mapping[str, Any]:
-        """Return the plan without its samples."""
+        """Return the plan as plain data, without its samples."""
         return {
             "scene": self.scene,
             "order": list(self.order),
@@ -113,7 +113,7 @@ class PlannedTogether(Result):
         yield ""
 
     def files(self) -> list[str]:
-        """Return the names of the files of `write`."""
+        """Return the names of the files that `write` makes."""
         return [f"{name}.csv" for name in self.order]
 
     def write(self, folder: Path) -> None:

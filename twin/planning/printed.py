@@ -31,11 +31,11 @@ class Outcome:
     """What the algorithm did.
 
     Attributes:
-        path: rows of the samples from start to goal; None if it failed.
-        reason: why it failed; "" if it did not.
-        overlap: number of passes after which a node was open and closed at once.
-        lost: nodes of the tree that were open, and were then neither open nor closed.
-        cost: J of the goal.
+        path: rows of the samples from start to goal; None if the algorithm failed.
+        reason: why the algorithm failed; "" if it found a path.
+        overlap: number of passes of the loop after which some node was both open and closed.
+        lost: rows of the samples that, after some pass, were in the tree but neither open nor closed.
+        cost: J of the goal; infinite if the algorithm failed.
     """
 
     path: list[int] | None
@@ -56,9 +56,9 @@ def algorithm1(
 
     Args:
         q: the samples; theta_goal is among them even if `slips` has "goal", which leaves it out of V.
-        near: rows of the neighbours of each sample.
+        near: for each sample, the rows of its neighbours.
         cost: cost of a connection.
-        free: test of connections.
+        free: returns (k,) bool for k connections: whether a connection is free of collisions.
         slips: the errors to keep; () is the corrected algorithm.
     """
     unvisited = {i for i in range(1, len(q)) if i != 1 or "goal" not in slips}

@@ -10,7 +10,7 @@ from twin.planning.space import Certificate
 
 
 def clearance(seen: Certificate, phase: str, who: str = "", scene: str = "") -> list[Finding]:
-    """Return a finding with the proven clearance of a phase; none if there are no pairs of bodies to test.
+    """Return one finding with the proven clearance of a phase; an empty list if no pair of bodies is tested.
 
     Args:
         seen: the certificate of the path of the phase.

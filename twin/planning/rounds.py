@@ -1,4 +1,4 @@
-"""Rounds of the search of a free phase: the cost of the best path after each, by number of samples and by time."""
+"""Rounds of the search of a free phase: number of samples, cost of the best path, and time after each round."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from twin.planning.costs import UNITS
 
 @dataclass(frozen=True)
 class Round:
-    """A path search after one of its rounds.
+    """State of a path search at the end of one of its rounds.
 
     Costs are those of the straight connections between the corners of a path, in the unit of the search's cost.
-    They are the same each time; times are not, and comparisons leave them out.
+    Costs are the same in every run; times are not, and comparisons leave out times.
 
     Attributes:
         samples: number of collision-free samples in the tree.
-        tree: cost of the path in the tree, without shortcuts; infinite if the tree has none.
-        best: cost of the best path of this round and those before, with shortcuts; infinite if there is none yet.
+        tree: cost of the path in the tree, without shortcuts; infinite if the tree contains no path to the goal.
+        best: cost of the best path found so far, with shortcuts; infinite if no path has been found.
         processor: processor time in s since the start of the first round.
         wall: wall-clock time in s since the start of the first round.
     """
@@ -50,7 +50,7 @@ class Rounds:
         return UNITS[self.cost]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data without times, so that they are the same each time; None stands for no path."""
+        """Return plain data without times, so that every run returns the same data; a cost None means "no path"."""
         return {
             "cost": self.cost,
             "unit": self.unit,

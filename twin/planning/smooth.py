@@ -15,7 +15,7 @@ from numpy.polynomial import chebyshev
 from twin.core.spatial import Array
 
 _ROUNDING = 1e-13
-"""Size relative to the largest value, below which a coefficient counts as rounding."""
+"""Size relative to the largest value, below which a coefficient counts as a rounding error."""
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,12 @@ class Certificate(Interface):
 
     @property
     def proven(self) -> float:
-        """In m, never more than the smallest distance along the whole path."""
+        """Lower bound in m of the smallest distance along the whole path."""
         ...
 
     @property
     def found(self) -> float:
-        """In m, smallest distance at the tested places."""
+        """Smallest distance in m at the tested values of s."""
         ...
 
     @property
@@ -48,7 +48,7 @@ class Space(Interface):
 
     @property
     def limits(self) -> Array:
-        """Lower and upper limits (n, 2) in m or rad."""
+        """Lower and upper limit (n, 2) of each joint in m or rad."""
         ...
 
     @property
@@ -58,11 +58,11 @@ class Space(Interface):
 
     @property
     def leads(self) -> np.ndarray:
-        """(n,) bool: whether each joint can move the tool; others rest if their values at start and goal are equal."""
+        """(n,) bool: whether each joint can move the tool; other joints rest if start and goal values are equal."""
         ...
 
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
-        """Return (k,) bool: whether joint values q (k, n) are free; not `exact`: by a fast test that may err."""
+        """Return (k,) bool: whether joint values q (k, n) are free; if not `exact`, the test is fast but may err."""
         ...
 
     def clearances(self, q: Array, most: float) -> Array:

@@ -3,9 +3,9 @@
 Solvers have absolute tolerances, with which moves of micrometres would fail or lose accuracy. Every problem is
 therefore made dimensionless first: time is relative to the shortest possible duration, coordinates to their
 acceleration limit. A move of 1 um is then the same problem as a move of 1 m. The built-in solver (`topp`) is used
-first; if it fails, the package toppra is used, and the result names it. Between grid points the limits may still be
-exceeded a little. Each result is therefore checked within every grid interval, the grid is refined, and the remaining
-excess is removed by slowing down the whole motion slightly.
+first; if it fails, the package toppra is used, and the result names the solver. Between grid points the limits may
+still be exceeded a little. Each result is therefore checked within every grid interval, the grid is refined, and the
+remaining excess is removed by slowing down the whole motion slightly.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _SLOWEST = 1e3
 """Maximum slowdown factor in the search for a motion within the jerk limit."""
 
 _GROWTH = 64
-"""Maximum factor from one averaging window to the next in the search for a sufficient one."""
+"""Maximum factor from one averaging window to the next in the search for a sufficient window."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Timing:
         optimal: duration in s of the optimal solution, before slowing down and rounding up.
         overshoot: largest relative excess of a speed or acceleration limit by the optimal solution; negative if none.
         knots: number of grid points.
-        solver: solver that was used: "passes" (built in), or "toppra" if that failed.
+        solver: solver that was used: "passes" (built in), or "toppra" if the built-in solver failed.
     """
 
     t: Array
@@ -105,8 +105,8 @@ def time_path(
         max_speed: (m,) speed limits in units of the coordinates per s: those of the path, then those of `extra`.
         max_acceleration: (m,) acceleration limits in units of the coordinates per s2, in the same order.
         extra: derivatives of m - n further limited coordinates (for example, the arc length of the tip).
-        dt: sampling time in s; the duration is rounded up to a multiple of it.
-        load: function by which samples are checked; it must cover the limits of the m coordinates, and may add others,
+        dt: sampling time in s; the duration is rounded up to a multiple of dt.
+        load: function that checks samples. It must check the limits of the m coordinates, and may check further limits,
             such as those of vector norms. None: only the limits of the m coordinates are checked.
         jerk: function that returns the relative jerk; the motion is then averaged over the shortest sufficient time
             window. None: the jerk is not limited.
@@ -139,7 +139,7 @@ def time_path(
     slower = max(1.0, speed, np.sqrt(acceleration))
 
     def paced(window: int, slower: float) -> tuple[Samples, float]:
-        """Return (samples of the motion slowed down until it is within the limits, its jerk divided by the limit)."""
+        """Return (samples of the motion, slowed down until it is within the limits; its jerk relative to the limit)."""
         steps = 1
         for _ in range(_TRIES):
             # At least one step more: with few steps, rounding up the duration could undo the slowdown.
@@ -266,7 +266,7 @@ class _Path:
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         if len(s) != len(self._tables[order]):
-            raise TimingError("TOPP-RA evaluated the path away from its grid points")
+            raise TimingError("TOPP-RA evaluated the path between its grid points")
         return self._tables[order]
 
 

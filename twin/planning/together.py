@@ -2,9 +2,9 @@
 
 M. Erdmann, T. Lozano-Perez, "On multiple moving objects", Algorithmica 2, 1987: the arms are planned one after the
 other, and time is a coordinate of each search after the first. Here, the coordinate is u, the fraction (0 to 1) of
-their path that the earlier arms have covered. It must not decrease: the earlier arms may wait for the new arm, but they
+their path that the earlier arms have covered. u must not decrease: the earlier arms may wait for the new arm, but they
 neither leave their path nor go back. The result is one path of all arms. Bodies of all arms are tested along this whole
-path, so that it is free of collisions with any timing.
+path, so that the path is free of collisions with any timing.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ def beside(
     """Return a common path of all arms, on which a new arm moves from start to goal while the others follow `first`.
 
     Args:
-        whole: the space of all arms: those of `first`, then the new one.
+        whole: the space of all arms: the arms of `first`, then the new arm.
         first: path of the earlier arms; it begins and ends together with the path of the new arm.
         start: (n,) joint values of the new arm at the start.
         goal: (n,) joint values of the new arm at the goal.
@@ -200,7 +200,7 @@ def beside(
         ended: as in `around`.
 
     Raises:
-        CancelledError: `cancelled` was true.
+        CancelledError: `cancelled` returned True.
         ProtocolError: start or goal collides with any arm or obstacle, or no path was found.
     """
     space = Behind(whole, first)

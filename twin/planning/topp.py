@@ -47,9 +47,9 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
     The problem is dimensionless: accelerations |first d2s/dt2 + second (ds/dt)^2| <= 1, a duration of the order of 1.
 
     Args:
-        grid: (k,) path parameter, increasing.
-        first: (m, k) derivatives of the m coordinates with respect to it, finite.
-        second: (m, k) second derivatives.
+        grid: (k,) values of the path parameter s, increasing.
+        first: (m, k) derivatives of the m coordinates with respect to s, finite.
+        second: (m, k) second derivatives with respect to s.
         speed: (m,) limits of |first ds/dt|.
 
     Raises:

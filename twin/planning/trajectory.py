@@ -33,7 +33,7 @@ class Gap:
 class Carrier(Interface):
     """Interface of a mechanism that moves along a path; the next motion can start at any returned state (nq,).
 
-    Every method raises `AssemblyError` if the mechanism cannot follow.
+    Every method raises `AssemblyError` if the mechanism cannot follow the motion.
     """
 
     def drawn(self) -> tuple[Array, Array]:
@@ -118,12 +118,12 @@ class PathKinematics:
         inverse: T_base_tool (k, 4, 4) -> q (k, n) in m or rad; rows without solution are NaN.
         reach: T_base_tool (k, 4, 4) -> margins (k,) in m, by limb; at least 0 where reachable.
         singularity: T_base_tool (k, 4, 4), q (k, n) -> measures (k,) by name; each is 0 at a singularity.
-        singularity_alarm: absolute value of a measure below which it is reported, by the beginning of its name.
+        singularity_alarm: absolute value below which a measure is reported, by the beginning of the measure's name.
         lower, upper: (n,) hard limits in m or rad, never exceeded.
         soft_lower, soft_upper: (n,) limits in m or rad; exceeding them causes a warning.
         max_speed, max_acceleration: (n,) limits in m or rad per s and per s2.
-        max_jerk: (n,) limits in m or rad per s3, infinite for joints without one; None: there are none.
-        branch: T_base_tool (k, 4, 4), q (k, n) -> labels (k,) of the working mode; None: it is not checked.
+        max_jerk: (n,) limits in m or rad per s3, infinite for joints without a jerk limit; None: no joint has one.
+        branch: T_base_tool (k, 4, 4), q (k, n) -> labels (k,) of the working mode; None: the mode is not checked.
         gaps: pairs of carriages on a common rail.
         motors: actuators of transmissions.
         revolute: (n,) whether each joint is in rad; empty: all joints are lengths.

@@ -36,7 +36,7 @@ _FLAT = 1e-2
 """Relative slope per radian of a margin below which the margin counts as being at its minimum."""
 
 _ENDS = 0.05
-"""Relative size of another margin below which it counts as zero; a search then ended because of that margin."""
+"""Relative size below which another margin counts as zero; a search that ended there was ended by that margin."""
 
 _MOSTLY = 0.3
 """Minimum ratio of two sums of an aspect's values: values with the preferred sign, and values with the other sign.
@@ -73,7 +73,7 @@ class Stated(Protocol):
         ...
 
     def fails(self, s: Run) -> Array:
-        """Return the largest joint rate (k,) per pose change by the formula; infinite where the formula is singular."""
+        """Return (k,): largest joint rate per rate of the pose, from the formula; infinite where it is singular."""
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:
@@ -283,7 +283,7 @@ class Boundary:
             near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
             if not near[others].any():
                 text = (
-                    f"the mechanism reaches its limit at a state where this margin is {least}, not 0, and no other "
+                    f"the mechanism reaches its limit at a state where the margin is {least}, not 0, and no other "
                     "margin is near 0"
                 )
                 return self._row(i, "disagrees", text, x, value / MM, "mm")

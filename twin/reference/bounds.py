@@ -1,10 +1,10 @@
 """Bounds of the distance between two surfaces from balls and a grid of distances, for many poses at once.
 
-One surface is covered by balls; of the other, lower bounds of the distance are stored on a grid in its own frame. The
-distance of the surfaces is at least the minimum, over the balls, of the stored value at the centre minus the radius. As
-each ball contains a part of its surface, the distance is at most the stored value plus its error plus the radius, for
-any ball. A look-up (`lookup`) takes nanoseconds; computing the distance of two meshes takes up to a millisecond. Grids
-and balls depend on the surface only and are kept on disk.
+The first surface is covered by balls. For the second surface, lower bounds of the distance from it are stored on a grid
+in its own frame. For a ball, let v be the stored value at its centre, and r its radius. The distance of the surfaces is
+at least the minimum of v - r over all balls. As each ball contains a part of the first surface, the distance is also at
+most v + r plus the error of v, for any ball. A look-up (`lookup`) takes nanoseconds; computing the distance of two
+meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept on disk.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _SMALL = 1 / 250
 """Radius of the smallest balls, relative to the extent of the surface."""
 
 _PIECES = 1_500_000
-"""Maximum number of triangles after division. If more are needed, they stay larger; the bounds are then less tight."""
+"""Maximum number of triangles after division. If this is too few, triangles stay larger and bounds are less tight."""
 
 _KEPT = 512
 """Maximum number of files in the cache; the oldest files are removed first."""
@@ -85,8 +85,9 @@ def _cell(triangles: Array) -> float:
 def balls(triangles: Array) -> Array:
     """Return balls (n, 5) that cover the surface of triangles (k, 3, 3); each ball contains a part of the surface.
 
-    A ball's part of the surface is halved for two smaller balls. The rows are in the order of a depth-first search. A
-    row contains: centre (3) in m, radius in m, index of the first row after the ball and its smaller balls.
+    The part of the surface in a ball is halved; each half is in a smaller ball, and so on. The rows are in the order of
+    a depth-first search. A row contains: centre (3) in m, radius in m, index of the first row after the ball and all
+    balls made from its part.
     """
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     small = max(extent * _SMALL, 0.1 * MM)
@@ -135,9 +136,11 @@ class Grid:
         start: (3,) first node in m.
         cell: edge of a cell in m.
         low, high: (3,) corners of the bounding box of the surface in m.
-        error: maximum in m of (distance of a node from the surface minus stored value), for values below `known`.
+        error: maximum in m of (distance of a node from the surface minus stored value), for stored values below
+            `known`.
         known: stored value in m below which `error` applies.
-        far: maximum of this difference in m for values of at least `known`.
+        far: maximum in m of (distance of a node from the surface minus stored value), for stored values of at least
+            `known`.
     """
 
     values: np.ndarray
@@ -247,7 +250,7 @@ class Bounds:
         self._table = np.zeros((len(pairs), PAIR), np.int64)
 
     def load(self, pairs: np.ndarray) -> None:
-        """Make the grids and balls of `pairs` (n,), or load them from the cache; `at` does this at its first use."""
+        """Load the grids and balls of `pairs` (n,) from the cache, or make them; otherwise `at` does so when called."""
         new = np.unique(pairs[~self._ready[pairs]])
         grids, values, size = [self._grids], [self._values], len(self._values)
         for n in (int(n) for n in np.unique(self._pairs[new, 0]) if int(n) not in self._grid):
@@ -287,10 +290,10 @@ class Bounds:
             poses: (k, shapes, 4, 4) T_base_shape in each state.
             states: (n,) rows of `poses`.
             pairs: (n,) indices of the pairs.
-            enough: (n,) in m; the search for a larger lower bound ends at this value, and the upper bound may then be
+            enough: (n,) in m; a lower bound that reaches this value is not improved, and the upper bound may then be
                 infinite.
-            reject: (n,) in m; where the upper bound is below this value, the lower bound is 0. None: 0.
-            fine: in m; balls with at most this radius are not replaced by smaller ones.
+            reject: (n,) in m; where the upper bound is below this value, the lower bound is 0. None: 0 for all pairs.
+            fine: radius in m; balls of at most this radius are not replaced by smaller balls.
         """
         if not self._ready[pairs].all():
             self.load(pairs)

@@ -44,7 +44,7 @@ def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, chec
     Args:
         seen: the path.
         pairs: all pairs of bodies.
-        which: (n,) indices of the pairs that count.
+        which: (n,) indices of the pairs whose distance is bounded.
         within: accepted difference in m between the smallest distance found and the bound.
         check: called every few milliseconds; its exception ends the computation.
 

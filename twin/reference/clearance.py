@@ -40,7 +40,8 @@ class Shape:
 
     Attributes:
         triangles: (k, 3, 3) corners of its triangles in m, in the frame of the body.
-        corners: (8, 3) corners of its bounding box in m; no point of the mesh moves farther than the farthest corner.
+        corners: (8, 3) corners of its bounding box in m; when the body moves, at least one corner moves as far as any
+            point of the mesh.
     """
 
     def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:
@@ -232,5 +233,5 @@ def distance_between(a: Shape, b: Shape, Ta: Array, Tb: Array, most: float = np.
 
 
 def placed(T: Array) -> coal.Transform3s:
-    """Return a pose (4, 4) as a coal transform."""
+    """Return a pose (4, 4) as a transform of the package coal."""
     return coal.Transform3s(np.ascontiguousarray(T[:3, :3]), T[:3, 3])

@@ -38,7 +38,7 @@ _FINER = (1, 8)
 """Factors by which steps are smaller than `_STRIDE`, in the order of trial: near a singularity, motion is fast."""
 
 _COARSE = 8
-"""Number of stations of a path at which loops are closed in sequence; at all others, they are closed in one batch."""
+"""Number of stations of a path at which loops are closed in sequence; at all other stations, in one batch."""
 
 _ENOUGH = 1e-14
 """Sum of squares of loop gaps in m2 that is small enough for a search."""
@@ -47,14 +47,15 @@ _FLOOR = 1e-12
 """Damping of the linear equations of the rates, relative to their mean diagonal; see `newton`."""
 
 _KNOWN = 20_000
-"""Number of kept states that were not reached in small steps, above which the older half of them is dropped."""
+"""Number of kept states that were not reached in small steps, above which the older half of these states is dropped."""
 
 
 class Closing:
     """Configurations of a mechanism with closed loops at driven joint values.
 
     Attributes:
-        linear: (G (nv, n), x0 (nv,)) such that x = G q + x0 closes the mechanism; None if it has other loops.
+        linear: (G (nv, n), x0 (nv,)) such that x = G q + x0 closes the mechanism; None if the mechanism has loops that
+            are not linear couplings.
     """
 
     def __init__(self, model: ReferenceModel, weights: Array) -> None:
@@ -95,9 +96,9 @@ class Closing:
     def states(self, q: Array, *, thorough: bool = True) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq), (k,) bool: whether the loops close) at joint values q (k, n).
 
-        Each state is reached in small steps from the nearest known one, and kept. Without `thorough`, it is solved in
-        one step. This is fast but not certain: loops that can close may be reported as open, and the state may be in
-        another assembly mode. The mode is tested when a path to this state is followed.
+        Each state is reached in small steps from the nearest known state, and kept. If not `thorough`, it is reached in
+        one step. One step is fast but not certain: loops that can close may be reported as open, and the state may be
+        in another assembly mode. The mode is tested when a path to this state is followed.
         """
         if self.linear is not None:
             return self.placed(q), np.ones(len(q), bool)
@@ -122,7 +123,7 @@ class Closing:
         return X, good
 
     def keep(self, q: Array, X: Array, *, sure: bool = True) -> None:
-        """Keep configurations X (k, nq) at joint values q (k, n) as known states; `sure`: reached in small steps."""
+        """Keep configurations X (k, nq) at q (k, n) as known states; `sure`: whether small steps have reached them."""
         self._row |= {key: len(self._q) + i for i, key in enumerate(_keys(q))}
         self._q, self._x = np.concatenate([self._q, q]), np.concatenate([self._x, X])
         self._sure = np.append(self._sure, np.full(len(q), sure))
@@ -171,7 +172,7 @@ class Closing:
     def near(self, X: Array, q: Array, enough: float | None = None) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq) at q (k, n), (k,) bool: whether the loops close), by Newton's method from X.
 
-        `enough` is the sum of squares in m2 of the loop gaps that is accepted; None: rounding.
+        `enough` is the accepted sum of squares of the loop gaps in m2; None: the level of rounding errors.
         """
         X = X.copy()
         X[:, self._driven] = q
@@ -292,7 +293,8 @@ class Closing:
     def each(self, a: Array, b: Array, stations: int) -> tuple[Array, np.ndarray]:
         """Return configurations (m, stations, nq) of straight paths from a to b (m, n), and (m,) bool: whether closed.
 
-        For a search: the loops are nearly closed, and the modes at the ends are those of the known states.
+        This is a fast test for searches: the loops are closed approximately, and the assembly modes at both ends are
+        those of the nearest known states.
         """
         m, part = len(a), np.linspace(0.0, 1.0, stations)
         X, closed = self.states(np.concatenate([a, b]), thorough=False)

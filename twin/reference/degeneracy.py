@@ -63,7 +63,10 @@ class Degeneracy:
         self._usual = [float(np.median(v[:, i])) if v.size else 1.0 for v, i in zip(values, self._at, strict=True)]
 
     def of(self, states: Array) -> Array:
-        """Return the distance (k, 3) from each kind of degeneracy: about 1 at usual states, 0 at a degenerate state."""
+        """Return the distances (k, 3) from degeneracy: about 1 at usual states, 0 at a degenerate state.
+
+        Columns: additional dimensions of the null space, driven joints at rest (type II), tool at rest (type I).
+        """
         values = self._raw(states)[1]
         columns = [
             v[:, i] / u if v.size else np.ones(len(states))

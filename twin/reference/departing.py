@@ -20,10 +20,11 @@ _TRIES = 4
 
 
 def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[Array], float]) -> Array | None:
-    """Return the best state that `move` reaches after a random step from x; None if there is none. Deterministic.
+    """Return the best state that `move` reaches after random steps from x; None if it reaches no valid state.
 
     x (nq,) is the configuration at which a continuation is stuck. `move` moves starts (k, nq) to the target and returns
-    the states (k, nq). `way` returns the distance of a state from x; infinity if the state is invalid.
+    the states (k, nq). `way` returns the distance of a state from x; infinity if the state is invalid. The best state
+    exceeds joint limits least; among equal states, it is the nearest. The random steps are the same in every call.
     """
     if not len(tree.passive) or not tree.loops.names:
         return None
@@ -36,8 +37,8 @@ def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[
 def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tries: int) -> Array:
     """Return configurations (k, nq) scattered around x (nq,).
 
-    `columns` are the velocity indices of the moved joints. The standard deviations `spreads` are in rad for rotations;
-    for slides, a tenth of these numbers in m. `tries` is the number of configurations per standard deviation.
+    `columns` are the velocity indices of the moved joints. `spreads` are the standard deviations in rad of rotations;
+    prismatic joints have a tenth of these numbers, in m. `tries` is the number of configurations for each of them.
     """
     rng = np.random.default_rng(0)
     spread = np.repeat(np.asarray(spreads, np.float64), tries)[:, None]

@@ -79,7 +79,7 @@ class Follower:
                 step /= 2
                 if step < 0.5**_HALVINGS:
                     best = self.model.state(x)
-                    text = "the mechanism cannot follow: it is stretched, its loops open, or the assembly mode changes"
+                    text = "the mechanism cannot follow: it is stretched, loops open, or the assembly mode changes"
                     raise AssemblyError(f"at sample {k}: {text}", best, best.worst_gap)
             states.append(x)
             before = T

@@ -1,8 +1,8 @@
 """The loop of `bounds` as machine code: balls of one surface looked up in the distance grid of the other.
 
-Each item has a pair of shapes and a state. The balls of a shape are in the order of a depth-first search. Each ball has
-the index of the first ball after its own smaller balls. The search therefore requires no stack: it continues with the
-next ball, or skips the smaller balls of a ball.
+One call handles many items; an item is a pair of shapes in a state. The balls of a shape are in the order of a
+depth-first search. Each ball has the index of the first ball after its own smaller balls. The search therefore requires
+no stack: it continues with the next ball, or skips the smaller balls of a ball.
 """
 
 from __future__ import annotations
@@ -156,7 +156,10 @@ def _text() -> str:
     b.branch(ball)
 
     def upper(value: ir.Value, way: ir.Value) -> ir.Value:
-        """Return an upper bound of the distance of the ball's part, from `value` stored at a node at distance `way`."""
+        """Return an upper bound of the distance between the surfaces.
+
+        `value` is stored at a grid node at the distance `way` from the centre of the ball.
+        """
         off = b.select(b.fcmp_ordered("<", value, known), error, far)
         return b.fadd(b.fadd(b.fadd(value, way), radius), off)
 

@@ -26,8 +26,8 @@ class Mobility:
         redundant: number of redundant rows by loop: rows that depend on other rows of this loop or of earlier loops.
         repeated: directions of each loop that other constraints also lock, so that one of these constraints could be
             omitted. "offset z": along z, "turn x": about x of the joint's frame on its parent body.
-        internal: degrees of freedom that remain if all active joints are locked (a rod that spins between two ball
-            joints).
+        internal: degrees of freedom that remain if all active joints are locked, such as the spin of a rod between two
+            ball joints.
     """
 
     freedom: int

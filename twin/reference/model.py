@@ -379,7 +379,7 @@ class ReferenceModel:
             if not converged.all():
                 k = int(np.argmin(converged))
                 best = self.state(solved[k])
-                raise AssemblyError(f"at sample {block[k]}: no convergence", best, best.worst_gap)
+                raise AssemblyError(f"at sample {block[k]}: the solver did not converge", best, best.worst_gap)
             states[block] = solved
             if progress is not None:
                 progress(0.5 + (block[-1] + 1) / len(targets) / 2)

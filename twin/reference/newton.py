@@ -43,9 +43,9 @@ def minimise(
 ) -> tuple[Array, Array]:
     """Return (configurations (k, nq) near X that minimise the residual, (k,) bool: whether each converged).
 
-    X (k, nq) are the start configurations; only the velocity indices `columns` change. Samples that need more
-    iterations do not converge. `integrate` replaces `tree.integrate`; the iteration of a sample ends if the sum of
-    squares of its residual is below `enough`.
+    X (k, nq) are the start configurations; only the velocity indices `columns` change. A sample that needs more than
+    `iterations` counts as not converged. `integrate` replaces `tree.integrate`. The iteration of a sample ends when the
+    sum of squares of its residual is below `enough`.
     """
     integrate = integrate or tree.integrate
     X = X.copy()

@@ -24,7 +24,7 @@ def obstacles(
 
     Args:
         scene: the scene; the pairs in its `touching` touch intentionally.
-        own: the robots that are planned: name in the scene -> prefix of the names of its bodies in `Still.touches`.
+        own: {name in the scene: prefix of the robot's bodies in `Still.touches`} for the robots that are planned.
         T_world_base: pose (4, 4) of the frame in which the poses of the obstacles are returned.
         mechanisms: mechanism of each robot, by the name of its place; places without a mechanism are no obstacles.
         props: mechanism of the props; None: there are none.

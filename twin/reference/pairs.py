@@ -36,7 +36,7 @@ _FEW = 3
 class Still:
     """A body at rest (an obstacle): name "owner/body", body with its meshes, pose T_base_body (4, 4).
 
-    `touches` names the bodies of the mechanism that touch it intentionally.
+    `touches` names the bodies of the mechanism that touch the obstacle intentionally.
     """
 
     name: str
@@ -135,7 +135,7 @@ class Pairs:
         return len(self.rows)
 
     def load(self) -> None:
-        """Make grids, balls and hulls of all shapes now, not at their first use in a test."""
+        """Make the grids, balls and hulls of all shapes now; otherwise a test makes them when it first needs them."""
         self.bounds.load(np.arange(len(self)))
         for shape in {*self.rows.ravel().tolist()}:
             _ = self.shapes[shape].hull
@@ -146,15 +146,15 @@ class Pairs:
 
     @cached_property
     def levers(self) -> Levers | None:
-        """Bounds of motion around a state; None if a joint of the tree is neither revolute, prismatic nor a ball."""
+        """Bounds of motion around a state; None if a joint of the tree is neither revolute, prismatic nor spherical."""
         return Levers(self._tree, self._numbers, self.rows) if Levers.possible(self._tree) else None
 
     def around(self, X: Array, moved: Array) -> tuple[Array, Array]:
-        """Return (poses as `poses` returns them, bounds (k, pairs) in m of the relative motion) around X (k, nq).
+        """Return (`poses(X)`, bounds (k, pairs) in m of the relative motion of each pair) around X (k, nq).
 
         Args:
-            X: configurations.
-            moved: (k, nv) in m or rad, largest motion of each coordinate from X.
+            X: (k, nq) configurations.
+            moved: (k, nv) largest motion of each coordinate from X, in m or rad.
         """
         joints = self._tree.place(X)
         poses = joints[:, self._numbers] @ self._Ts

@@ -36,9 +36,9 @@ class Regularity:
     """Rank of the loop Jacobian in the passive joints at a state, compared with nearby states.
 
     Attributes:
-        rank, usual: rank at the state, and largest rank of this and nearby states.
-        margin: singular value with index `usual` (counted from 1, largest first) at the state, divided by the largest
-            one; 0 if the rank is lower.
+        rank, usual: rank at the state, and largest rank at the state and at nearby states.
+        margin: singular value number `usual` at the state (counted from 1, largest first), divided by the largest
+            singular value; 0 if the rank is lower.
     """
 
     rank: int
@@ -52,7 +52,7 @@ class Regularity:
 
 
 def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularity]:
-    """Return the regularity of closed states (nq,); `usual` is from these states and states near the first one."""
+    """Return the regularity of each closed state (nq,); `usual` includes all states, and states near the first."""
     beside = closed_beside(model, states[0])
     every = [_values(model, x) for x in (*states, *beside)]
     ranks = [int((s > _RANK * max(s[0], 1e-12)).sum()) if len(s) else 0 for s in every]

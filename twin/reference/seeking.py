@@ -68,10 +68,10 @@ def seek(
     size: Array,
     seed: int = 0,
 ) -> Walks:
-    """Walk from states (w, nq) to zeros of the functions `row` (w,).
+    """Walk from w states to zeros of functions; return the ends of the walks.
 
-    The walks to one function have different random metrics (weights of the coordinates), except the first. They
-    therefore take different paths and do not all stop at the same state.
+    All walks that follow the same function, except the first of them, have different random metrics (weights of the
+    coordinates). They therefore take different paths and do not all stop at the same state.
 
     Args:
         motions: motions of the mechanism.

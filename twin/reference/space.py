@@ -73,8 +73,9 @@ class JointSpace:
     touch in the rest poses. Meshes are surfaces: a body that is completely inside another one is not detected.
 
     Attributes:
-        clearance: required distance in m between two bodies; for two bodies of the mechanism at most half of their
-            distance in the rest poses. Between the tested values of s, half of the required distance is guaranteed.
+        clearance: required distance in m between two bodies. For two bodies of the mechanism, half of their distance in
+            the rest poses is required if this is less. Between the tested values of s, half of the required distance
+            is guaranteed.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class JointSpace:
         self._check: Callable[[], None] = _nothing
 
     def load(self) -> JointSpace:
-        """Make shapes, grids and balls now, not at their first use in a test; return this space."""
+        """Make shapes, grids and balls now and return this space; otherwise a test makes them when it needs them."""
         self._pairs.load()
         return self
 
@@ -173,8 +174,8 @@ class JointSpace:
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether joint values q (k, n) are free.
 
-        That is: they are within limits, the loops close, `keep` allows the state, and all required distances are kept.
-        If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
+        Joint values are free if they are within limits, the loops close, `keep` allows the state, and all required
+        distances are kept. If not `exact`, `Pairs.seem_near` judges the distances that the bounds do not decide.
         """
         self._check()
         q = np.asarray(q, float).reshape(-1, len(self.weights))
@@ -254,7 +255,7 @@ class JointSpace:
     def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
         """Return the smallest distance in m of two bodies at joint values q (n,), and the names of these bodies.
 
-        The pairs are those of `certify`. Infinity and empty names: there are no pairs.
+        The pairs are those of `certify`. If there are no pairs, infinity and empty names are returned.
 
         Raises:
             MechanismError: the loops of the mechanism do not close.
@@ -422,7 +423,7 @@ class JointSpace:
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, are probably free.
 
-        All paths are tested at once, for a search: bounds decide most distances, and loops are closed only nearly.
+        All paths are tested at once, for a search: bounds decide most distances, and loops are closed approximately.
         `free_between` tests a path exactly.
         """
         a, b = np.asarray(a, float), np.asarray(b, float)

@@ -124,7 +124,7 @@ class Tree:
                 if name not in self.coordinate:
                     raise MechanismError(
                         f"coupling '{coupling.name}': joint '{name}' closes a loop and therefore has no coordinate; "
-                        "list it before the joint that should close the loop"
+                        "list this joint before the joint that should close the loop"
                     )
             columns = np.array([self.coordinate[n] for n in coupling.joints], int)
             places = np.array([self.configuration[n] for n in coupling.joints], int)
@@ -146,13 +146,13 @@ class Tree:
         return self._body[name]
 
     def moves(self, number: int) -> Array:
-        """Return a mask (nv,): 1 if a velocity moves a Pinocchio joint, else 0."""
+        """Return a mask (nv,): 1 for each velocity that moves the Pinocchio joint `number`, else 0."""
         return self._mask[number]
 
     def update(self, X: Array, *, closing_only: bool = False) -> tuple[Array, Array]:
         """Compute joint poses and Jacobians at configurations X (k, nq).
 
-        With `closing_only`, only the poses used by loops, named points and tool are computed (half the time).
+        With `closing_only`, only the poses used by loops, named points and tool are computed, in half the time.
 
         Returns:
             Poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv). Each column of a

@@ -1,7 +1,7 @@
 """Published equations of the built-in robots, one file for each robot; functions that find and load such files.
 
 A file of this package and a user's `formula.py` follow the same contract (`twin.formula.contract`) and are loaded in
-the same way. Both may define the plain functions `inverse(pose)` and `forward(q)` instead (`twin.formula.plain`).
+the same way. Instead of FORMULA, both may define plain functions `inverse(pose)`, `forward(q)` (`twin.formula.plain`).
 Loading a formula runs its file. Importing this package does not import CasADi; loading a formula does.
 """
 
@@ -56,7 +56,7 @@ def load_formula(
         name: name of the robot, for a plain formula; default: the name of its folder.
         driven: function called for a plain formula. It returns ((name, is_angle) of each active joint in order, a tool
             pose (4, 4), q at this pose or None); solvers start at this pose.
-        trial: whether the file is a copy of a file that was run before; if not, a notice is logged that its code runs.
+        trial: whether the file is a copy of a file that was run before; if not, a notice that its code runs is logged.
         read: function that returns the bytes of a file outside this package.
 
     Raises:
@@ -99,8 +99,9 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
         name = f"{FORMULA_MODULE}{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
         if os.environ.get(NO_CODE):
             raise CodeRefusedError(
-                f"{path}: reading these equations runs this file, which --no-code (or {NO_CODE} in the environment) "
-                "forbids. Inspect the file, then omit that option; `twin audit` and USD stages need no equations."
+                f"{path}: reading the equations runs this file, which --no-code (or {NO_CODE} in the environment) "
+                f"forbids. Inspect the file, then omit --no-code or {NO_CODE}; `twin audit` and USD stages need no "
+                "equations."
             )
         if not trial and path not in _said:  # warn once before code of an untrusted folder runs
             _said.add(path)

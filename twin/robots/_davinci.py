@@ -21,7 +21,7 @@ def to_insertion(q1, q2, q3, origin):
 
 
 def about_rcm(p):
-    """Return (q1, q2, d): angles in rad and the distance in m from the RCM to a point p (3,) on the shaft below it."""
+    """Return yaw, pitch (rad) and the distance from the RCM (m) of a point p (3,) of the shaft below the RCM."""
     return atan2(p[0], -p[2]), -atan2(p[1], sqrt(p[0] ** 2 + p[2] ** 2)), norm_2(p)
 
 

@@ -18,7 +18,7 @@ PINS = ("pin_b", "pin_b2", "pin_c", "pin_c2")
 
 
 def linkage_angles(q2):
-    """Return the angles of the six passive pins, in the order of LINKAGE: each is plus or minus the pitch."""
+    """Return the angles of the six passive pins, in the order of LINKAGE; each is q2 (the pitch) or -q2."""
     return q2, -q2, -q2, q2, -q2, q2
 
 
@@ -37,7 +37,7 @@ def linkage(
     provenance: Provenance,
     source: str,
 ) -> tuple[Parameter, ...]:
-    """Return the lengths of a linkage as parameters, from its vectors in the pitch plane (y, z) in mm."""
+    """Return the lengths of a linkage as parameters; the arguments are vectors (y, z) in the pitch plane, in mm."""
     return (
         mm("reach", reach, provenance, f"{source}: distance from pivot B to the RCM, and length of both couplers"),
         mm("setback", -crank[0], provenance, f"{source}: distance of pin C behind the shaft"),

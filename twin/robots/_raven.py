@@ -89,7 +89,7 @@ def table(
 
 @equation.variant("davinci_tool", of=table, why="The instrument is of da Vinci type, with a shorter wrist.")
 def table_davinci(roll, wrist, yaw, L_w_davinci, shaft_long):
-    """Return the pose from wrist to tool with the shorter wrist."""
+    """Return T_3_6 (4, 4), from the carriage to the axis of the jaws, for the instrument with the shorter wrist."""
     T_36 = to_tool(roll, wrist, yaw, L_w_davinci, shaft_long)
     return T_36
 
@@ -97,7 +97,7 @@ def table_davinci(roll, wrist, yaw, L_w_davinci, shaft_long):
 def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
     """Return the eight candidates [(joints (6,), excess)] of the inverse.
 
-    `excess` is 0 for a candidate that exists; otherwise it is the amount by which the cosine of the elbow exceeds 1.
+    `excess` is 0 for a candidate that exists; otherwise it is |cos(elbow angle)| - 1, which is then above 0.
     Angles are within half a turn of the middle of the range of their joint.
     """
     T = symbolic.pose(from_zero(base_turn).T, vertcat(0, 0, 0)) @ T_base_tool
@@ -138,13 +138,13 @@ def _near(q, i):
 
 
 def outside(joints):
-    """Return the sum of the distances of joints (6,) from their ranges, each divided by half its range; 0 inside."""
+    """Return the sum of the distances of joints (6,) from their ranges, each divided by half the width of the range."""
     return sum(fmax(fabs(joints[i] - (a + b) / 2) / ((b - a) / 2) - 1, 0) for i, (a, b) in enumerate(_RANGES))
 
 
 @equation("inverse", "pose -> joints", gives=NAMES, variant="raven", why="The table, solved for the joints.")
 def inverse(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
-    """Return the candidate that is within the ranges of the joints, or the nearest one."""
+    """Return the candidate that is within the ranges of the joints, or the candidate nearest to these ranges."""
     found = candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long)
     shoulder, elbow, insertion, roll, wrist, yaw = _best(found)
     return shoulder, elbow, insertion, roll, wrist, yaw
@@ -152,7 +152,7 @@ def inverse(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_
 
 @equation.variant("davinci_tool", of=inverse, why="The instrument is of da Vinci type, with a shorter wrist.")
 def inverse_davinci(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w_davinci, shaft_long):
-    """Return the candidates with the shorter wrist."""
+    """Return the candidates of the inverse for the instrument with the shorter wrist."""
     angles = (alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn)
     found = candidates(T_base_tool, *angles, L_w_davinci, shaft_long)
     return found
@@ -209,7 +209,7 @@ _ALARM = "alarm ASSUMED: no published threshold"
 
 
 def formula(name: str, title: str, left: bool) -> Formula:
-    """Return the equations of one arm."""
+    """Return the equations of the left or the right arm."""
     offset1, offset2 = (205.0, 180.0) if left else (25.0, 0.0)
     return Formula(
         name=name,
@@ -223,10 +223,13 @@ def formula(name: str, title: str, left: bool) -> Formula:
             _angle("offset2", offset2, "angle of row 2 at elbow zero"),
             _angle("theta3", 90.0 if left else -90.0, "row 3"),
             _angle(
-                "base_turn", 180.0 if left else 0.0, "base of this arm about the vertical", "WPI-AIM/ambf, Raven-II"
+                "base_turn",
+                180.0 if left else 0.0,
+                "rotation of frame 0 in {base} about the vertical",
+                "WPI-AIM/ambf, Raven-II",
             ),
             mm("L_w", 13.0, "CITED", f"{SOURCE}: distance from wrist axis to jaw axis"),
-            mm("L_w_davinci", 9.0, "CITED", f"{SOURCE}: this distance for instruments of da Vinci type"),
+            mm("L_w_davinci", 9.0, "CITED", f"{SOURCE}: distance from wrist axis to jaw axis, da Vinci type"),
             mm(
                 "shaft_long",
                 470.0,
@@ -263,7 +266,7 @@ def formula(name: str, title: str, left: bool) -> Formula:
         aspects=(
             Aspect("depth", 1, "the wrist is beyond the RCM, on the patient's side"),
             Aspect("straight", 1, "the wrist is bent by less than 90 deg"),
-            Aspect("open_elbow", 1, "the elbow is on the side of the CAD"),
+            Aspect("open_elbow", 1, "the elbow is on the same side as in the CAD"),
         ),
         seeds=_SEEDS[left],
         motion=MOTION,

@@ -1,7 +1,7 @@
 """Find all assemblies of the SILS robot for given carriages: each ball centre is on a circle about its rail.
 
-Each limb fixes the distance rho_i of its ball from the rail and its position a_i along it. Three angles alpha_i remain
-unknown, and the three sides of the platform determine them. DERIVED; no published equation.
+The carriages fix the distance rho_i of each ball from its rail, and its position a_i along the rail. Three angles
+alpha_i remain unknown, and the three sides of the platform determine them. DERIVED; no published equation.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
         return o[i] + rho[i] * (np.cos(angle)[:, None] * u[i] + np.sin(angle)[:, None] * v[i])
 
     def meet(i: int, P: Array, sign: int) -> Array:
-        """Return the angle on circle i at distance l_p from P (m, 3): one of the two solutions, NaN if none exists."""
+        """Return the angles (m,) of the points on circle i at distance l_p from P (m, 3): solution `sign`, or NaN."""
         w = P - o[i]
         A, B = rho[i] * (w @ u[i]), rho[i] * (w @ v[i])
         C = (np.sum(w * w, axis=1) + rho[i] ** 2 - p["l_p"] ** 2) / 2

@@ -50,7 +50,7 @@ def places(T_base_tool, q1, q2, q3, origin, shaft_long, reach, drop, setback, ri
 
 @equation("helper", "pitch, insertion -> passive joints", gives=_PASSIVE)
 def bands(q2, q3):
-    """Return the angles of pivots A and C, minus and plus the pitch, and half of the insertion for each telescope."""
+    """Return the angles of pivots A (-pitch) and C (+pitch) and the lengths of both telescopes (insertion / 2 each)."""
     return -q2, q2, q3 / 2, q3 / 2
 
 
@@ -78,7 +78,7 @@ FORMULA = Formula(
             "slide_back",
             56.0,
             "ASSUMED",
-            "distance of the first telescope's rods behind the shaft, chosen so that they fit",
+            "distance of the first telescope's rods behind the shaft, chosen so that the rods fit",
         ),
         mm(
             "slide_up",

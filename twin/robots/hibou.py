@@ -59,7 +59,7 @@ def _to_outer(q1, q2, q3, q4, q5, a, b, h):
 
 @equation("inverse", "rotation relative to the shaft -> q6, q7", gives="q6 q7 within")
 def scope(T_base_tool, q1, q2, q3, q4, q5, a, b, h):
-    """Return roll, tilt and margin; NaN if the pose requires a rotation about a third axis, which has no joint."""
+    """Return roll, tilt, margin. A pose that requires a rotation about a third axis: tilt NaN, margin negative."""
     R = _to_outer(q1, q2, q3, q4, q5, a, b, h)[0:3, 0:3] @ symbolic.rotation_x(pi / 2)
     N = R.T @ T_base_tool[0:3, 0:3]  # = Rz(q6) Ry(q7)
     q7 = atan2(-N[2, 0], N[2, 2])
@@ -90,7 +90,7 @@ def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
 
 @equation("helper", "reach and singularity", gives="stretch fold rest s3 c5 aside")
 def margins(W, P_7, q3, q5, a, b, h, r6, trocar_x, trocar_y, trocar_z):
-    """Return the remaining reach of arm and shaft in m, then the singularity measures."""
+    """Return margins of reach in m: arm stretched, arm folded, shaft; then three singularity measures (0: singular)."""
     D = norm_2(W - vertcat(0, 0, h))
     left = r6 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_7)
     aside = sqrt(W[0] ** 2 + W[1] ** 2) / (a + b)
@@ -105,7 +105,7 @@ FORMULA = Formula(
     source=f"{PAPER}, figure 2: structure; dimensions {ASSUMED}",
     parameters=(
         mm("h", 350, "ASSUMED", "height of the shoulder above the base"),
-        mm("a", 300, "ASSUMED", "length of the upper arm, to reach over half of the table"),
+        mm("a", 300, "ASSUMED", "length of the upper arm; the arm reaches over half of the table"),
         mm("b", 300, "ASSUMED", "length of the forearm, equal to the upper arm"),
         mm("r6", 300, "ASSUMED", "length of the shaft from outer point to tip joint, as in common laparoscopes"),
         mm("r8", 30, "ASSUMED", "distance from tip joint to camera"),

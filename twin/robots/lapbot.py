@@ -1,9 +1,9 @@
 """Lapbot: a lift, a horizontal two-link arm, three passive joints, and an instrument with a two-axis wrist.
 
-The paper gives the structure (9 joints: the first is prismatic; 6 are driven and 3 passive; the trocar is between 7 and
-8), but no dimensions. Everything else is ASSUMED, including the table below in Khalil and Kleinfinger's form, and a
-belt that keeps the azimuth of the passive joints constant: q2 + q3 + q4 = 0. Without the belt, one degree of freedom
-would be undetermined.
+The paper gives the structure (9 joints: the first is prismatic; 6 are driven and 3 passive; the trocar is between
+joints 7 and 8), but no dimensions. Everything else is ASSUMED, including the table below in Khalil and Kleinfinger's
+form, and a belt that keeps the azimuth of the passive joints constant: q2 + q3 + q4 = 0. Without the belt, one degree
+of freedom would be undetermined.
 
 The trocar P_tr determines the shaft: u is the direction from the inner wrist P_in to the trocar. The outer point W is
 at distance r7 from P_in along u.
@@ -57,7 +57,7 @@ def _to_shaft(q1, q2, q3, q4, q5, q6, q7, a, b, r7):
 
 @equation("inverse", "rotation relative to the shaft -> q7, q8, q9", gives="q7 q8 q9")
 def instrument(T_base_tool, q1, q2, q3, q4, q5, q6, a, b, r7):
-    """Return roll and wrist angles from the rotation of the tool relative to the shaft."""
+    """Return the roll and both wrist angles, from the rotation of the tool relative to the shaft."""
     M = _to_shaft(q1, q2, q3, q4, q5, q6, 0, a, b, r7)[0:3, 0:3].T @ T_base_tool[0:3, 0:3]
     return atan2(M[1, 1], M[0, 1]), asin(M[2, 1]), atan2(-M[2, 0], M[2, 2])
 
@@ -86,7 +86,7 @@ def places(T_base_tool, P_in, W, trocar_x, trocar_y, trocar_z):
 
 @equation("helper", "reach and singularity", gives="stretch fold rest s3 c6 c8")
 def margins(W, P_in, q3, q6, q8, a, b, r7, trocar_x, trocar_y, trocar_z):
-    """Return the remaining reach of arm and shaft in m, then the singularity measures."""
+    """Return margins of reach in m: arm stretched, arm folded, shaft; then three singularity measures (0: singular)."""
     D = sqrt(W[0] ** 2 + W[1] ** 2)
     left = r7 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_in)
     return a + b - D, D - sqrt((a - b) ** 2), left, sin(q3), cos(q6), cos(q8)
@@ -99,7 +99,7 @@ FORMULA = Formula(
     title="Lapbot: six driven and three passive joints, instrument through a trocar",
     source=f"{PAPER}, figure 1: structure; dimensions {ASSUMED}",
     parameters=(
-        mm("a", 300, "ASSUMED", "length of the upper arm, to reach over half of the table"),
+        mm("a", 300, "ASSUMED", "length of the upper arm; the arm reaches over half of the table"),
         mm("b", 300, "ASSUMED", "length of the forearm, equal to the upper arm"),
         mm("r7", 350, "ASSUMED", "length of the shaft from outer point to inner wrist, as in common instruments"),
         mm("r10", 20, "ASSUMED", "distance from inner wrist to tip"),

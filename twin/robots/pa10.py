@@ -81,9 +81,9 @@ def places(T_base_tool, P_c, P_m, RL8):
 
 @equation("helper", "reach and singularity", gives="stretch fold s2 s4 s6 aside", source="DERIVED")
 def margins(q2, q4, q6, P_m, RL3, RL5):
-    """Return margins of reach in m, sines that are zero at singularities, and how far the wrist is from the z axis.
+    """Return margins of reach in m (arm stretched, folded), then sin(q2), sin(q4), sin(q6), and `aside`; 0: singular.
 
-    The last is the distance from the axis of joint 1, divided by the length RL3 + RL5 of the arm.
+    `aside` is the distance of the wrist from the axis of joint 1, divided by the length RL3 + RL5 of the arm.
     """
     D = norm_2(P_m)
     aside = sqrt(P_m[0] ** 2 + P_m[1] ** 2)

@@ -8,7 +8,7 @@ Frame {b} is the base: z is up along the slides, and the origin is the centre of
 {p} is at the centre of the platform joint circle and never rotates. Frame {r} is on the roll axis, with x along this
 axis. Frame {a} is at pin A, with the linkage in its x-y plane. Frame {t} is the tool frame: it is at P, the intended
 RCM, and y points along the tool towards its handle, so the tool points along -y. Five joints control five degrees of
-freedom: the position of P and the direction of the tool. They determine the rotation about the tool.
+freedom: the position of P and the direction of the tool. These five determine the rotation about the tool.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _legs(r_x, r_y, r_z, r_b, r_p, heights):
     source=f"DERIVED from the geometry of {_A}: its elimination divides by differences that can vanish",
 )
 def delta_forward(q1, q2, q3, r_b, r_p, l):  # noqa: E741 - the symbol of the source
-    """Return the platform centre from the slides: the upper of the two points at distance l from three centres."""
+    """Return the platform centre from the slides: of the two points at distance l from three centres, the upper one."""
     rho = r_b - r_p
     c1, c2, c3 = (vertcat(rho * cos(a), rho * sin(a), q) for a, q in zip(_AZIMUTHS, (q1, q2, q3), strict=True))
     d = norm_2(c2 - c1)
@@ -103,7 +103,7 @@ def tilt_forward(q5, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_max, 
 
 @equation.variant("drawn", of=tilt_forward, why=_DRAWN)
 def tilt_forward_drawn(y_AR):
-    """Return y_AR for a rail of R above A, as in the drawing of [A]."""
+    """Return y_AR as in the drawing of [A], in which the rail of R is above A."""
     y_AR = -y_AR
     return y_AR
 
@@ -177,7 +177,7 @@ def tilt_inverse(theta, AB, BC, CD, DA, DP, AQ, QR, phi1, phi2, phi3, phi4, x_ma
 
 @equation.variant("drawn", of=tilt_inverse, why=_DRAWN)
 def tilt_inverse_drawn(y_AR):
-    """Return y_AR for a rail of R above A, as in the drawing of [A]."""
+    """Return y_AR as in the drawing of [A], in which the rail of R is above A."""
     y_AR = -y_AR
     return y_AR
 
@@ -237,7 +237,7 @@ def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, ph
 
 @equation("helper", "angles of rods and pins", gives=(*_LEGS, *_PINS), name="passive")
 def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
-    """Return the angles of cross and rod of each leg (equal for both rods), then of the pins of the tilt linkage."""
+    """Return the angles of cross and rod for both rods of each leg, then of the pins of the tilt linkage."""
     out = []
     for a, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
         out_, along = cos(a) * leg[0] + sin(a) * leg[1], -sin(a) * leg[0] + cos(a) * leg[1]
@@ -252,7 +252,7 @@ def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA
 
 @equation("helper", "reach and singularity", gives="leg1 leg2 leg3 toggle slide volume sin_c cos_r up1 up2 up3")
 def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ, QR, phi1, y_AR):  # noqa: E741
-    """Return reach margins of rods, four-bar and slider-crank in m (negative: out of reach), then measures."""
+    """Return margins of reach in m of rods, four-bar, slider-crank (below 0: no solution), singularity measures."""
     rho = r_b - r_p
     lateral = [l - hypot(r_x - rho * cos(a), r_y - rho * sin(a)) for a in _AZIMUTHS]
     legs = _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3))
@@ -292,7 +292,7 @@ _U = np.array([[np.cos(a), np.sin(a)] for a in _AZIMUTHS])
 def platforms(q: Array, p: Mapping[str, float]) -> list[Array]:
     """Return the platform centres (3,) in m at slides q (3,): the upper solution, then the lower; or none.
 
-    These are the points at distance l from three centres, one on each side of the plane through the centres.
+    Both are at distance l from three centres, one on each side of the plane through these centres.
     """
     c = np.column_stack([(p["r_b"] - p["r_p"]) * _U, q])
     d = np.linalg.norm(c[1] - c[0])

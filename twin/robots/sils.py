@@ -7,7 +7,7 @@ Y towards rail 3, and X out of the portal towards the patient. The tool frame is
 centres, z_p points up from the platform, and the rotation is R = Rz(psi) Ry(theta) Rx(phi).
 
 Every printed row is one assignment with the symbols of the paper. In eq. (2), q1 is on both sides of its row and depends
-on q2, and q2 depends on q1; the other pairs are alike. The compiler solves them.
+on q2, and q2 depends on q1; likewise q3 and q4, q5 and q6. The compiler solves these pairs.
 
 Limb i is rotated about its rail (direction e_a) by alpha_i; e_r points from the rail to the ball; t = e_a x e_r.
 The bar points from its carriage along sin(beta) e_r - sigma cos(beta) e_a, the strut from its carriage along
@@ -95,7 +95,7 @@ def eq1_printed(X_E, Y_E, l_p, c_psi, c_theta, s_psi, s_theta, s_phi):
     "the strut and even carriages the bar.",
 )
 def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, q3, q4, q5, q6, l_0, l_1, l_2, L_H, L_V):  # fmt: skip
-    """Return the joints for struts of length l_1: (l_1 + l_2) is replaced by (l_2 - l_1) in the odd rows."""
+    """Return the carriages for struts of length l_1: the rows of q1, q3, q5 have (l_2 - l_1) instead of (l_1 + l_2)."""
     q1 = 1 / (2 * l_1) * (l_2 - l_1) * (q2 - q1) + Z_S1  # (2)
     q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2 + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2)))  # fmt: skip  # (2)
     q3 = 1 / (2 * l_1) * (l_2 - l_1) * (q4 - q3) + Y_S2  # (2)
@@ -113,7 +113,7 @@ def eq2_corrected(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, q1, q2, 
     "struts have lengths of 244 to 396 mm instead of l_1.",
 )
 def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
-    """Return the joints with all terms under the radical, and the odd rows as printed."""
+    """Return the carriages with all terms under the radical, and the rows of q1, q3 and q5 as printed."""
     q1 = 1 / (2 * l_1) * (l_1 + l_2) * (q2 - q1) + Z_S1  # (2)
     q3 = 1 / (2 * l_1) * (l_1 + l_2) * (q4 - q3) + Y_S2  # (2)
     q5 = 1 / (2 * l_1) * (l_1 + l_2) * (q6 - q5) + Z_S3  # (2)
@@ -128,7 +128,7 @@ def eq2_printed(Z_S1, Y_S2, Z_S3, q1, q2, q3, q4, q5, q6, l_1, l_2):
     "of the transcription; therefore this is a separate variant.",
 )
 def eq2_literal(X_S1, Y_S1, X_S2, Z_S2, X_S3, Y_S3, q1, q3, q5, l_0, l_1, l_2, L_H, L_V):
-    """Return the joints with the radicals as in our transcription of the paper: the root signs cover too few terms."""
+    """Return the carriages with the radicals as in our transcription of the paper: roots cover too few terms."""
     q2 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q1 + 2 * l_1 * sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2) + 2 * l_0 * sqrt(X_S1**2 + Y_S1**2))  # fmt: skip  # (2)
     q4 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q3 - 2 * l_1 * sqrt(-X_S2**2 - l_0**2 + (l_1 + l_2)**2) - (L_V - Z_S2)**2 + 2 * l_0 * sqrt((L_V - Z_S2)**2 + X_S2**2))  # fmt: skip  # (2)
     q6 = 1 / (l_1 + l_2) * ((l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2) - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2))  # fmt: skip  # (2)
@@ -149,7 +149,7 @@ def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L
     """Return angles and margins of each limb, computed from its ball centre alone.
 
     rho is the distance from ball to rail axis; h is the distance from ball to bar pivot along the rail. alpha and beta
-    are the angles of limb and bar. All are the same for every variant of eq. (2), which only computes the carriages.
+    are the angles of limb and bar. None depends on the variant of eq. (2), which only computes the carriages.
     """
     L = l_1 + l_2
     out = []
@@ -298,7 +298,7 @@ FORMULA = Formula(
     aspects=(
         Aspect("X_E", 1, "the platform is in front of the portal"),
         Aspect("z_up", 1, "z_p points up, and the instrument points down"),
-        Aspect("D", -1, "the sign of D at all poses of Table 2"),
+        Aspect("D", -1, "D has the sign that it has at all poses of Table 2"),
     ),
     branches=branches,
     seeds=tuple((x * MM, y * MM, z * MM, a * DEG, b * DEG, c * DEG) for x, y, z, a, b, c in _TABLE2),

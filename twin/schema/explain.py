@@ -35,7 +35,7 @@ def explain_syntax(text: str, name: str, error: Exception) -> str:
 
 
 def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: type[BaseModel], name: str) -> str:
-    """Return one line for each mistake, in the order of the file."""
+    """Return the message of a validation error: one line for each mistake, in the order of the file."""
     schema = _schema(model)
     found: dict[Keys, tuple[int, str]] = {}
     kinds: dict[Keys, str] = {}

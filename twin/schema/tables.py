@@ -60,17 +60,17 @@ class Table(BaseModel):
 
 
 Row = tuple[str, float | Sequence[float] | None, str]
-"""Name, value and unit of a number or of a point, whose three numbers are named x, y and z; None: no value."""
+"""(name, value, unit) of a number, or of a point with three numbers x, y and z; the value None is skipped."""
 
 
 class Sourced(Table):
-    """A table whose numbers have one provenance, and one note with their source or reason."""
+    """A table with one provenance for all its numbers, and one note with their source or reason."""
 
     provenance: Origin
     note: str = Field(min_length=1)
 
     def parameters(self, label: str, rows: Iterable[Row]) -> Iterator[Parameter]:
-        """Yield the numbers of the table; their names are the label, the name of the row and the axis."""
+        """Yield each number of the rows as a parameter; its name consists of label, name of the row and axis."""
         for name, value, unit in rows:
             if value is None:
                 continue

@@ -30,10 +30,10 @@ class Track(Table):
     quaternion_order: Literal["xyzw"]
     rate: Annotated[float, Field(gt=0, description="keys per second; the last interval may be shorter")]
     frames: Annotated[int, Field(ge=1, description="number of keys")]
-    times: Annotated[list[float], Field(description="frames values, time of each key in s")]
+    times: Annotated[list[float], Field(description="time of each key in s; as many numbers as there are frames")]
     links: Annotated[list[Identifier], Field(description="names of the links, in the order of poses")]
     poses: Annotated[
-        list[float], Field(description="frames x links x 7, pose of each link in the world (the base frame)")
+        list[float], Field(description="pose of each link in the world (the base frame); frames x links x 7 numbers")
     ]
     joints: Annotated[
         list[Identifier],
@@ -46,12 +46,12 @@ class Track(Table):
     ]
     joint_types: list[Literal["prismatic", "revolute"]]
     joint_active: Annotated[list[Flag], Field(description="1: driven by an actuator; 0: passive")]
-    joint_lower: Annotated[list[float], Field(description="m or rad; -1e30: no limit")]
-    joint_upper: Annotated[list[float], Field(description="m or rad; 1e30: no limit")]
-    positions: Annotated[list[float], Field(description="frames x joints, m or rad")]
+    joint_lower: Annotated[list[float], Field(description="lower limit of each joint in m or rad; -1e30: no limit")]
+    joint_upper: Annotated[list[float], Field(description="upper limit of each joint in m or rad; 1e30: no limit")]
+    positions: Annotated[list[float], Field(description="joint values in m or rad; frames x joints numbers")]
     phases: Annotated[list[Identifier], Field(description="names of the phases, in order")]
-    phase_start: Annotated[list[float], Field(description="s, start of each phase")]
-    phase_end: Annotated[list[float], Field(description="s, end of each phase")]
+    phase_start: Annotated[list[float], Field(description="start time of each phase in s")]
+    phase_end: Annotated[list[float], Field(description="end time of each phase in s")]
     phase_has_rcm: Annotated[
         list[Flag], Field(description="1: the phase has a remote centre of motion (RCM); 0: it has none")
     ]
@@ -64,7 +64,10 @@ class Track(Table):
             )
         ),
     ]
-    phase_rcm: Annotated[list[float], Field(description="phases x 3, m, RCM in the world; zeros if the phase has none")]
+    phase_rcm: Annotated[
+        list[float],
+        Field(description="RCM of each phase in m, in the world; phases x 3 numbers; zeros if the phase has none"),
+    ]
     tool_link: Identifier
     tool_frame: Annotated[list[float], Field(min_length=7, max_length=7, description="pose of the tool in its link")]
     moved_frame: Annotated[Identifier, Field(description="name of the frame that the protocol moves")]
@@ -76,12 +79,17 @@ class Track(Table):
     )
     frame_names: list[Identifier]
     frame_links: list[Identifier]
-    frames_local: Annotated[list[float], Field(description="frame_names x 7, pose of the frame in its link")]
-    rcm: Annotated[list[float], Field(max_length=3, description="the first remote centre of motion or trocar, or []")]
+    frames_local: Annotated[
+        list[float], Field(description="pose of each frame of frame_names in its link; frame_names x 7 numbers")
+    ]
+    rcm: Annotated[
+        list[float],
+        Field(max_length=3, description="first remote centre of motion or trocar, in m in the world; [] without one"),
+    ]
     between_position: Annotated[
         float,
-        Field(description="m, largest position error of any point of a link between keys, with linear interpolation"),
+        Field(description="largest position error in m of any point of a link between keys, with linear interpolation"),
     ]
-    between_rotation: Annotated[float, Field(description="rad, largest rotation error of any link between keys")]
-    joint_gap: Annotated[float, Field(description="m, largest gap of a joint between keys")]
-    assumed: Annotated[list[str], Field(description="assumed (unpublished) numbers, with reason")]
+    between_rotation: Annotated[float, Field(description="largest rotation error in rad of any link between keys")]
+    joint_gap: Annotated[float, Field(description="largest gap in m of a joint between keys")]
+    assumed: Annotated[list[str], Field(description="assumed (unpublished) numbers, each with the reason")]

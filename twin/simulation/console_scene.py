@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from twin.model.console import CameraTable, ConsoleTable
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
 from twin.model.task import Task
-from twin.model.tissue import Tissue
 from twin.simulation import contact_scene, machine_scene, operating_scene
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
 from twin.simulation.controllers.following import Arm, HandToPose
@@ -35,6 +34,7 @@ from twin.simulation.limits import Limits
 from twin.simulation.machine.machine import Parts
 from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.setup import Setup
 from twin.simulation.world import Block, Placed, World
 
 TICK = 1e-3
@@ -47,15 +47,6 @@ PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
 
 ORGANS = 16e-3
 """Time in s between two steps of organs on pages; with shorter steps, a served World lags behind real time."""
-
-
-@dataclass(frozen=True)
-class Member:
-    """A robot of the scene, with its mechanism and its equations; for `links`, see `twin.simulation.world.Placed`."""
-
-    mechanism: Mechanism
-    kin: Kinematics
-    links: Callable[[Array], Mapping[str, Array]] | None = None
 
 
 def start(place: Place, mechanism: Mechanism) -> Array:
@@ -82,16 +73,11 @@ def start(place: Place, mechanism: Mechanism) -> Array:
 
 
 def world(
-    scene: Scene,
-    members: Mapping[str, Member],
+    setup: Setup,
     device: Block,
     dt: float = TICK,
     records: bool = True,
     watch: Sequence[Block] = (),
-    task: Task | None = None,
-    props: Mechanism | None = None,
-    haptics: bool | None = None,
-    organs: Sequence[Tissue] = (),
     parts: Mapping[str, Parts] | None = None,
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
@@ -101,19 +87,12 @@ def world(
     parallel to the frame of the picture: x right, y up, z out of the picture.
 
     Args:
-        scene: a scene with a console.
-        members: robots by the names of their places.
+        setup: a scene with a console, its robots and its task.
         device: block that writes the poses and gripper angles of `HANDS`, and the states of the pedals; it may also
             write planned motions of the arms, see `devices.plans`.
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
-        task: a task; if it has rings, the instruments touch objects and the solid bodies of the props. In a procedure,
-            the grippers of the hands close the jaws of tools, which act on the organs.
-        props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.
-        haptics: whether the forces on the hands are on at the start; None: the World has no such forces. With them, the
-            instruments touch the solid bodies and each other in every task.
-        organs: the organs of the scene; only needed for a procedure.
         parts: compiled parts of the machines of the scene, by the names of their places. `device` also writes their
             states (`devices.machine_states`); None: machines move like other robots, without dynamics and states.
 
@@ -122,11 +101,11 @@ def world(
             body is not in the props; or a robot or an organ of the procedure is missing.
         WorldError: a link is inside an organ at the start.
     """
+    scene, members, places = setup.scene, setup.members, setup.places
     table, led = console_of(scene), led_by(scene)
-    places = {p.name: p for p in scene.places}
     q = {p.name: start(p, members[p.name].mechanism) for p in led}
     limits = {p.name: Limits.of(members[p.name].mechanism) for p in led}
-    camera = _camera(scene, table, members, q, dt)
+    camera = _camera(setup, q, dt)
     view = camera.camera
     controllers: list[Block] = [Pedals(PEDALS, planned=(planned := _planned(device))), camera]
     for hand in HANDS:
@@ -150,24 +129,20 @@ def world(
     plants += machines.plants(q)
     robots = [Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led]
     robots += machines.models(members)
-    objects = scene.objects if task is not None and task.grasps else ()
-    felt = _felt(scene, props, haptics)
-    if objects or felt:
-        arms = {n: (places[n], members[n].mechanism, members[n].kin) for n in hands_of(scene)}
-        plants.append(contact_scene.contact(scene, props, arms, q, objects, felt, task))
+    if setup.objects or setup.felt:
+        plants.append(contact_scene.contact(setup, [*hands_of(scene)], q))
     operated = None
-    if task is not None and task.procedure is not None:
-        operated, grips = _operated(scene, {n: m.mechanism for n, m in members.items()}, task, q, organs)
+    if setup.procedure is not None:
+        operated, grips = _operated(setup, q)
         controllers += grips
         plants.append(operated.plant)
-    if haptics is not None:
-        controllers.append(HapticSwitch(PEDALS, haptics))
-        names = [o.name for o in objects]
-        plants += machines.cues(HANDS) if parts else _forces(scene, members, limits, felt, names, dt)
+    if setup.haptics is not None:
+        controllers.append(HapticSwitch(PEDALS, setup.haptics))
+        plants += machines.cues(HANDS) if parts else _forces(setup, limits, dt)
     return World(
         robots=robots,
         deformables=() if operated is None else operated.deformables,
-        objects=objects if operated is None else operated.objects,
+        objects=setup.objects if operated is None else operated.objects,
         devices=[device],
         controllers=controllers,
         plants=[*plants, *watch],
@@ -191,17 +166,12 @@ def _jaws(
             yield GripToJaw(hand, arm.robot, Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt))
 
 
-def _operated(
-    scene: Scene, mechanisms: Mapping[str, Mechanism], task: Task, q: Mapping[str, Array], organs: Sequence[Tissue]
-) -> tuple[operating_scene.Field, list[Block]]:
+def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.Field, list[Block]]:
     """Return organs, vessels and objects of a procedure, and the blocks by which grippers close the jaws of tools."""
-    procedure = operating_scene.procedure_of(scene, task)
-    hands = hands_of(scene)
+    procedure, hands = operating_scene.procedure_of(setup.scene, setup.task), hands_of(setup.scene)
     if without := [n for n in procedure.start if n not in hands]:
-        raise TwinError(f"{scene.file}: task '{task.name}': no hand of [console] moves {', '.join(without)}")
-    return operating_scene.field(scene, task, mechanisms, q, organs, ORGANS), [
-        GripToTool(hands[n], n) for n in procedure.start
-    ]
+        raise TwinError(f"{setup.label}: no hand of [console] moves {', '.join(without)}")
+    return operating_scene.field(setup, q, ORGANS), [GripToTool(hands[n], n) for n in procedure.start]
 
 
 def console_of(scene: Scene) -> ConsoleTable:
@@ -276,15 +246,7 @@ def led_by(scene: Scene) -> list[Place]:
     return [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
 
 
-def identity(
-    scene: Scene,
-    members: Mapping[str, Member],
-    task: Task | None = None,
-    props: Mechanism | None = None,
-    haptics: bool | None = None,
-    organs: Sequence[Tissue] = (),
-    dt: float = TICK,
-) -> str:
+def identity(setup: Setup, dt: float = TICK) -> str:
     """Return the hash "sha256:..." of the inputs of `world`: console, camera, places, start values, limits and frames.
 
     The duration `dt` of a tick in s is included if it is not the usual one.
@@ -292,7 +254,7 @@ def identity(
     The equations and the version of the program are not included. Numbers are rounded to 1e-9, so that the hash does
     not depend on the processor.
     """
-    plain = operating_scene.plain
+    plain, scene, task = operating_scene.plain, setup.scene, setup.task
     table = console_of(scene)
     about: list[Any] = [scene.name, table.model_dump(include={"right", "left", "camera"})]
     if table.through or table.instrument_mm or table.camera_range or scene.tools:
@@ -301,16 +263,16 @@ def identity(
     camera = scene.cameras[table.camera]
     about.append([camera.robot, camera.frame, plain(camera.in_frame)])
     for place in led_by(scene):
-        mechanism = members[place.name].mechanism
+        mechanism = setup.members[place.name].mechanism
         about.append([place.name, place.robot, plain(place.T_world_base), plain(start(place, mechanism))])
         about.append([plain(next(iter(place.p_world_ports.values()))), [j.name for j in mechanism.active]])
         about.append([plain(np.nan_to_num(mechanism.limits)), [plain(j.max_speed or 0.0) for j in mechanism.active]])
         about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])
     if scene.trainer is not None:
         about.append(scene.trainer.model_dump(exclude={"provenance", "note"}))
-    if haptics is not None:
+    if setup.haptics is not None:
         about.append([plain(x) for x in astuple(surface(scene))])
-    if (_felt(scene, props, haptics) or (task is not None and task.grasps)) and scene.contact is not None:
+    if (setup.felt or (task is not None and task.grasps)) and scene.contact is not None:
         about.append(scene.contact.model_dump(include={"solid", "friction", "jaw_effort_n_mm"}))
     if task is not None and task.grasps and scene.contact is not None:
         about += [
@@ -319,43 +281,32 @@ def identity(
         ]
         about += [
             [peg.name, plain(peg.end), plain(peg.foot), plain(peg.radius)]
-            for peg in contact_scene.pegs(scene, props, task).values()
+            for peg in contact_scene.pegs(scene, setup.props, task).values()
         ]
     if task is not None and task.guide is not None:
-        course = contact_scene.course(scene, props, task)
+        course = contact_scene.course(scene, setup.props, task)
         about += [task.guide.model_dump(), plain(course.wire), plain(course.dome)]
     if task is not None and (a := task.alignment) is not None:
         about.append([plain(a.T_world_plate), plain(a.size), plain(a.plate), plain(a.line), camera.view_deg])
         about.append([plain(a.tolerance), plain(a.off)])
-    if task is not None and task.procedure is not None:
-        about += operating_scene.about(scene, task, organs)
+    if setup.procedure is not None:
+        about += operating_scene.about(setup)
     if dt != TICK:
         about.append(["tick", dt])
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
-def _felt(scene: Scene, props: Mechanism | None, haptics: bool | None) -> bool:
-    """Return whether the forces on the hands include those of contacts."""
-    return haptics is not None and scene.contact is not None and props is not None
-
-
-def _forces(
-    scene: Scene,
-    members: Mapping[str, Member],
-    limits: Mapping[str, Limits],
-    felt: bool,
-    objects: Sequence[str],
-    dt: float,
-) -> list[Block]:
-    """Return the blocks of the forces on both hands; `felt`: whether contact writes planes."""
-    table, places = console_of(scene), {p.name: p for p in scene.places}
-    names = [*hands_of(scene)]  # in the order of the grippers in contact
+def _forces(setup: Setup, limits: Mapping[str, Limits], dt: float) -> list[Block]:
+    """Return the blocks of the forces on both hands."""
+    scene, members, places = setup.scene, setup.members, setup.places
+    table, names = console_of(scene), [*hands_of(scene)]  # in the order of the grippers in contact
+    camera, objects = scene.cameras[table.camera].robot, [o.name for o in setup.objects]
+    sources = (PLANES,) if setup.felt else ()
     out: list[Block] = []
     for hand in HANDS:
         arms = [
             FeltArm(n, members[n].kin, limits[n], places[n].T_world_base, names.index(n)) for n in getattr(table, hand)
         ]
-        camera, sources = scene.cameras[table.camera].robot, (PLANES,) if felt else ()
         out.append(
             HapticHand(hand, PEDALS, camera, arms, sources=sources, objects=objects, surface=surface(scene), dt=dt)
         )
@@ -369,12 +320,10 @@ def surface(scene: Scene) -> Surface:
     return Surface(h.stiffness_n_m, h.damping_ns_m, h.largest_n, h.device_damping_ns_m)
 
 
-def _camera(
-    scene: Scene, table: ConsoleTable, members: Mapping[str, Member], q: Mapping[str, Array], dt: float
-) -> HandsToCamera:
+def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:
+    scene, table = setup.scene, console_of(setup.scene)
     camera = scene.cameras[table.camera]
-    place = next(p for p in scene.places if p.name == camera.robot)
-    member = members[camera.robot]
+    place, member = setup.places[camera.robot], setup.members[camera.robot]
     tool, frame = (member.mechanism.frame(n) for n in (member.mechanism.tool, camera.frame))
     if tool.body != frame.body:
         raise TwinError(

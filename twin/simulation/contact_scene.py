@@ -10,15 +10,14 @@ import numpy as np
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.kinematics import Kinematics
 from twin.model.body import Mesh
 from twin.model.contact import ContactTable
 from twin.model.mechanism import Mechanism
-from twin.model.movable import Movable
-from twin.model.scene import Place, Scene
+from twin.model.scene import Scene
 from twin.model.task import Task
 from twin.reference import ReferenceModel
 from twin.simulation.plants.contact import Contact, Gripper, Solid
+from twin.simulation.setup import Setup
 
 
 @dataclass(frozen=True)
@@ -48,38 +47,28 @@ class Course:
         return float((self.dome[:, :3] @ p + self.dome[:, 3]).max())
 
 
-def contact(
-    scene: Scene,
-    props: Mechanism | None,
-    arms: Mapping[str, tuple[Place, Mechanism, Kinematics]],
-    q: Mapping[str, Array],
-    objects: Sequence[Movable],
-    feels: bool = False,
-    task: Task | None = None,
-) -> Contact:
-    """Return the contact of objects with the solid bodies of a scene and the instruments.
+def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) -> Contact:
+    """Return the contact of the objects of a task with the solid bodies of the scene and the instruments.
+
+    If the forces on the hands include those of contacts, their planes are written. If the task has a ring to guide,
+    contacts of the ring with the wire are written.
 
     Args:
-        scene: a scene with a section [contact].
-        props: mechanism of the props.
-        arms: place, mechanism and equations of each instrument, by robot.
-        q: joint values (n,) of the instruments at the start, by robot.
-        objects: the movable objects.
-        feels: whether the planes for the forces on the hands are written.
-        task: the task; if it has a ring to guide, contacts of the ring with the wire are written.
+        setup: a scene with a section [contact], its robots, props and task.
+        instruments: names of the robots that touch.
+        q: their joint values (n,) at the start, by robot.
 
     Raises:
         TwinError: the scene has no section [contact], or a solid body is not in the props.
         WorldError: an object overlaps something at the start.
     """
-    table = _table(scene)
-    grippers = [
-        Gripper(name, mechanism, kin, place.T_world_base, table.jaw_effort_n_mm * MM)
-        for name, (place, mechanism, kin) in arms.items()
-    ]
-    solids = _solids(scene, props)
+    scene, task = setup.scene, setup.task
+    table, members, places = _table(scene), setup.members, setup.places
+    effort = table.jaw_effort_n_mm * MM
+    grippers = [Gripper(n, members[n].mechanism, members[n].kin, places[n].T_world_base, effort) for n in instruments]
+    solids = _solids(scene, setup.props)
     rubbed = [part.name for _, part in _wire(solids, scene, task)] if task is not None and task.guide else []
-    return Contact(objects, solids, grippers, q, friction=table.friction, feels=feels, rubbed=rubbed)
+    return Contact(setup.objects, solids, grippers, q, friction=table.friction, feels=setup.felt, rubbed=rubbed)
 
 
 def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:

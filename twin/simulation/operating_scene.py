@@ -21,6 +21,7 @@ from twin.model.tissue import Tissue
 from twin.simulation import tissue_scene
 from twin.simulation.plants.tissue import Instrument, Links, Operating, Sight, clips_of
 from twin.simulation.plants.tissue.organs import PERIOD
+from twin.simulation.setup import Setup
 
 _TIP = "instrument_tip"
 """Name of the frame at the tip of an instrument, z out of it."""
@@ -38,15 +39,15 @@ class Field:
     objects: Sequence[Movable]
 
 
-def procedure_of(scene: Scene, task: Task) -> ProcedureTable:
+def procedure_of(scene: Scene, task: Task | None) -> ProcedureTable:
     """Return the procedure of a task.
 
     Raises:
-        TwinError: the task is not a procedure.
+        TwinError: the task is not a procedure, or there is no task.
     """
-    if task.procedure is None:
-        text = f"task '{task.name}' is not a procedure: choose a task with a section [task.NAME.procedure]"
-        raise TwinError(f"{scene.name}: {text}")
+    if task is None or task.procedure is None:
+        named = "there is no task" if task is None else f"task '{task.name}' is not a procedure"
+        raise TwinError(f"{scene.name}: {named}: choose a task with a section [task.NAME.procedure]")
     return task.procedure
 
 
@@ -63,80 +64,76 @@ def bound(place: Place, mechanism: Mechanism) -> Mechanism:
     return mechanism.with_trocar((port_of(place) - T[:3, 3]) @ T[:3, :3])
 
 
-def robots_of(scene: Scene, procedure: ProcedureTable) -> list[Place]:
-    """Return the robots of a procedure: those with a tool, then the robot of the camera."""
-    places = {p.name: p for p in scene.places}
-    camera = scene.cameras[procedure.camera].robot
+def robots_of(setup: Setup) -> list[Place]:
+    """Return the robots of a procedure: those with a tool, then the robot of the camera.
+
+    Raises:
+        TwinError: the task is not a procedure, or there is no task.
+    """
+    procedure, places = procedure_of(setup.scene, setup.task), setup.places
+    camera = setup.scene.cameras[procedure.camera].robot
     return [places[n] for n in (*(n for n in procedure.start if n != camera), camera)]
 
 
-def organ_of(procedure: ProcedureTable, organs: Sequence[Tissue]) -> Tissue:
+def organ_of(setup: Setup) -> Tissue:
     """Return the organ that the procedure removes.
 
     Raises:
-        TwinError: this organ is not in `organs`.
+        TwinError: the task is not a procedure, or its organ is missing.
     """
-    found = next((o for o in organs if o.name == procedure.organ), None)
+    procedure = procedure_of(setup.scene, setup.task)
+    found = next((o for o in setup.organs if o.name == procedure.organ), None)
     if found is None:
         raise TwinError(f"the procedure needs the organ '{procedure.organ}': give the organs of the scene")
     return found
 
 
-def field(
-    scene: Scene,
-    task: Task,
-    mechanisms: Mapping[str, Mechanism],
-    q: Mapping[str, Array],
-    organs: Sequence[Tissue],
-    period: float = PERIOD,
-) -> Field:
+def field(setup: Setup, q: Mapping[str, Array], period: float = PERIOD) -> Field:
     """Return the operating field of a procedure.
 
     Args:
-        scene: a scene with organs.
-        task: a task with a procedure.
-        mechanisms: mechanisms of the robots by the names of their places.
+        setup: a scene with organs, its robots, and a task with a procedure.
         q: (n,) joint values of each robot at the start.
-        organs: the organs of the scene.
         period: time in s between two steps of the organs.
 
     Raises:
         TwinError: the task is not a procedure, a robot has no link in `touching` of [anatomy], or an organ is missing.
         WorldError: a link is inside an organ at the start.
     """
-    procedure = procedure_of(scene, task)
-    places = robots_of(scene, procedure)
+    scene, organs, procedure = setup.scene, setup.organs, procedure_of(setup.scene, setup.task)
+    places, members = robots_of(setup), setup.members
     if len(places) != len(procedure.start) + 1:
-        raise TwinError(f"{scene.file}: task '{task.name}': the robot of the camera cannot carry a tool")
-    organ_of(procedure, organs)
+        raise TwinError(f"{setup.label}: the robot of the camera cannot carry a tool")
+    organ_of(setup)
     touching = tissue_scene.touching(scene)
     links: dict[str, Links] = {}
     for place in places:
         name = place.name
         if name not in touching:
-            raise TwinError(f"{scene.file}: task '{task.name}': '{name}' has no link in `touching` of [anatomy]")
-        links[name] = Links(name, bound(place, mechanisms[name]), place.T_world_base, touching[name], q[name])
+            raise TwinError(f"{setup.label}: '{name}' has no link in `touching` of [anatomy]")
+        links[name] = Links(name, bound(place, members[name].mechanism), place.T_world_base, touching[name], q[name])
     instruments = [
-        Instrument(links[p.name], mechanisms[p.name].frame(_TIP), port_of(p), procedure.start[p.name])
+        Instrument(links[p.name], members[p.name].mechanism.frame(_TIP), port_of(p), procedure.start[p.name])
         for p in places[:-1]
     ]
     camera = scene.cameras[procedure.camera]
-    frame, seeing = mechanisms[camera.robot].frame(camera.frame), links[camera.robot]
+    frame, seeing = members[camera.robot].mechanism.frame(camera.frame), links[camera.robot]
     sight = Sight(lambda: seeing.pose(frame.body) @ frame.T_body_frame @ camera.in_frame, camera.view_deg * DEG)
     plant = Operating(organs, [*links.values()], instruments, scene.vessels, scene.tools, procedure, sight, period)
     deformables = [*(t.deformable for t in organs), *(v.deformable for v in scene.vessels)]
     return Field(plant, deformables, clips_of(scene.tools))
 
 
-def about(scene: Scene, task: Task, organs: Sequence[Tissue]) -> list[Any]:
+def about(setup: Setup) -> list[Any]:
     """Return the inputs of `field` except the robots, as plain data for a hash."""
-    procedure = procedure_of(scene, task)
+    scene, procedure = setup.scene, procedure_of(setup.scene, setup.task)
     camera = scene.cameras[procedure.camera]
     out: list[Any] = [procedure.model_dump(), [camera.robot, camera.frame, plain(camera.in_frame), camera.view_deg]]
     tools = {n: t.model_dump(exclude=_LAST) | t.model_dump(include=_LAST) for n, t in scene.tools.items()}
     out.append([tools, tissue_scene.touching(scene)])
     out += [
-        [t.name, plain(t.nodes), len(t.surface.vertices), t.young, t.poisson, t.damping, t.friction] for t in organs
+        [t.name, plain(t.nodes), len(t.surface.vertices), t.young, t.poisson, t.damping, t.friction]
+        for t in setup.organs
     ]
     return out + [[v.name, plain(v.points), v.organ, plain(v.radius), v.young] for v in scene.vessels]
 

@@ -11,15 +11,13 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.kinematics import Kinematics
 from twin.model.body import Body
-from twin.model.mechanism import Mechanism
-from twin.model.scene import Scene
 from twin.planning.around import around
 from twin.reference import ReferenceModel
 from twin.reference.obstacles import obstacles
 from twin.reference.pairs import Still
 from twin.reference.space import JointSpace
+from twin.simulation.setup import Setup
 
 _STEP, _TURN = 8 * MM, 10 * DEG
 """Largest motion of the tool, in m and rad, between two poses of a way."""
@@ -31,16 +29,10 @@ _FINE = 200
 class Ways:
     """Plans ways (collision-free paths) for the arms of a scene, one arm at a time, with `planning.around`."""
 
-    def __init__(self, scene: Scene, arms: Mapping[str, tuple[Mechanism, Kinematics]], props: Mechanism | None) -> None:
-        """Set up; nothing is computed yet.
-
-        Args:
-            scene: the scene.
-            arms: mechanism and equations of every robot of the World, by the name of its place.
-            props: mechanism of the props.
-        """
-        self._scene, self._arms, self._props = scene, dict(arms), props
-        self._places = {place.name: place for place in scene.places}
+    def __init__(self, setup: Setup) -> None:
+        """Prepare for the robots, props and objects of a scene; nothing is computed yet."""
+        self._scene, self._members, self._props = setup.scene, setup.members, setup.props
+        self._places = setup.places
 
     @property
     def clearance(self) -> float:
@@ -49,7 +41,7 @@ class Ways:
 
     @cached_property
     def _models(self) -> dict[str, ReferenceModel]:
-        return {name: ReferenceModel(mechanism) for name, (mechanism, _) in self._arms.items()}
+        return {n: ReferenceModel(m.mechanism) for n, m in self._members.items()}
 
     def joints(self, robot: str, T_world_tool: Array, q: Array) -> Array:
         """Return the joint values (n,) for a pose (4, 4) of the tool; the auxiliary joints are those of q (n,).
@@ -57,13 +49,13 @@ class Ways:
         Raises:
             KinematicsError: the pose cannot be reached.
         """
-        kin = self._arms[robot][1]
+        kin = self._members[robot].kin
         found = kin.inverse(spatial.inverse(self._places[robot].T_world_base) @ T_world_tool)
         return np.where(kin.auxiliary, q, found)
 
     def room(self, robot: str, q: Array) -> float:
         """Return the distance of joint values (n,) to the nearest limit, as a fraction of the range of that joint."""
-        mechanism, kin = self._arms[robot]
+        mechanism, kin = self._members[robot].mechanism, self._members[robot].kin
         low, high = mechanism.limits.T
         return float((np.minimum(q - low, high - q) / (high - low))[~kin.auxiliary].min())
 
@@ -73,7 +65,7 @@ class Ways:
         for name in q.keys() - {robot}:
             links = self._models[name].solve(q[name]).link_poses
             poses[name] = {body: self._places[name].T_world_base @ T for body, T in links.items()}
-        mechanisms = {name: mechanism for name, (mechanism, _) in self._arms.items()}
+        mechanisms = {n: m.mechanism for n, m in self._members.items()}
         fixed = obstacles(self._scene, {robot: ""}, T_world_base, mechanisms, self._props, poses)
         T_base_world = spatial.inverse(T_world_base)
         moved = [(o, objects[o.name]) for o in self._scene.objects if o.name in objects]
@@ -101,7 +93,7 @@ class Ways:
         Raises:
             ProtocolError: start or goal is not free, or no way was found.
         """
-        T_world_base, kin = self._places[robot].T_world_base, self._arms[robot][1]
+        T_world_base, kin = self._places[robot].T_world_base, self._members[robot].kin
         around_it = self.obstacles(robot, q, objects)
         space = JointSpace(lambda: self._models[robot], clearance, around=lambda: around_it)
         path = around(space, q[robot], goal, seed=seed)

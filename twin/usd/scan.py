@@ -59,11 +59,12 @@ class RawJoint:
 
     Attributes:
         type: joint type of the mechanism; "" if none matches.
-        ends: its sides on body0 and body1.
-        instance: name of its drive and joint state ("angular", "linear", "rotX", ...); "" without a coordinate.
+        ends: sides of the joint on body0 and body1.
+        instance: instance name of the joint's drive and state ("angular", "linear", "rotX", ...); "" if the joint does
+            not have one coordinate.
         limits: (lower, upper) in units of the stage (degrees for angles); None if unlimited.
         unit: factor that converts limits, states and targets of the stage to degrees (angles) or metres.
-        excluded: whether it is excluded from the articulation, because it closes a loop.
+        excluded: whether the joint is excluded from the articulation, because it closes a loop.
         enabled: False for a disabled joint.
         problem: why no joint type matches; "" if a type matches.
 
@@ -175,14 +176,14 @@ class Scene:
         return T
 
     def size(self, prim: Usd.Prim) -> float:
-        """Return the scale of a uniformly scaled prim: units of the stage per unit of the prim."""
+        """Return the scale of a uniformly scaled prim: length in units of the stage per length in units of the prim."""
         size = float(np.cbrt(abs(np.linalg.det(self.raw_transform(prim)[:3, :3]))))
         return 1.0 if abs(size - 1) <= SCALE_TOL else size
 
     def relative(self, prim: Usd.Prim, body: Usd.Prim) -> Array:
         """Return T_body_prim (4, 4) of a prim below a body, in units of the body, with scale.
 
-        Only the transforms between the two are multiplied, so that no precision is lost.
+        Only the transforms between the body and the prim are multiplied, so that no precision is lost.
         """
         with self._evaluating():
             M, _ = UsdGeom.XformCache().ComputeRelativeTransform(prim, body)

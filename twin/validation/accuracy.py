@@ -41,7 +41,7 @@ class Mover(Protocol):
 def measure(
     console: Mover, displacements: int, resolution: float, seed: int = 0
 ) -> tuple[Mapping[str, Any], list[float]]:
-    """Simulate the test; return (plain data, standard deviation of the error along each axis in mm).
+    """Simulate the accuracy test; return (plain data, standard deviation of the error along each axis in mm).
 
     `displacements` is the number of displacements along each axis, `resolution` in m is the resolution of the pen's
     position. The motion scale is 1.

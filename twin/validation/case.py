@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -10,10 +11,11 @@ from twin.cad.build import CadModel
 from twin.kinematics import Kinematics
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PathKinematics, Trajectory
+from twin.reference import ReferenceModel
 from twin.validation.compare import Comparison
 from twin.validation.motion import Measured
 from twin.validation.result import PhaseSummary
-from twin.validation.rows import Tolerances
+from twin.validation.rows import Clock, Tolerances
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,16 @@ class Case:
     tolerances: Tolerances
     paths: PathKinematics | None = None
     baked_for_it: bool = False
+
+    @cached_property
+    def model(self) -> ReferenceModel:
+        """The reference model of the mechanism from the CAD."""
+        return ReferenceModel(self.cad.mechanism)
+
+    @cached_property
+    def clock(self) -> Clock:
+        """Times and phases of the samples of the trajectory."""
+        return Clock(self.trajectory.t, summaries(self.trajectory))
 
     @property
     def written(self) -> Path | None:

@@ -66,7 +66,7 @@ class Cause:
                 yield f"{words}: {_sizes(found)}" if words == "also" else f"{words} from this: {_sizes(found)}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return JSON data; findings other than `head` have only code, place and size."""
+        """Return the cause as JSON data; findings other than `head` have only code, place and size."""
 
         def named(findings: Iterable[Finding]) -> list[dict[str, Any]]:
             return [{"code": f.code, "where": f.where, "size": f.size, "unit": f.unit} for f in findings]

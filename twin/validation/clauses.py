@@ -42,7 +42,7 @@ class Clause:
     way: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the clause as plain data."""
         data = {k: getattr(self, k) for k in ("name", "equation", "text", "value", "unit", "limit")}
         return {**data, "holds": bool(self.holds)}
 
@@ -74,7 +74,7 @@ class Contract(Result):
         return [_finding(c, self.variants) for c in self.clauses if not c.holds]
 
     def content(self) -> dict[str, Any]:
-        """Return plain data without the path."""
+        """Return the result as plain data, without `path`."""
         return {
             "console": self.console,
             "title": self.title,
@@ -117,7 +117,7 @@ def _finding(c: Clause, variants: Mapping[str, str]) -> Finding:
 
 
 def number(x: float) -> str:
-    """Return a number as text: three decimals, or scientific notation below 0.001 and from 1e6."""
+    """Return a number as text: with three decimals, or in scientific notation if its size is < 0.001 or >= 1e6."""
     return f"{x:.3f}" if 1e-3 <= abs(x) < 1e6 else f"{x:.1e}" if x else "0"
 
 

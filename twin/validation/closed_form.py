@@ -51,13 +51,13 @@ class Row:
 
     @property
     def agrees(self) -> bool:
-        """Whether the difference is within the limit."""
+        """Whether the largest difference is within the tolerance."""
         return bool(self.worst <= self.limit)
 
 
 @dataclass
 class Judged:
-    """Result of the comparison.
+    """Result of comparing published equations of motion with a mechanism.
 
     Attributes:
         rows: largest difference of each term.

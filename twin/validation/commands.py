@@ -1,4 +1,4 @@
-"""Shell commands that repeat a validation, or explain it."""
+"""Shell commands that repeat a validation, or explain its result."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
 
 @dataclass
 class Comparison:
-    """Rows, findings and curves of one comparison, filled by its checks."""
+    """Rows, findings and curves of one comparison of equations and mechanism; the checks add to them."""
 
     residuals: list[Residual] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
@@ -273,7 +273,7 @@ class _Check:
                 )
 
     def joints(self, kin: Kinematics, q: Array, blamed: _Blame) -> _Blame:
-        """Compare the equations' joint values q (k, n) with the mechanism's.
+        """Compare the joint values q (k, n) of the equations with the joint values of the mechanism.
 
         Joint values computed from the CAD's points show whether an equation is wrong, or only its inputs.
         """
@@ -292,7 +292,7 @@ class _Check:
             r = row("A-B", "driven", joint, unit, off, limit, self.coarse, consequence_of=because, note=equation)
             cause = blamed.cause if because else equation or _equation_of(kin, tuple(kin.joints)) or joint
             by = f", because {because} is wrong," if because else f" by {equation}" if equation else ""
-            out.differs(r, f"joint {joint}{by} differs from the mechanism's", cause)
+            out.differs(r, f"joint {joint}{by} differs from its value in the mechanism", cause)
             if not r.agrees:
                 wrong[joint] = r, cause
             elif turns:
@@ -302,7 +302,7 @@ class _Check:
                 out.findings.append(finding("info", "driven.turns", joint, what, suggestion=advice, cause=cause))
         if alone is not None and blamed:
             out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
-                "computed from the CAD's points, its joint values differ from the mechanism's by at most "
+                "computed from the CAD's points, the joint values differ from those of the mechanism by at most "
                 f"{text(float(np.abs(alone - true).max()), 'm')}"
             )
         if not wrong:
@@ -333,7 +333,7 @@ class _Check:
         return kin.joints_from_points({n: there[n] for n in names})
 
     def forward(self, kin: Kinematics) -> None:
-        """Compare the tool poses of forward equations and mechanism, at the joint values of the mechanism."""
+        """Compare the tool poses by the forward equations with the tool poses of the mechanism, at its joint values."""
         by = ", ".join(_reading(kin, e) for e in kin.formula.equations if e.stage == "forward")
         Ts = kin.forward_many(self.posed.q)
         lost = ~np.isfinite(Ts).all(axis=(1, 2))
@@ -351,14 +351,14 @@ class _Check:
             self.out.judge(r, _FORWARD, what, "tool", cause=by)
 
     def passive(self, kin: Kinematics, blamed: _Blame) -> None:
-        """Compare the passive joint angles of the equations with the mechanism's."""
+        """Compare the passive joint angles of the equations with the passive joint angles of the mechanism."""
         true, limit = self.posed.q_passive, self.tolerances.rotation
         for name, value in kin.passive_many(Ts=self.Ts, qs=self.posed.q).items():
             if name in true:
                 off = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns
                 r = row("A-B", "passive", name, "rad", off, limit, self.coarse, consequence_of=blamed.row)
                 cause = blamed.cause or _equation_of(kin, name)
-                self.out.differs(r, f"passive joint {name} differs from the mechanism's", cause)
+                self.out.differs(r, f"passive joint {name} differs from its value in the mechanism", cause)
 
     def tool(self, kin: Kinematics, q: Array, blamed: _Blame) -> None:
         """Drive the mechanism with the equations' joint values and compare its tool pose with the requested pose."""
@@ -388,7 +388,7 @@ class _Check:
         }
         limits = self.tolerances.position, self.tolerances.rotation
         for r in pose_rows("A-B", "tool", Ts, run.Ts_base_tool, limits, self.clock, consequence_of=blamed.row):
-            what = "driven by the joint values of the equations, the mechanism's tool misses the requested pose"
+            what = "the joint values of the equations do not move the mechanism's tool to the requested pose"
             out.differs(r, what, blamed.cause)
         self.loops(run, blamed.cause)
 
@@ -418,4 +418,4 @@ def _rates(check: _Check, states: Array) -> None:
     )
     for kind, unit, off, limit in kinds:
         r = row("A-B", kind, "tool", unit, off, limit, check.coarse)
-        check.out.differs(r, f"the tool's planned {kind} differs from the mechanism's")
+        check.out.differs(r, f"the tool's planned {kind} differs from its {kind} in the mechanism")

@@ -59,7 +59,7 @@ class Fix:
         """The fix, its size and reachability in one sentence."""
         size = [f"{self.moved / MM:.2f} mm"] if self.moved > 0 else []
         size += [f"{self.turned / DEG:.2f} deg"] if self.turned > 0 else []
-        reach = f"the robot reaches it ({self.why})" if self.reachable else f"out of reach: {self.why}"
+        reach = f"the robot can do the protocol ({self.why})" if self.reachable else f"out of reach: {self.why}"
         drift = (
             f"; on the straight path, the shaft would still miss the RCM by {self.straight / MM:.2f} mm at a point "
             "between the ends of the path"
@@ -214,9 +214,9 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     moved = float(np.linalg.norm(best - span.rcm))
     enough = left <= 1e-4
     why = (
-        "both shafts pass through this point"
+        "both shafts pass through the new RCM"
         if enough
-        else f"the two shafts are skew; their largest distance from this point is {left / MM:.2f} mm"
+        else f"no RCM fits both shafts (skew axes); the largest distance from the new RCM is {left / MM:.2f} mm"
     )
     return [Fix("move the RCM", "", moved, 0.0, f"({at}) mm", enough, why)]
 

@@ -65,7 +65,7 @@ class Laws(Protocol):
         ...
 
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
-        """Return the camera roll in `turn_unit` about the axis n (3,): (by the right hand, by the left hand).
+        """Return the camera roll in `turn_unit` about the axis n (3,): (roll by the right hand, roll by the left hand).
 
         p_R0, p_L0 (3,) in m are the positions of the right and the left hand before the motion, p_R1, p_L1 after it.
         """
@@ -303,7 +303,7 @@ def _roll(c: Laws) -> Iterator[Clause]:
     yield Clause(
         "roll.direction",
         "eq4",
-        "hands that turn 3 deg counter-clockwise give a positive sign",
+        "if the hands turn 3 deg counter-clockwise, the camera roll is positive",
         worst,
         unit,
         0.0,
@@ -316,7 +316,7 @@ def _roll(c: Laws) -> Iterator[Clause]:
     yield _within(
         "roll.angle",
         "eq4",
-        "for a turn of 3 deg, the result is the angle 3 deg",
+        "if the hands turn 3 deg, the camera roll is 3 deg",
         off,
         unit,
         1e-9,

@@ -55,11 +55,11 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
         ("transmission", mechanism.transmissions, stage.transmissions),
     ):
         have, want = {x.name for x in theirs}, {x.name for x in ours}
-        found += [_lost(kind, n, "is not on the stage") for n in sorted(want - have)]
-        found += [_lost(kind, n, "is on the stage only") for n in sorted(have - want)]
+        found += [_CONTENT(n, f"{kind} '{n}' is not on the stage") for n in sorted(want - have)]
+        found += [_CONTENT(n, f"{kind} '{n}' is on the stage, but not in the CAD") for n in sorted(have - want)]
     lost, more = (sorted(set(a.trocars) - set(b.trocars)) for a, b in ((mechanism, stage), (stage, mechanism)))
-    found += [_lost("trocar", n, "is not marked as a trocar on the stage") for n in lost]
-    found += [_lost("trocar", n, "is marked as a trocar on the stage only") for n in more]
+    found += [_CONTENT(n, f"trocar '{n}' is not marked as a trocar on the stage") for n in lost]
+    found += [_CONTENT(n, f"'{n}' is marked as a trocar on the stage, but not in the CAD") for n in more]
     for a, b in _common(mechanism.joints, stage.joints):
         found += _joint(a, b)
     found += _motors(mechanism, stage)
@@ -78,10 +78,6 @@ def _common(ours: Iterable[Any], theirs: Iterable[Any]) -> list[tuple[Any, Any]]
     return [(x, by_name[x.name]) for x in ours if x.name in by_name]
 
 
-def _lost(kind: str, name: str, text: str) -> Finding:
-    return _CONTENT(name, f"{kind} '{name}' {text}")
-
-
 def _differs(what: str, where: str, ours: float, theirs: float, unit: str, rel: float = SINGLE) -> Iterator[Finding]:
     if abs(ours - theirs) > rel * max(abs(ours), abs(theirs)) + 1e-12:
         yield _CONTENT(where, f"{what} differs on the stage", Quantity(theirs, unit), float(ours))
@@ -93,7 +89,7 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
     for what in ("type", "parent", "child", "active"):
         ours, theirs = getattr(a, what), getattr(b, what)
         if ours != theirs:
-            yield _CONTENT(a.name, f"joint '{a.name}' has {what} {theirs} on the stage, {ours} in the CAD")
+            yield _CONTENT(a.name, f"joint '{a.name}' has {what} {theirs} on the stage, but {ours} in the CAD")
             return
     yield from _place(f"joint '{a.name}' on '{a.parent}'", a.name, a.T_parent_joint, b.T_parent_joint)
     yield from _place(f"joint '{a.name}' on '{a.child}'", a.name, a.T_child_joint, b.T_child_joint)
@@ -117,8 +113,8 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
         if one is None and two is None:
             continue
         if one is None or two is None:
-            state = "is missing on the stage" if two is None else "is on the stage only"
-            yield _CONTENT(a.name, f"{what} {state}")
+            text = f"{what} is missing on the stage" if two is None else f"{what} is on the stage, but not in the CAD"
+            yield _CONTENT(a.name, text)
             continue
         yield from _differs(what, a.name, one / factor, two / factor, per)
 
@@ -128,10 +124,11 @@ def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
     for a, b in _common(mechanism.actuators, stage.actuators):
         for key, ours in vars(a).items():
             if (theirs := getattr(b, key)) != ours:
-                yield _lost(f"{key} of actuator", a.name, f"is {theirs} on the stage; the description says {ours}")
+                text = f"{key} of actuator '{a.name}' is {theirs} on the stage, but {ours} in the description"
+                yield _CONTENT(a.name, text)
     for t, u in _common(mechanism.transmissions, stage.transmissions):
         if (t.joints, t.actuators) != (u.joints, u.actuators) or not np.array_equal(t.matrix, u.matrix):
-            yield _lost("transmission", t.name, "has a different matrix on the stage")
+            yield _CONTENT(t.name, f"the stage has a different matrix of transmission '{t.name}'")
 
 
 def _place(what: str, where: str, ours: Array, theirs: Array) -> Iterator[Finding]:
@@ -152,7 +149,7 @@ def _body(a: Body, b: Body, description: Description) -> Iterator[Finding]:
     ours = a.inertia if weighed else estimate(a, description)
     if ours is None or b.inertia is None:
         if weighed:
-            yield _lost("the mass of body", a.name, "is not on the stage")
+            yield _CONTENT(a.name, f"the mass of body '{a.name}' is not on the stage")
         return
     theirs = b.inertia
     mass, moment = (SINGLE, 10 * SINGLE) if weighed else (COARSE_MASS, COARSE_MOMENT)
@@ -186,16 +183,18 @@ def _size(body: Body) -> float:
 def _meshes(a: Body, b: Body) -> Iterator[Finding]:
     ours, theirs = {m.name for m in a.meshes}, {m.name for m in b.meshes}
     for name in (m.name for m in a.meshes if m.name not in theirs):
-        yield _lost("mesh", name, "is not on the stage")
+        yield _CONTENT(name, f"mesh '{name}' is not on the stage")
     for mesh, other in _common(a.meshes, b.meshes):
         same = mesh.vertices.shape == other.vertices.shape and mesh.triangles.shape == other.triangles.shape
         off = float(np.abs(mesh.vertices - other.vertices).max(initial=0.0)) if same else np.inf
         limit = 1e-6 + SINGLE * float(np.abs(mesh.vertices).max(initial=0.0))
         if off > limit or not np.array_equal(mesh.triangles, other.triangles):
-            much = f"up to {off / MM:.4g} mm off" if same and off > limit else "a different mesh"
-            yield _lost("mesh", mesh.name, f"is {much} on the stage")
+            text = f"the stage has a different mesh '{mesh.name}'"
+            if same and off > limit:
+                text = f"vertices of mesh '{mesh.name}' are displaced by up to {off / MM:.4g} mm on the stage"
+            yield _CONTENT(mesh.name, text)
     for name in (m.name for m in b.meshes if m.name not in ours):
-        yield _lost("mesh", name, "is on the stage only")
+        yield _CONTENT(name, f"mesh '{name}' is on the stage, but not in the CAD")
 
 
 def estimate(body: Body, description: Description) -> Inertia | None:

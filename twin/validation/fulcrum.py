@@ -12,9 +12,10 @@ OUTSIDE = 0.1
 
 
 def fulcrum(trajectory: Trajectory) -> Array:
-    """Return the sideways motion (k, 2) in m of the tip and of the outer point; NaN in samples without a trocar.
+    """Return the sideways motion (k, 2) in m of the tip and of a point of the shaft outside the patient.
 
-    Sideways is the direction, perpendicular to the mean shaft direction, in which the tip moves most.
+    The second point is `OUTSIDE` away from the trocar. Sideways is the direction, perpendicular to the mean shaft
+    direction, in which the tip moves most. Samples without a trocar are NaN.
     """
     rcm = trajectory.rcm
     inside = np.isfinite(rcm).all(axis=1) & (trajectory.depth > 0)

@@ -36,7 +36,7 @@ class Group(Table):
 
 
 class Pair(Table):
-    """Two compared groups and their printed p-value; None if the paper only states "not significant"."""
+    """Two compared groups and the printed p-value (None if the paper only states "not significant")."""
 
     between: tuple[str, str]
     printed_p: Annotated[float, Field(ge=0, le=1)] | None = None
@@ -163,7 +163,7 @@ class Recomputed:
 
 
 Measured = Callable[[Chain], tuple[Mapping[str, Any], Sequence[float]]]
-"""Function that simulates an accuracy test; returns (plain data, standard deviation along each axis in mm)."""
+"""Function that simulates an accuracy test; returns (plain data, standard deviation of the x, y and z error in mm)."""
 
 
 def load(path: Path) -> GroupTables:
@@ -176,7 +176,7 @@ def load(path: Path) -> GroupTables:
 
 
 def recompute(tables: GroupTables, run: Measured) -> Recomputed:
-    """Check the printed numbers; return tables, data and findings."""
+    """Check the printed numbers of a user study with groups; return tables, data and findings."""
     users = {g.name: g.users for g in tables.group}
     outcomes, rows = [], []
     findings: list[Finding] = []

@@ -17,7 +17,7 @@ from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
-from twin.validation.case import PARTS, Case, Known, Part, summaries
+from twin.validation.case import PARTS, Case, Known, Part
 from twin.validation.compare import Comparison, compare, tool_rates
 from twin.validation.content import content
 from twin.validation.fulcrum import fulcrum
@@ -27,7 +27,7 @@ from twin.validation.motion import Measured, Samples, baked_rows, clearance_fact
 from twin.validation.passage import about_rcm, of_protocol, passage, passive_limits
 from twin.validation.plausible import apart
 from twin.validation.result import Report
-from twin.validation.rows import Clock, pose_rows, row, text
+from twin.validation.rows import pose_rows, row, text
 from twin.validation.trocars import as_written, through_trocars
 
 _PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
@@ -56,8 +56,6 @@ def judge(
     `known`; without these states it is skipped.
     """
     mechanism, trajectory = case.cad.mechanism, case.trajectory
-    model = ReferenceModel(mechanism)
-    clock = Clock(trajectory.t, summaries(trajectory))
     known = known or Known()
     out = known.comparison or Comparison()
     looked = samples(trajectory)
@@ -69,34 +67,34 @@ def judge(
     with aside as beside:
         try:
             if "equations" in parts:
-                out = compare(case.kinematics, model, trajectory, clock, case.tolerances, progress)
+                out = compare(case.kinematics, case.model, trajectory, case.clock, case.tolerances, progress)
                 if case.kinematics is not None:
-                    rows, found = lengths(case.kinematics, case.cad, clock, case.tolerances)
+                    rows, found = lengths(case.kinematics, case.cad, case.clock, case.tolerances)
                     out.residuals[:0], out.findings[:] = rows, [*found, *put_down(case.kinematics, found, out.findings)]
                 else:
                     out.findings.append(_NO_EQUATIONS)
-                about_rcm(case, out, clock)
-                through_trocars(case, model, out, clock)
-                passive_limits(model, out, clock)
-                passage(case, model, out, clock)
+                about_rcm(case, out)
+                through_trocars(case, out)
+                passive_limits(case, out)
+                passage(case, out)
                 if case.kinematics is not None:
                     progress("reach and singularity measures", 0.0)
-                    measures(case.kinematics, model, out)
+                    measures(case.kinematics, case.model, out)
             if "stage" in parts:
-                _stage(case, model, out, clock, progress)
+                _stage(case, out, progress)
             if "motion" in parts:
                 progress("baked motion, clearance", 0.0)
                 measured = beside.result() if beside is not None else known.measured
-                _motion(measured or measure(mechanism, looked, case.written), looked, case, out, clock)
+                _motion(measured or measure(mechanism, looked, case.written), looked, case, out)
         except AssemblyError as error:
             out.findings.append(_cannot_take(mechanism, error))
     _curves(out, trajectory)
-    out.facts["mechanism"] = _mechanism_facts(model)
+    out.facts["mechanism"] = _mechanism_facts(case.model)
     findings = [*case.cad.findings, *(of_protocol(case, out) if "protocol" in parts else ()), *out.findings]
-    return _report(case, out, findings, clock)
+    return _report(case, out, findings)
 
 
-def _report(case: Case, out: Comparison, findings: list[Finding], clock: Clock) -> Report:
+def _report(case: Case, out: Comparison, findings: list[Finding]) -> Report:
     mechanism, trajectory, kin = case.cad.mechanism, case.trajectory, case.kinematics
     return Report(
         robot=mechanism.name,
@@ -108,7 +106,7 @@ def _report(case: Case, out: Comparison, findings: list[Finding], clock: Clock) 
         reasons=_reasons(kin) if kin is not None else {},
         residuals=tuple(out.residuals),
         findings=tuple(findings),
-        phases=clock.phases,
+        phases=case.clock.phases,
         parameters=(
             *(kin.formula.parameters if kin is not None else ()),
             *mechanism.parameters,
@@ -173,7 +171,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
     }
 
 
-def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, progress: Progress) -> None:
+def _stage(case: Case, out: Comparison, progress: Progress) -> None:
     """Compare the stage read back (C) with the CAD's mechanism (B), with the same solver; estimate rounding errors."""
     from twin.reference.sensitivity import of_rounding
     from twin.usd.check import check_stage, run_usd_validators
@@ -197,8 +195,8 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
     except (StageError, AssemblyError) as error:
         out.findings.append(disagreement("stage.unreadable", str(case.stage.name), f"stage: {error}"))
         return
-    at = clock.at(out.coarse)
-    spread = of_rounding(model, run.x[0])
+    at = case.clock.at(out.coarse)
+    spread = of_rounding(case.model, run.x[0])
     note = (
         f"single precision causes an error of {text(spread.expected[0], 'm')} and {text(spread.expected[1], 'rad')} "
         f"(standard deviation; at most {text(spread.bound[0], 'm')}, {text(spread.bound[1], 'rad')})"
@@ -207,23 +205,24 @@ def _stage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock, pro
     t = case.tolerances
     limits = t.stage_position, t.stage_rotation
     for r in pose_rows("B-C", "tool", run.Ts_base_tool, back.Ts_base_tool, limits, at, note=note):
-        what = "the tool pose of the mechanism read from the stage differs from that of the mechanism in the CAD"
+        what = "the mechanism read from the stage and the mechanism in the CAD have different tool poses"
         out.judge(r, _STAGE, what, case.stage.name)
     for i, loop in enumerate(back.loop_names):
         out.residuals.append(row("C", "loop", loop, "m", back.gaps[:, i, 0], t.stage_position, at))
 
 
-def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison, clock: Clock) -> None:
+def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison) -> None:
     """Add the findings and curves of the baked motion and of the clearances to `out`."""
-    rows, findings = baked_rows(measured, looked, clock.phases, case.tolerances)
+    phases = case.clock.phases
+    rows, findings = baked_rows(measured, looked, phases, case.tolerances)
     if measured.written is not None:
-        more, found = written_rows(measured.written, looked, clock.phases, case.tolerances, case.baked_for_it)
+        more, found = written_rows(measured.written, looked, phases, case.tolerances, case.baked_for_it)
         rows, findings = rows + more, findings + found
     out.residuals += rows
     out.findings += findings
     out.findings += apart(measured.mates)
     if measured.clearance is not None:
-        out.facts["clearance"], contacts = clearance_facts(measured.clearance, looked.sparse, clock.phases)
+        out.facts["clearance"], contacts = clearance_facts(measured.clearance, looked.sparse, phases)
         out.findings += contacts
         out.series |= {"clearance_t": looked.sparse, "clearance": measured.clearance.distance}
 

@@ -11,7 +11,7 @@ from twin.validation.compare import Comparison
 
 
 def measures(kin: Kinematics, model: ReferenceModel, out: Comparison) -> None:
-    """Check reach, singularity measures and aspects of the equations; skip the check if other rows disagree."""
+    """Check reach, singularity measures and aspects of the equations; skip the check if a row of `out` disagrees."""
     run = out.posed
     formula = kin.formula
     if run is None or not (formula.reach or formula.measures or formula.aspects):

@@ -182,12 +182,12 @@ def written_rows(
 ) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings on an existing baked motion.
 
-    `due`: whether the motion was baked from this trajectory. Otherwise the motion may be older than the protocol, so a
-    difference is only a warning.
+    `due` states whether the motion was baked from this trajectory. If not, the motion may be older than the protocol,
+    so a difference is only a warning.
     """
     keys = Clock(samples.keys, phases)
     severity: Severity = "disagreement" if due else "warning"
-    kind = Kind("baked.written", severity, "bake it again with `twin build`")
+    kind = Kind("baked.written", severity, "bake the motion again with `twin build`")
     if len(written.position) != len(samples.keys) or written.missing:
         t = written.times
         has = f"{len(t)} time codes from {t[0]:.4g} to {t[-1]:.4g} s" if len(t) else "no time codes"
@@ -203,7 +203,7 @@ def written_rows(
         )
     ]
     findings = [
-        r.finding(kind, "a link pose of the motion on the stage differs from the protocol's", written.file)
+        r.finding(kind, "a link pose of the motion on the stage differs from the motion of the protocol", written.file)
         for r, limit in zip(rows, (tolerances.baked_position, tolerances.baked_rotation), strict=True)
         if r.worst > limit
     ]
@@ -223,7 +223,7 @@ def baked_rows(
         row("B-D", "baked", name, "rad", measured.rotation, tolerances.baked_rotation, keys),
     ]
     findings = [
-        r.finding(_DIFFERS, "a baked link pose differs from the mechanism's", "motion layer", when=f"t = {r.t:.2f} s")
+        r.finding(_DIFFERS, "a baked link pose differs from the mechanism", "motion layer", when=f"t = {r.t:.2f} s")
         for r in rows
         if not r.agrees
     ]

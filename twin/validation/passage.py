@@ -9,13 +9,12 @@ from twin.core.findings import Finding, Kind
 from twin.core.quantity import moved
 from twin.core.units import DEG, MM
 from twin.planning.check import check
-from twin.reference import ReferenceModel
-from twin.validation.case import Case, summaries
+from twin.validation.case import Case
 from twin.validation.compare import Comparison
 from twin.validation.consistent import fixes
 from twin.validation.margins import margins, of_mechanism
 from twin.validation.plausible import wide_limits
-from twin.validation.rows import Clock, row
+from twin.validation.rows import row
 from twin.validation.shaft import between_samples
 from twin.validation.timing import timing
 
@@ -23,7 +22,7 @@ _MECHANISM = Kind("rcm.mechanism", "disagreement", word="tolerance")
 _PASSIVE = Kind("limit.passive", "disagreement", "change the protocol, or correct the limit of the joint", word="")
 
 
-def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
+def about_rcm(case: Case, out: Comparison) -> None:
     """Check the distance of the driven mechanism's shaft from the RCM, in each phase with an RCM."""
     run, trajectory, mechanism = out.driven, case.trajectory, case.cad.mechanism
     if run is None or any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
@@ -38,7 +37,7 @@ def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
         enforced = span.rcm_mode != "monitored"
         tolerance = case.tolerances.rcm if enforced else case.protocol.tolerances.rcm
         note = f"{'enforced' if enforced else 'monitored'}, on the mechanism driven by the equations"
-        r = row("B", "rcm", span.name, "m", missed, tolerance, clock.at(rows), note=note)
+        r = row("B", "rcm", span.name, "m", missed, tolerance, case.clock.at(rows), note=note)
         if enforced:
             when = f"{span.name}, t = {r.t:.2f} s"
             out.judge(r, _MECHANISM, "the mechanism's shaft misses the enforced RCM", "RCM", when=when)
@@ -46,14 +45,14 @@ def about_rcm(case: Case, out: Comparison, clock: Clock) -> None:
             out.residuals.append(r)
 
 
-def passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None:
+def passive_limits(case: Case, out: Comparison) -> None:
     """Check the limits of passive joints: range of the coordinate, or cone angle of a spherical joint."""
-    run = out.posed
+    run, model = out.posed, case.model
     joints = [j for j in model.mechanism.joints if not j.active and (j.cone is not None or j.limits is not None)]
     if run is None or not joints:
         return
     links = model.link_poses(run.x)
-    at = clock.at(out.coarse)
+    at = case.clock.at(out.coarse)
     left: dict[str, str] = {}
     for joint in joints:
         if joint.cone is not None:
@@ -77,19 +76,19 @@ def passive_limits(model: ReferenceModel, out: Comparison, clock: Clock) -> None
     out.facts["limits of passive joints"] = left
 
 
-def passage(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) -> None:
+def passage(case: Case, out: Comparison) -> None:
     """Check the RCM between samples, and the distance of the mechanism from singularities."""
     if out.driven is not None and not any(r.consequence_of for r in out.residuals if r.quantity == "tool"):
-        between_samples(model, case.trajectory, case.protocol.tolerances.rcm, out, clock)
+        between_samples(case.model, case.trajectory, case.protocol.tolerances.rcm, out, case.clock)
     if out.posed is not None:
-        facts, found, curves = of_mechanism(model, out.posed, out.coarse, clock)
+        facts, found, curves = of_mechanism(case.model, out.posed, out.coarse, case.clock)
         out.facts["margins along the path"] = facts
         out.findings += found
         out.series |= curves
 
 
 def of_protocol(case: Case, out: Comparison) -> list[Finding]:
-    """Add facts on the motion; return findings of the planner, and of the checks that use only the samples."""
+    """Add facts on the motion to `out`; return findings of the planner, and of the checks that use only the samples."""
     trajectory, mechanism = case.trajectory, case.cad.mechanism
     facts, found = timing(trajectory, mechanism, case.protocol)
     out.facts["timing, from the samples alone"] = facts
@@ -98,8 +97,7 @@ def of_protocol(case: Case, out: Comparison) -> list[Finding]:
         return [*said, *found]
     # A trajectory may be older than the robot or come from another program, so its own findings are recomputed.
     said += [f for f in check(trajectory, case.protocol, case.paths) if f not in said]
-    clock = Clock(trajectory.t, summaries(trajectory))
-    left = margins(trajectory, mechanism, case.paths, clock)
+    left = margins(trajectory, mechanism, case.paths, case.clock)
     out.facts["margins along the path"] = left | out.facts.get("margins along the path", {})
     ways, notes = fixes(case.protocol, trajectory, case.paths, mechanism.frame_in_tool(trajectory.frame))
     if ways:

@@ -24,7 +24,7 @@ _UNSCORED = {
 
 
 class Item(Table):
-    """A question, the scales to which it belongs, and whether a high answer lowers their scores (`reversed`)."""
+    """A question, the scales to which it belongs, and whether a high answer lowers these scales (`reversed`)."""
 
     name: str
     scales: list[Identifier] = Field(min_length=1)
@@ -66,7 +66,7 @@ class Key(Table):
 
     @property
     def columns(self) -> list[str]:
-        """Names of the columns of the items."""
+        """Names of the table columns with the answers, in the order of the items."""
         return [f"{self.name}_{k}" for k in range(1, len(self.item) + 1)]
 
     def scores(self, answers: Sequence[float]) -> dict[str, float]:
@@ -88,7 +88,7 @@ class Key(Table):
 
 
 def keys() -> list[Key]:
-    """Return all published keys.
+    """Return the key of every questionnaire that can be scored.
 
     Raises:
         DescriptionError: a file is invalid.

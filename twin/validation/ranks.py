@@ -51,7 +51,10 @@ class Users:
     findings: Sequence[Finding] = ()
 
     def samples(self, measure: str) -> dict[str, Array]:
-        """Return the values of a measure by group; if `repeated`, of the first and the last session of each group."""
+        """Return the values of a measure by group.
+
+        If `repeated`, each group has two entries: the values of its first session and of its last session.
+        """
         values, groups = np.array(self.measures[measure], float), np.array(self.groups)
         out = {}
         for group in dict.fromkeys(self.groups):
@@ -125,11 +128,11 @@ class Ranks(Result):
 
     @property
     def file(self) -> str:
-        """Name of the file."""
+        """Name of the file with the users."""
         return self.users.file
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the rank tests as plain data."""
         return {"file": self.file, "test": "Wilcoxon-Mann-Whitney", "comparisons": [vars(c) for c in self.comparisons]}
 
     def text(self) -> Iterator[Part]:

@@ -63,8 +63,8 @@ class Residual:
     ) -> Finding:
         """Return a finding for this row with the message `what`, the largest deviation, the tolerance, place and time.
 
-        The default of `where` is the name of the row, of `suggestion` the suggestion of `kind`, and of `when` the phase
-        and the time of the largest deviation.
+        Defaults: `where` is the name of the row, `suggestion` is the suggestion of `kind`, and `when` is the phase and
+        the time of the largest deviation.
         """
         limit = None if self.tolerance is None else si(self.tolerance, self.unit)
         at = when or f"{self.phase}, t = {self.t:.2f} s"
@@ -111,7 +111,7 @@ class PhaseSummary:
     rounds: Rounds | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data; durations of the search are omitted, because they change from run to run."""
+        """Return the phase as plain data, without durations of the search, which change from run to run."""
         out = {k: v for k, v in vars(self).items() if k != "rounds"}
         return out | {"rounds": None if self.rounds is None else self.rounds.as_dict()}
 
@@ -180,7 +180,9 @@ class Report(Result):
         way = first.head.suggestion
         if first.side == "equations" and first.head.severity == "disagreement":
             look = (
-                f"find the edit that makes them agree: {self.commands['explain']}" if "explain" in self.commands else ""
+                f"find the edit that corrects the equations: {self.commands['explain']}"
+                if "explain" in self.commands
+                else ""
             )
             return self.cure or way or look
         if first.side == "CAD":
@@ -197,7 +199,7 @@ class Report(Result):
         return tuple(p for p in self.parameters if p.provenance == "ASSUMED")
 
     def content(self) -> dict[str, Any]:
-        """Return plain data without the curves."""
+        """Return the report as plain data, without the curves (`series`)."""
         return {
             "robot": self.robot,
             "protocol": self.protocol,

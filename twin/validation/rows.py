@@ -23,8 +23,8 @@ class Tolerances:
             those of revolute joints `rotation`.
         loop: gap of a closed loop, in m.
         stage_position, stage_rotation: between mechanism and stage, in m and rad (UsdPhysics frames are float32).
-        baked_position, baked_rotation: of baked link poses at their time codes, in m and rad.
-        speed, acceleration: of the tool, in m/s or rad/s, and in m/s2 or rad/s2.
+        baked_position, baked_rotation: between mechanism and baked link poses at their time codes, in m and rad.
+        speed, acceleration: of the tool's velocity in m/s or rad/s, and of its acceleration in m/s2 or rad/s2.
         rcm: distance between the mechanism's shaft and an enforced RCM, in m.
     """
 

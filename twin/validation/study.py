@@ -84,7 +84,7 @@ class Row:
         return min(near, key=lambda n: abs(self.tests[n] - self.printed_p)) if near else ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the row as plain data."""
         return {
             "name": self.name,
             "printed_p": self.printed_p,

@@ -34,7 +34,7 @@ STANDINS = ("serial", "mimic")
 _STILL = 1e-9
 """Change (m, rad, or quaternion component) below which a coordinate counts as constant."""
 
-_TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds the edit that makes them agree", word="tolerance")
+_TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds an edit that fixes the equations", word="tolerance")
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Sweep:
         return bool(worst["position_max"] <= self.tolerance[0] and worst["rotation_max"] <= self.tolerance[1])
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data in SI units."""
+        """Return the comparison as plain data in SI units."""
         return {
             "joint": self.joint,
             "unit": "rad" if self.angle else "m",
@@ -267,7 +267,7 @@ class Strokes(Result):
         return tuple(_disagreement(s) for s in self.sweeps if not s.agrees)
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return all comparisons as plain data."""
         need = self.requirement
         return {
             "robot": self.robot,
@@ -277,7 +277,7 @@ class Strokes(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield a row per joint and model."""
-        yield f"{self.robot} · tool error over each joint's stroke (the others at home), compared with the mechanism\n"
+        yield f"{self.robot} · tool error over the stroke of each joint (all other joints at home)\n"
         header = ("joint", "stroke", "model", "mean error", "largest error", "largest rotation", "")
         yield Table(header, [row for s in self.sweeps for row in self._rows(s)])
         if self.requirement:
@@ -316,7 +316,7 @@ def _disagreement(s: Sweep) -> Finding:
     worst, limit = s.formula.as_dict()["position_max"], s.tolerance[0]
     return _TOOL(
         s.joint,
-        f"over the stroke of {s.joint}, the tool position by the equations differs from the mechanism's",
+        f"over the stroke of {s.joint}, the equations and the mechanism give different tool positions",
         mm(worst),
         mm(limit),
     )

@@ -8,11 +8,10 @@ from twin.core import spatial
 from twin.core.findings import Finding, Kind, finding
 from twin.core.quantity import mm
 from twin.core.units import MM
-from twin.reference import ReferenceModel
 from twin.usd.read import read_stage
 from twin.validation.case import Case
 from twin.validation.compare import Comparison
-from twin.validation.rows import Clock, row
+from twin.validation.rows import row
 
 SINGLE = 1e-6
 """Tolerance in m of a position stored in single precision."""
@@ -22,17 +21,18 @@ _TROCAR = Kind(
 )
 
 
-def through_trocars(case: Case, model: ReferenceModel, out: Comparison, clock: Clock) -> None:
+def through_trocars(case: Case, out: Comparison) -> None:
     """Check the distance of each shaft axis from its trocar along the motion."""
-    run, mechanism = out.posed, model.mechanism
+    run, mechanism = out.posed, case.cad.mechanism
     held = {n: shaft for n in mechanism.trocars if (shaft := mechanism.shaft_through(n)) is not None}
     if run is None or not held:
         return
-    links, tolerance = model.link_poses(run.x), case.protocol.tolerances.rcm
+    links, tolerance = case.model.link_poses(run.x), case.protocol.tolerances.rcm
     for name, shaft in held.items():
         T = links[shaft.body] @ shaft.T_body_frame
         missed = spatial.point_to_line(mechanism.trocar_at(name), T[:, :3, 3], T[:, :3, 2])
-        r = row("B", "rcm", name, "m", missed, tolerance, clock.at(out.coarse), note=f"{shaft.body} in trocar {name}")
+        at, note = case.clock.at(out.coarse), f"{shaft.body} in trocar {name}"
+        r = row("B", "rcm", name, "m", missed, tolerance, at, note=note)
         out.judge(r, _TROCAR, f"{shaft.body} misses trocar '{name}'")
 
 

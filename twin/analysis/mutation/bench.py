@@ -100,7 +100,7 @@ class Bench:
     # -- the correct robot -------------------------------------------------------------------------------
 
     def case(self, **changes) -> Case:
-        """Return the input of the validator for the correct robot, with `changes` to the fields of `Case`."""
+        """Return the input of the validator for the correct robot; `changes` are fields of `Case` with new values."""
         case = Case(
             self.kin, self.cad, self.chosen, self.trajectory, self.stage, self.tolerances, self.paths, baked_for_it=True
         )
@@ -125,7 +125,7 @@ class Bench:
 
     @cached_property
     def links(self) -> tuple[Array, dict[str, Array]]:
-        """Key times (k,) in s, and T_base_link (k, 4, 4) at these times by link, of the correct robot."""
+        """Key times (k,) in s, and the poses T_base_link (k, 4, 4) of each link of the correct robot at these times."""
         looked = samples(self.trajectory)
         model = ReferenceModel(self.robot.mechanism)
         return looked.keys, model.link_poses(self.trajectory.on(model, looked.keys).x)

@@ -36,7 +36,7 @@ KINDS = (
 
 
 def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[Fault]:
-    """Yield `count` faults of a mechanism, in the order of `KINDS`."""
+    """Yield `count` faults of a mechanism; their kinds follow `KINDS`, repeated as often as necessary."""
     for i in range(count):
         kind = KINDS[i % len(KINDS)]
         what, make = _MAKERS[kind](mechanism, rng)

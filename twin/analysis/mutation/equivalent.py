@@ -90,7 +90,7 @@ class Chain:
         return float(spatial.angle_about_z(T))
 
     def bodies(self, q: Array, x: Array) -> dict[str, Array]:
-        """Return T_base_body (4, 4) of every body at active joints q (n,) and all other tree coordinates x."""
+        """Return T_base_body (4, 4) of every body, from active joints q (n,) and all other tree coordinates x."""
         out = {self.mechanism.base: np.eye(4)}
         for joint in self.mechanism.tree:
             p, w = np.zeros(3), np.zeros(3)
@@ -105,7 +105,7 @@ class Chain:
         return out
 
     def gaps(self, q: Array, x: Array) -> Array:
-        """Return the loop gaps in m; rotations in rad are multiplied by 0.1 m."""
+        """Return the components of all loop gaps in m; a rotation of 1 rad counts as 0.1 m."""
         T = self.bodies(q, x)
         out = []
         for joint in self.mechanism.loops:

@@ -78,5 +78,5 @@ class Outcome:
     seconds: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the outcome as plain data."""
         return asdict(self)

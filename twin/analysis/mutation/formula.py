@@ -39,7 +39,10 @@ _TRIES = 40
 
 
 def functions(formula: Formula) -> list[FunctionType]:
-    """Return the functions in a formula's own file that its published equations use, including the called helpers."""
+    """Return the functions that compute the published equations of a formula, and the helpers that they call.
+
+    Functions of other files are omitted.
+    """
     todo: list[Any] = [inspect.unwrap(e.variants[e.default]) for e in formula.equations if e.stage != "helper"]
     found: list[FunctionType] = []
     home = todo[0].__globals__

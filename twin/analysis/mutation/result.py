@@ -109,11 +109,11 @@ class Score(Result):
 
     @property
     def word(self) -> str:
-        """The verdict as text."""
+        """Text that states whether the validator passes."""
         return "The validator passes" if self.passed else "The validator fails"
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the score as plain data."""
         return {
             "robot": self.robot,
             "protocol": self.protocol,

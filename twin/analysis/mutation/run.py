@@ -84,9 +84,10 @@ def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> li
 
 
 def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
-    """Return whole numbers with sum `count`, in proportion to `shares`; the largest remainders are rounded up.
+    """Return the number of faults of each family: whole numbers in proportion to `shares`, with the sum `count`.
 
-    A family is omitted only if `count` is below the number of families.
+    The numbers with the largest remainders are rounded up. Each family has at least one fault, unless `count` is below
+    the number of families; then families without a fault are omitted.
     """
     whole = sum(shares.values())
     least = 1 if count >= len(shares) else 0

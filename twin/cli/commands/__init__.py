@@ -36,7 +36,7 @@ HELP = {
     "audit": "check exported files, also from other tools, with independent readers, and compare the files",
     "workspace": "compute the workspace: volume, conditioning, margins to limits and singularities",
     "tolerance": "compute the tool error caused by part and encoder errors, and compare it with a requirement",
-    "sweep": "evaluate other designs: parameters or distances on a grid or Latin hypercube",
+    "sweep": "evaluate designs with other parameters or distances, on a grid or Latin hypercube",
     "doctor": "list the installed packages and programs, and their purposes",
 }
 """What each command does, in the order of `twin --help`."""

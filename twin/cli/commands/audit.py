@@ -16,7 +16,7 @@ EXAMPLES = """\
 def arguments(command: Command) -> None:
     """Add the arguments of `twin audit`."""
     command.add_argument("path", help="a folder, or a .glb, .gltf, USD, .usdz, track, MJCF or URDF file")
-    command.text("--robot", "NAME", "recompute the poses from this robot's mechanism: name or folder")
+    command.text("--robot", "NAME", "name or folder of the robot: also compare the poses with those of its mechanism")
     command.flag("--all", "show notes and all checks, not only the worst of each kind")
 
 

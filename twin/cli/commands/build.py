@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         for name in robot.files.protocols() if robot.files is not None and robot.unwritten and not chosen else ():
             if name not in baked:
                 print(
-                    f"  {name}: left out, because the mechanism cannot follow it; to see the reason, run twin plan "
-                    f"{args.robot} {name}"
+                    f"  protocol {name} is left out, because the mechanism cannot follow it; to see the reason, run "
+                    f"twin plan {args.robot} {name}"
                 )
     return 0

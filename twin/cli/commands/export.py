@@ -32,8 +32,8 @@ def arguments(command: Command) -> None:
     group.add_argument("--protocol", metavar="NAME", action="append", help=text)
     group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot (the default)")
     text = (
-        "maximum position error between keys in micrometres, of link points and joint gaps (default 100); determines "
-        "the key rate. The limit of the rotation error is proportional: 0.05 degrees at 100 micrometres"
+        "maximum error in micrometres, between keys, of the positions of link points and of joint gaps (default 100); "
+        "determines the key rate. The maximum rotation error is proportional to it: 0.05 degrees for 100 micrometres"
     )
     command.number("--budget-um", "UM", text)
 

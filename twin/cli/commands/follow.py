@@ -30,7 +30,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Show a machine until Ctrl-C."""
+    """Show the motion of a machine in a page until Ctrl-C."""
     from twin import api
     from twin.cli.address import free_port
 

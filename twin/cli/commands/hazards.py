@@ -1,4 +1,4 @@
-"""`twin hazards`: run a fault-injection campaign on the machine of a robot, or the experiments of the paper."""
+"""`twin hazards`: run a fault-injection campaign on the machine of a robot, or repeat two published experiments."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from twin.cli.parser import Command
 from twin.core.errors import TwinError
 
 _DEFAULT = "table1"
-"""Name of the campaign without --campaign."""
+"""Name of the campaign that runs without --campaign."""
 
 EXAMPLES = """\
   twin hazards raven_left --campaign table1
@@ -34,7 +34,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the remaining sessions, and print and write the outcomes by class; the log contains each session.
+    """Run the sessions that are not yet in the log; print the number of sessions by class of outcome, and write files.
 
     The exit code is 1 if a cue (force on the operator's hand) occurred without a fault.
     """

@@ -19,7 +19,7 @@ def arguments(command: Command) -> None:
     command.robot()
     for name, text in (("--port", "UDP port of the packets"), ("--state-port", "TCP port of the states")):
         command.add_argument(name, type=port_number, default=0, help=f"{text} (default 0: any free port)")
-    command.flag("--start", "press the start button at once")
+    command.flag("--start", "press the start button of the machine as soon as it runs")
     command.number("--duration", "S", "running time in seconds (default: run until Ctrl-C)")
     command.software()
     command.number("--master-timeout-ms", "MS", "time without packets after which the pedal counts as up")

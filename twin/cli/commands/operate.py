@@ -37,10 +37,10 @@ def arguments(command: Command) -> None:
     guided = "dropped, not_handed_over, stopped_short, wire_touched, wall_hit, left_inside"
     text = f"mistake that the surgeon makes. In a procedure: {mistakes}; with a ring to guide: {guided}"
     command.text("--mistake", "NAME", text)
-    command.choice("--haptics", ("on", "off"), "compute forces on the hands (the operator does not react)")
+    command.choice("--haptics", ("on", "off"), "compute forces on the hands, to which the operator does not react")
     command.out("./twin-out/<robot>/<protocol>-operator/")
-    command.seed("random seed of the simulated hand; each further trial adds 1")
-    command.integer("--trials", "number of trials, or of motions of a machine", 1)
+    command.seed("random seed of the first trial; each further trial has the next seed")
+    command.integer("--trials", "number of trials; with machines, number of triangles to trace", 1)
     command.machines()
     text = (
         "ratio of tool motion to hand motion (default 0.1, ASSUMED, because the paper states none; at a console the "
@@ -49,7 +49,9 @@ def arguments(command: Command) -> None:
     command.number("--scale", "S", text)
     text = "clutch of the SHER simulation paper, eq. (7): corrected (default), or as printed"
     command.choice("--clutch", ("corrected", "printed"), text, "corrected")
-    command.choice("--solver", ("damped", "slsqp"), "solver of the joint steps (default damped)", "damped")
+    command.choice(
+        "--solver", ("damped", "slsqp"), "solver of the joint motion in each time step (default damped)", "damped"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -22,7 +22,7 @@ EXAMPLES = """\
   twin plan raven_left left.toml --avoid raven --with raven_right=right.toml        two arms at once"""
 
 _COST = "path_cost.png"
-"""Picture of the cost of the paths around obstacles over the samples of their searches."""
+"""File name of the plot of path cost against number of samples, for the searches of paths around obstacles."""
 
 
 _CLEARANCE = 5.0
@@ -52,7 +52,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plan a timed trajectory of a protocol; print phases and findings; write CSV and JSON."""
+    """Plan the timed motion of a protocol, or of several robots; print phases and findings; write CSV and JSON."""
     from twin import api
     from twin.cli import show
     from twin.core import assets

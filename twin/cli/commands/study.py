@@ -30,7 +30,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the recomputed tables of a robot's studies or of one file, or the tests of groups.
+    """Print the recomputed tables of a robot's studies or of one file, or the statistical tests between groups.
 
     With --out, write page, picture and data of a comparison of groups. The exit code is 1 if printed values do not
     follow from the printed rows.

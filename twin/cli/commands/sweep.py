@@ -1,4 +1,4 @@
-"""`twin sweep`: evaluate other designs, with other parameters and distances."""
+"""`twin sweep`: evaluate designs of a robot that differ in parameters or distances."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Evaluate every design and print the best; results are stored immediately, and stored results are reused."""
+    """Evaluate every design and print the best ones; each result is stored at once, and stored results are reused."""
     from twin import api
     from twin.analysis import table
     from twin.analysis.sweep import sweep as judge

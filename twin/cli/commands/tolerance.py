@@ -15,11 +15,11 @@ EXAMPLES = """\
 
 
 _SAMPLES = 10_000_000
-"""Largest number of samples; each needs about 100 bytes of memory."""
+"""Maximum number of samples; each sample needs about 100 bytes of memory."""
 
 
 _LARGEST, _WIDEST = 10 * MM, 10 * DEG
-"""Largest standard deviations of a position in m and of a rotation in rad."""
+"""Maximum accepted standard deviation of a position in m, and of a rotation in rad."""
 
 
 def arguments(command: Command) -> None:
@@ -38,7 +38,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compute and print the tool error; write a picture and a file.
+    """Compute and print the tool error; write its page, pictures and data.
 
     The exit code is 1 if a requirement is not met.
     """

@@ -28,7 +28,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate the control, print errors and efforts, and write files.
+    """Simulate the control, print errors and efforts, and write page, pictures and data.
 
     The exit code is 1 if the tip error exceeds 1 mm.
     """

@@ -52,8 +52,8 @@ def admit(path: Path) -> None:
 def admit_together(paths: Iterable[Path]) -> set[Path]:
     """Check several USD stages in one process, and return the stages that pass.
 
-    Stages over the limits of bytes, archive or depth are left out. If the parser cannot read all others, or if there is
-    only one, the set is empty. Check each stage that is not returned with `admit`.
+    Stages that exceed the limits of bytes, archive or depth are left out. If the parser cannot read all remaining
+    stages, or if only one stage remains, the returned set is empty. Check each stage that is not returned with `admit`.
     """
     likely = []
     for path in paths:

@@ -18,12 +18,12 @@ class Budget:
     Attributes:
         bytes: maximum size of the file.
         unpacked: maximum bytes of all files of an archive together.
-        depth: maximum nesting of its parts.
-        count: maximum number of its parts: elements of XML, objects and lists of JSON, nodes of glTF, prims of USD,
-            rows of PLY.
+        depth: maximum nesting of the parts of the file.
+        count: maximum number of parts of the file: elements of XML, objects and lists of JSON, nodes of glTF, prims of
+            USD, rows of PLY.
         numbers: maximum number of values or vertices; the triangles of a part that is used n times are counted n times.
-        seconds, seconds_per_mb: processor time of the native parser in s, plus the time for each MB of the file.
-        memory, memory_per_byte: memory of the native parser in bytes, plus the memory for each byte of the file.
+        seconds, seconds_per_mb: maximum processor time of the native parser in s, and its increase per MB of the file.
+        memory, memory_per_byte: maximum memory of the native parser in bytes, and its increase per byte of the file.
     """
 
     bytes: int
@@ -64,7 +64,7 @@ BODIES = 1000
 """Maximum number of bodies in one mechanism; the limits for joints and for shapes are the same."""
 
 INCLUDES = 300
-"""Maximum number of included files on all levels."""
+"""Maximum number of files that a file includes, directly or through other included files."""
 
 FREEDOMS = 200
 """Maximum sum of the joints' degrees of freedom; the memory for the dynamics grows with the cube of this sum."""

@@ -1,6 +1,7 @@
 """Run native parsers first in a separate process, so that a crash or an endless wait of a parser does not affect twin.
 
-The operating system limits processor time and memory of this process (`Budget`); the limits grow with the file sizes.
+The operating system limits the processor time and memory of the separate process; the limits (`Budget`) grow with the
+file sizes.
 """
 
 from __future__ import annotations
@@ -63,21 +64,21 @@ _BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".
 """Suffixes of further files to which a file may refer; such files in its folder or below raise the limits."""
 
 _MOST_BESIDE = 2000
-"""Maximum number of files in the folder whose sizes are counted."""
+"""Maximum number of such files in the folder; the sizes of at most this number of files raise the limits."""
 
 _MOST_SECONDS, _MOST_MEMORY = 600.0, 8_000 * MB
 """Maximum processor time (s) and memory (bytes) of a parser's process, independent of file sizes."""
 
 _IDLE = 8.0
-"""Maximum time in s for which a parser may wait without work, for instance for a pipe."""
+"""Maximum idle time of a parser in s, for instance while it waits for a pipe."""
 
 _MEMORY_WORDS = re.compile(rb"MemoryError|bad_alloc|allocat|out of memory|unknown exception", re.IGNORECASE)
 
 
 def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> int:
-    """Run a format's parser on a file within its limits, in a separate process, and return its exit code.
+    """Run a format's parser on a file in a separate process, within the limits of the format; return its exit code.
 
-    If `given` is not None, this copy of the file is parsed instead of `path`.
+    If `given` is not None, the parser reads `given`, a copy of the file, instead of `path`.
 
     Raises:
         BudgetError: the parser exceeds its time or memory, or the file has too many parts.
@@ -104,7 +105,7 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
 
 
 def pass_together(paths: Sequence[Path], kind: Literal["USD"]) -> bool:
-    """Return whether one process can parse all files; one process saves time, because it imports the parser once."""
+    """Return whether the parser can read all files in one process, which saves time: the parser is imported once."""
     each = [limits(path, kind) for path in paths]
     seconds, memory = sum(s for s, _ in each), max(m for _, m in each)
     return _limited(kind, seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)

@@ -10,7 +10,7 @@ compare_physics    compare joints, drives, masses, frames, surfaces, colours bet
 claims      check what files state about themselves: errors between keys, assumptions, README.txt
 unity, proof                       check the other contents of a bundle
 diagnose    find a common mistake that explains a difference
-scene       audit an exported scene: each robot's folder; the scene's stages are compared with these folders
+scene       audit an exported scene: the folder of each robot, then the scene's stages against these folders
 """
 
 from __future__ import annotations
@@ -260,7 +260,7 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
         low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
         tree.check_limits(track.file, low, high)
     if not tracks:
-        text = "there is no track, so the joints of this file are not moved and its link poses are not compared."
+        text = "there is no track with joint values, so this file's link poses along the motions are not checked."
         ledger.add("compare.no_track", "info", text)
     return tree.content
 

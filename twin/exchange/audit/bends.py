@@ -28,7 +28,10 @@ _TIMES = 16
 
 
 def audit_bends(folder: Path) -> list[Ledger]:
-    """Return one ledger, in a list, with the findings on the deformables of a scene; [] without organs.glb."""
+    """Check the deformables of an exported scene; return a list of one ledger, or [] if organs.glb does not exist.
+
+    The ledger has the checks and the findings.
+    """
     glb, usd = folder / GLB, folder / USD
     ledger = Ledger(GLB, "twin.exchange.audit bends", "1")
     if not glb.is_file():
@@ -49,7 +52,7 @@ def audit_bends(folder: Path) -> list[Ledger]:
             open_edges = _unpaired(shown.triangles(name))
             ledger.row(f"edges of '{name}' that do not join two triangles", float(open_edges), "found", 0.0)
             if open_edges:
-                text = f"'{name}' is open: {open_edges} edges do not join two triangles."
+                text = f"mesh '{name}' is not closed: {open_edges} edges do not join exactly two triangles."
                 ledger.wrong("bend.open", text, name, size=Measured(open_edges, 0.0))
     except (ReadError, Tf.ErrorException, KeyError, TypeError, ValueError, IndexError) as error:
         text = f"the deformables cannot be read: {type(error).__name__}, {str(error)[:200]}."
@@ -86,7 +89,7 @@ class _Played:
         return self._file.accessor(self._primitive(name)["indices"]).astype(int).reshape(-1, 3)
 
     def vertices(self, name: str, t: float) -> Array:
-        """Return the vertices (n, 3) in m at a time in s, z up."""
+        """Return the vertices (n, 3) of the mesh `name` at time t in s, in m with z up."""
         primitive = self._primitive(name)
         v = self._file.accessor(primitive["attributes"]["POSITION"]).copy()
         targets = primitive.get("targets", [])
@@ -103,7 +106,7 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
     rate = stage.GetTimeCodesPerSecond()
     meshes = {p.GetName(): UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)}
     for name in sorted({*shown.names} ^ {*meshes}):
-        text = f"'{name}' is in only one of {GLB} and {USD}."
+        text = f"deformable '{name}' is in only one of the files {GLB} and {USD}."
         ledger.wrong("bend.missing", text, name)
     for name in shown.names:
         if name not in meshes:
@@ -121,12 +124,10 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
             worst, when = np.inf, "triangles"
         ledger.row(f"vertices of '{name}' against {USD}", worst, "m", TOLERANCE, where=name, when=when)
         if not worst <= TOLERANCE:
-            off = (
-                f"differ by {quantity(worst, 'm')}"
-                if np.isfinite(worst)
-                else "have different vertex counts or triangles"
-            )
-            text = f"'{name}': {GLB} and {USD} {off}."
+            if np.isfinite(worst):
+                text = f"the vertices of '{name}' differ by {quantity(worst, 'm')} between {GLB} and {USD}."
+            else:
+                text = f"mesh '{name}' has different vertex counts or triangles in {GLB} and {USD}."
             ledger.wrong("bend.vertices", text, name, size=Measured(worst, TOLERANCE, "m"), when=when)
 
 

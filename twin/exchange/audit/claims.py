@@ -1,4 +1,4 @@
-"""Check statements of files other than poses: errors between keys, header entries, assumptions, README.txt."""
+"""Check what files state in addition to poses: errors between keys, header entries, assumptions, README.txt."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ The ratio 4 is normal for a stage, whose stated error is measured with every sec
 """
 
 _FLOOR = (1e-6, 1e-6, 1e-6)
-"""Estimated errors (position in m, rotation in rad, joint gap in m) up to which rounding of a track dominates."""
+"""Estimated errors (position in m, rotation in rad, joint gap in m) up to which the cause may be rounded numbers."""
 
 _STATED = (
     ("between_position", "any point of a link between keys", "m"),
@@ -168,7 +168,7 @@ _MOTION = re.compile(
 
 
 def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> None:
-    """Report statements of a README.txt that differ from the files in its folder."""
+    """Report statements of a README.txt that are not true of the files in the same folder."""
     try:
         raw = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -205,7 +205,7 @@ def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> No
     tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
     said = {m["name"]: m for m in _MOTION.finditer(text)}
     for name in tables.keys() - said.keys() if said else ():
-        ledger.wrong("readme.motion", f"motion '{name}' is missing in the list of README.txt.", name)
+        ledger.wrong("readme.motion", f"motion '{name}' is missing from the list of motions in README.txt.", name)
     for name, m in said.items():
         if (track := tables.get(name)) is None:
             if tables:

@@ -171,8 +171,8 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
         ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
         here, there = told_apart(clip.duration, ref.clip.duration)
         return (
-            f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} "
-            f"of its {len(clip.times)} key times are also in {ref.source}, which has {len(ref.clip.times)}"
+            f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} of "
+            f"the {len(clip.times)} key times are also in {ref.source}, which has {len(ref.clip.times)} key times"
         )
     said = []
     for times, shared, text in (
@@ -279,7 +279,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
     """Report glTF files without motion if other files have a motion."""
     for content in contents:
         if content.format in ("glb", "gltf") and content.declared and not content.clips and refs:
-            text = f"the file has no motion; {next(iter(refs.values())).source} has '{next(iter(refs))}'."
+            text = f"the file has no motion; {next(iter(refs.values())).source} has the motion '{next(iter(refs))}'."
             content.ledger.add("compare.no_motion", "warning", text, "animations")
 
 
@@ -315,12 +315,12 @@ def compare_rest(contents: Sequence[Content]) -> None:
         content.ledger.row(f"rest: position against {first.file}", apart[far], "m", POSITION_TOL, where=far)
         content.ledger.row(f"rest: rotation against {first.file}", turn[turned], "rad", ROTATION_TOL, where=turned)
         if (apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL) and (clip := _begins(content)):
-            text = f"its rest pose is the first pose of clip '{clip}', not the rest pose of {first.file}."
+            text = f"the rest pose is the first pose of clip '{clip}'; it differs from the rest pose of {first.file}."
             content.ledger.add("compare.rest", "info", text, clip)
         elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
             text = (
-                f"rest poses differ from {first.file}: by {quantity(apart[far], 'm')} at link '{far}'; the rotation "
-                f"differs most at link '{turned}'."
+                f"rest poses differ from {first.file}, most in position at link '{far}' ({quantity(apart[far], 'm')}), "
+                f"most in rotation at link '{turned}' ({np.degrees(turn[turned]):.4g} deg)."
             )
             content.ledger.wrong("compare.rest", text, far, size=um(apart[far]))
 
@@ -347,8 +347,8 @@ def compare_shapes(contents: Sequence[Content]) -> None:
                 worst, where = off, name
             if off > BOX_TOL + 1e-6 * size:
                 text = (
-                    f"the bounding box of the meshes of link '{name}' differs by {off * 1e3:.4g} mm from {first.file}; "
-                    f"its diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m; in that file it is {size:.4g} m."
+                    f"the bounding box of the meshes of link '{name}' differs by {off * 1e3:.4g} mm from {first.file}. "
+                    f"The diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m here, {size:.4g} m in that file."
                 )
                 content.ledger.wrong("compare.shape", text, name, size=Measured(off * 1e3, BOX_TOL * 1e3, "mm"))
             elif a.closed and b.closed and abs(a.volume - b.volume) > 0.01 * abs(b.volume):
@@ -370,7 +370,7 @@ def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
     for content in contents:
         if content.model_hash and content.model_hash != common:
             tie = not proof and len(said[common]) == len(said[content.model_hash])
-            text = f"the file was made from model {content.model_hash[:23]}…, {others} from {common[:23]}…." + (
+            text = f"the file was made from model {content.model_hash[:23]}…, but {others} from {common[:23]}…." + (
                 " One of the two models is wrong." if tie else ""
             )
             content.ledger.wrong("compare.model_hash", text, "model_hash")

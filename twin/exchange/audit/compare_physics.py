@@ -117,7 +117,7 @@ class Compared:
     Attributes:
         apart: function that returns the difference between two values.
         tolerance: maximum difference between equal values.
-        unit: unit of the values, and of `apart` if `relative` is False.
+        unit: unit of the values, and of the difference if `relative` is False.
         relative: whether `apart` returns a relative difference; messages then show the ratio.
     """
 
@@ -171,7 +171,7 @@ class View:
         physics: mechanism data of the file.
         shapes: meshes by link.
         colors: for each link, the fraction of its area by colour (linear rgba).
-        said: values in the file by (subject, quantity), such as ("joint 'j1'", "limits").
+        said: values in the file; a key is (subject, quantity), such as ("joint 'j1'", "limits").
     """
 
     file: str
@@ -188,7 +188,7 @@ class View:
         return _FAMILY.get(self.format, self.format)
 
     def say(self, subject: str, values: Mapping[str, Any]) -> None:
-        """Store the values of a subject by quantity; None: the file does not state the value."""
+        """Store the values of a subject, by the name of the quantity; None: the file does not state the value."""
         self.said |= {(subject, name): value for name, value in values.items() if value is not None}
 
 
@@ -390,8 +390,8 @@ def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[s
     """Return couplings in reduced row echelon form; the key of a row is its first joint in alphabetical order.
 
     The form is the same whether a file couples each joint of a chain to the next or all joints to the first. Couplings
-    with numbers that are not finite are left out. A coupling is (ratios by joint, constant sum of ratio times joint
-    coordinate).
+    with numbers that are not finite are left out. A coupling is (ratios by joint, constant): the sum of ratio times
+    joint coordinate equals the constant.
     """
     joints = sorted({n for ratios, _ in couplings.values() for n in ratios})
     rows = np.array([[*(ratios.get(n, 0.0) for n in joints), total] for ratios, total in couplings.values()], float)
@@ -508,7 +508,8 @@ def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: s
         return f"{subject} {said[bool(mine)]}; in {others} it {said[bool(right)]}."
     if q.relative and isinstance(mine, int | float):
         ratio = f" (x {mine / right:.4g})" if right else ""
-        return f"{subject}: {name} is {mine:.6g} {q.unit}; in {others} it is {right:.6g} {q.unit}{ratio}."
+        word = _WORDS.get(name, name)
+        return f"{subject}: {word} is {mine:.6g} {q.unit}; in {others} it is {right:.6g} {q.unit}{ratio}."
     off = q.apart(mine, right)
     if name in ("mass centre", "place", "frame pose", "pose"):
         return f"{subject}: {_WORDS.get(name, name)} differs by {quantity(off, 'm')} from {others}."
@@ -533,7 +534,9 @@ _WORDS = {
     "frame pose": "pose of the frame on its link",
     "pose": "relative pose of the two links",
     "place": "axis or centre of the joint",
-    "link": "its link",
+    "link": "link of the frame",
+    "largest effort": "maximum effort",
+    "largest speed": "maximum speed",
     "held": "bodies fixed to the world",
     "weighed": "presence of a mass",
     "closed": "closed or open meshes",

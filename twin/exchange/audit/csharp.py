@@ -61,7 +61,7 @@ class Value:
     numbers: tuple[float, ...]
 
     def member(self, name: str) -> float:
-        """Return the component of that name (x, y, z or w)."""
+        """Return the component with the given name (x, y, z or w)."""
         if name not in "xyzw"[: len(self.numbers)]:
             raise CSharpError(f"{self.type} has no '{name}'")
         return self.numbers["xyzw".index(name)]
@@ -83,14 +83,14 @@ class Script:
         self._constants = {m[1]: m[2] for m in _CONSTANT.finditer(text)}
 
     def has(self, name: str) -> bool:
-        """Return whether the script has a method of this name."""
+        """Return whether the script has a method with the given name."""
         return name in self._methods
 
     def call(self, name: str, *given: Any) -> Any:
         """Run a method and return its result; the arguments are numbers, `Value`s or names of enumeration members.
 
         Raises:
-            CSharpError: no overload has parameters of these types, or the code is unsupported.
+            CSharpError: no overload accepts arguments of the given types, or the code is unsupported.
         """
         for params, body in self._methods.get(name, []):
             pairs = zip(params, given, strict=False)
@@ -100,10 +100,10 @@ class Script:
                 if not done:
                     raise CSharpError(f"{name} returns nothing")
                 return result
-        raise CSharpError(f"there is no {name} for {len(given)} arguments of these types")
+        raise CSharpError(f"no method '{name}' accepts {len(given)} arguments of these types")
 
     def constant(self, name: str) -> float:
-        """Return the value of a constant of the script."""
+        """Return the value of the constant with the given name in the script."""
         if name not in self._constants:
             raise CSharpError(f"there is no constant '{name}'")
         return _Run(self, self._constants[name], {}).expression()
@@ -132,9 +132,9 @@ class _Run:
     # ------------------------------------------------------------------------------------------ statements
 
     def statements(self, live: bool = True) -> tuple[bool, Any]:
-        """Run statements up to the end of the text or a closing brace; only parse them if `live` is False.
+        """Run the statements up to the end of the text or a closing brace; if `live` is False, only parse them.
 
-        Return (returned, value): whether a `return` ran, and its value.
+        Return (returned, value): whether a `return` statement ran, and the value that it returned.
         """
         done, result = False, None
         while self._at < len(self._tokens) and self._peek() != "}":

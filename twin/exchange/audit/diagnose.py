@@ -23,9 +23,9 @@ _LOOKS = 20
 
 
 def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
-    """Return a text on the mistake that explains wrong poses; "" if no known mistake explains them.
+    """Return a text that names the mistake which explains wrong poses; "" if no known mistake explains the poses.
 
-    `found` has the poses (k, 4, 4) in the file, `meant` the expected poses, by link.
+    `found` has the poses (k, 4, 4) of each link in the file; `meant` has the expected poses.
     """
     names = [n for n in found if n in meant]
     if not names:
@@ -74,7 +74,7 @@ def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:
     for axis, name in enumerate("xyz"):
         flip = np.eye(4)
         flip[axis, axis] = -1
-        text = f"the frame is mirrored: left-handed, {name} is negated"
+        text = f"the frame is mirrored (left-handed): {name} has the opposite sign"
         out.append((text, lambda M, flip=flip: flip @ M @ flip))
     for factor, text in _FACTORS.items():
         out.append((text, lambda M, f=factor: poses.pose(M[..., :3, :3], f * M[..., :3, 3])))

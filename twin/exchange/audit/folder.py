@@ -57,8 +57,8 @@ def find(path: Path) -> Found:
         _sort(out, path, alone=True)
         if not out.count:
             raise TwinError(
-                f"{path}: not a file that can be audited. Known are .glb, .gltf, .usd, .usda, .usdc, .usdz, tracks "
-                "(.json, .csv), MJCF (.xml), .urdf and proof.json."
+                f"{path}: a file of this kind cannot be audited; supported are .glb, .gltf, .usd, .usda, .usdc, "
+                ".usdz, tracks (.json, .csv), MJCF (.xml), .urdf and proof.json."
             )
         return out
     if not path.is_dir():
@@ -80,7 +80,8 @@ def find(path: Path) -> Found:
             _sort(out, file, alone=False)
     _leave_sublayers(out)
     if not out.count:
-        raise TwinError(f"{path}: no file in it can be audited (.glb, .gltf, USD, .usdz, tracks, MJCF, URDF, Unity)")
+        kinds = ".glb, .gltf, USD, .usdz, tracks, MJCF, URDF or Unity package"
+        raise TwinError(f"{path}: the folder has no file that can be audited ({kinds})")
     return out
 
 

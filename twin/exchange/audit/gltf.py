@@ -20,7 +20,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
 
 SCALE_TOL = 1e-4
-"""Relative deviation from scale 1 that counts as rounding."""
+"""Maximum difference of a scale from 1 that is taken as a rounding error."""
 
 TOOL, VERSION = "twin.exchange.audit gltf", "2.0"
 
@@ -96,8 +96,8 @@ def _check_names(file: Gltf, nodes: list[Node], animated: set[int]) -> None:
         if other is not n:
             grave = any(m.is_link or m.index in animated for m in (n, other))
             text = (
-                f"nodes {other.index} and {n.index} are both named '{n.name}': players that find nodes by name move "
-                "the wrong one."
+                f"nodes {other.index} and {n.index} are both named '{n.name}': players that find nodes by name may "
+                "move the wrong node."
             )
             file.ledger.add("gltf.duplicate_name", "disagreement" if grave else "warning", text, n.name)
     for i in sorted(animated):

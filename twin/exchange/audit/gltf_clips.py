@@ -75,7 +75,7 @@ class Clips:
         self.animated = {c.node for _, clip in self._clips for c in clip}
 
     def world(self, moved: dict[int, dict[str, Array]]) -> list[Array]:
-        """Return T_world_node (k, 4, 4) of every node in the world of the file; (1, 4, 4) if the node does not move.
+        """Return T_world_node (k, 4, 4) of every node, in the world of the file; (1, 4, 4) if the node does not move.
 
         `moved` has the values (k, n) of the animated properties, by index of the node and name of the property.
         """
@@ -87,12 +87,12 @@ class Clips:
         return out
 
     def z_up(self, M: Array) -> Array:
-        """Return poses (k, 4, 4) in a world with z up from matrices in the file's world (y up)."""
+        """Convert matrices (k, 4, 4) in the file's world (y up) to poses (k, 4, 4) in a world with z up."""
         T, _ = poses.split(M)
         return poses.pose(poses.R_Z_UP_Y_UP) @ T
 
     def read(self, shown: list[Node]) -> Iterator[Clip]:
-        """Yield each clip, with the poses of the nodes `shown` at all key times of the clip."""
+        """Yield each clip of the file, with the poses of the nodes in `shown` at all key times of the clip."""
         for name, found in self._clips:
             usable = [c for c in found if len(c.times)]
             if not usable:

@@ -46,10 +46,10 @@ class Gltf:
         return value
 
     def item(self, name: str, index: Any) -> dict[str, Any]:
-        """Return one object of a top-level array.
+        """Return the object number `index` of the top-level array `name`.
 
         Raises:
-            ReadError: the index does not exist.
+            ReadError: the array has no object with this number.
         """
         values = self.items(name)
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
@@ -191,11 +191,11 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
     try:
         parsed = json.loads(text.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise ReadError(f"its JSON cannot be read: {str(error)[:120]}", "gltf.json") from error
+        raise ReadError(f"the file's JSON cannot be read: {str(error)[:120]}", "gltf.json") from error
     if not isinstance(parsed, dict) or not isinstance(parsed.get("asset"), dict):
-        raise ReadError("its JSON is not glTF: 'asset' is missing", "gltf.json")
+        raise ReadError("the file is not glTF: its JSON has no object 'asset'", "gltf.json")
     if not str(parsed["asset"].get("version", "")).startswith("2."):
-        raise ReadError(f"it is glTF {parsed['asset'].get('version')!r}, not 2.0", "gltf.version")
+        raise ReadError(f"the file is glTF {parsed['asset'].get('version')!r}, expected 2.0", "gltf.version")
     out = Gltf(path, ledger, parsed, [])
     for i, spec in enumerate(out.items("buffers")):
         out.buffers.append(_buffer(path, i, spec, binary))
@@ -207,13 +207,13 @@ def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
         raise ReadError(f"the file has {len(data)} bytes; a GLB has at least 20", "gltf.header")
     magic, version, length = struct.unpack_from("<III", data)
     if magic != _MAGIC or version != 2:
-        raise ReadError(f"its header states version {version}, not 2", "gltf.version")
+        raise ReadError(f"the header states version {version}, expected 2", "gltf.version")
     if length > len(data):
         raise ReadError(
-            f"its header states {length} bytes, but the file has {len(data)}: it is truncated", "gltf.header"
+            f"the header states {length} bytes, but the file has {len(data)}: it is truncated", "gltf.header"
         )
     if length != len(data):
-        text = f"its header states {length} bytes, but the file has {len(data)}."
+        text = f"the header states {length} bytes, but the file has {len(data)}."
         ledger.wrong("gltf.header", text, size=Measured(float(len(data)), length))
     found: dict[int, bytes] = {}
     at = 12
@@ -226,7 +226,7 @@ def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
         found.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
     if _JSON not in found:
-        raise ReadError("it has no JSON chunk", "gltf.header")
+        raise ReadError("the file has no JSON chunk", "gltf.header")
     return found[_JSON], found.get(_BIN)
 
 
@@ -239,12 +239,12 @@ def _buffer(path: Path, index: int, spec: dict[str, Any], binary: bytes | None) 
             raise ReadError(f"{name} has neither a uri nor a binary chunk", "gltf.buffer")
         data = binary
     elif not isinstance(uri, str):
-        raise ReadError(f"{name}: its uri is not text", "gltf.json")
+        raise ReadError(f"{name}: the uri is not text", "gltf.json")
     elif uri.startswith("data:"):
         try:
             data = base64.b64decode(uri.partition(",")[2], validate=True)
         except (binascii.Error, ValueError) as error:
-            raise ReadError(f"{name}: its data uri is not base64", "gltf.buffer") from error
+            raise ReadError(f"{name}: the data uri is not base64", "gltf.buffer") from error
     else:
         data = _beside(path, name, unquote(uri))
     if length > len(data):
@@ -255,10 +255,10 @@ def _buffer(path: Path, index: int, spec: dict[str, Any], binary: bytes | None) 
 def _beside(path: Path, name: str, uri: str) -> bytes:
     folder = path.resolve().parent
     if "\0" in uri or "://" in uri:
-        raise ReadError(f"{name}: '{uri[:80]}' is not a file in the same folder and is not read", "gltf.buffer")
+        raise ReadError(f"{name}: '{uri[:80]}' is not read, because it is not a file in the same folder", "gltf.buffer")
     file = (folder / uri).resolve()
     if not file.is_relative_to(folder):
-        raise ReadError(f"{name}: '{uri[:80]}' is outside of the file's folder and is not read", "gltf.buffer")
+        raise ReadError(f"{name}: '{uri[:80]}' is not read, because it is outside the file's folder", "gltf.buffer")
     try:
         return file.read_bytes()
     except OSError as error:

@@ -16,18 +16,19 @@ from twin.exchange.audit.report import Measured, ReadError
 
 @dataclass(frozen=True)
 class Node:
-    """A node.
+    """A node of a glTF file.
 
     Attributes:
         index: number of the node in the file.
-        name: its name, or "".
-        parent: index of its parent; -1: none.
+        name: name of the node, or "".
+        parent: index of the node's parent; -1: the node has no parent.
         translation: (3,) in m, relative to the parent, at rest.
         rotation: quaternion (4,), x y z w, at rest.
         scale: (3,) at rest.
-        matrix: T_parent_node (4, 4) at rest, used instead of the entries above; None if the file has none.
-        spec: its JSON object.
-        copied: whether its extras repeat the extras of an ancestor, because some exporters copy extras to meshes.
+        matrix: T_parent_node (4, 4) at rest, used instead of translation, rotation and scale; None if the node has
+            no matrix.
+        spec: JSON object of the node.
+        copied: whether the node's extras repeat the extras of an ancestor; some exporters copy extras to meshes.
     """
 
     index: int
@@ -100,7 +101,7 @@ def read_nodes(file: Gltf) -> list[Node]:
         out.append(Node(i, name if isinstance(name, str) else "", parent[i], t, r, s, matrix, spec, copied))
         size = float(np.linalg.norm(r))
         if abs(size - 1) > UNIT_TOL:
-            text = f"node '{out[-1].label}': its rotation quaternion has length {size:.6g}, not 1."
+            text = f"the rotation quaternion of node '{out[-1].label}' has length {size:.6g}, not 1."
             file.ledger.wrong("gltf.quaternion", text, out[-1].label, size=Measured(size, 1.0))
     return out
 

@@ -83,7 +83,7 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
     against = float(-along[along < 0].sum() / 3)
     if total > 0 and against > AGAINST * total:
         text = (
-            f"mesh '{where}': normals of {100 * against / total:.3g} % of its area point against the winding of the "
+            f"mesh '{where}': normals of {100 * against / total:.3g} % of the area point against the winding of the "
             "faces: the mesh looks lit from inside."
         )
         ledger.wrong(f"{code}.normals_against", text, where, size=Measured(against / total, AGAINST))
@@ -117,7 +117,10 @@ def edges(triangles: Array) -> tuple[bool, bool]:
 
 
 def signed_volume(vertices: Array, triangles: Array) -> float:
-    """Return the volume in m3, negative if the faces point inwards; computed about the box centre for precision."""
+    """Return the volume in m3 of a closed mesh; it is negative if the faces point inwards.
+
+    The origin is moved to the centre of the bounding box, which reduces rounding errors.
+    """
     p = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     a, b, c = (p[triangles[:, i]] for i in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6)
@@ -139,7 +142,7 @@ def joined(shapes: Iterable[Shape]) -> Shape | None:
 
 
 def read_obj(path: Path) -> tuple[Array, Array]:
-    """Return (points (n, 3), triangles (m, 3) with indices from 0); polygons are split.
+    """Read an OBJ file; return (points (n, 3), triangles (m, 3) with indices from 0). Polygons are split.
 
     Raises:
         ReadError: a line cannot be parsed, or a face refers to a point that does not exist.

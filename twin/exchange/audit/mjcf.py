@@ -23,7 +23,7 @@ LOOP_TOL = 1e-6
 """Maximum residual of an equality constraint at joint values of a track, in m (rotation of a weld: in rad)."""
 
 LIMIT_TOL = 1e-5
-"""Relative difference between limits that counts as rounding: MuJoCo saves models with six digits."""
+"""Maximum relative difference between limits that is taken as a rounding error: MuJoCo saves six digits."""
 
 KEY_GAP = 1e-4
 """Maximum residual in m or rad of an equality constraint at a keyframe, from which simulations start."""
@@ -32,13 +32,13 @@ _BALL, _SLIDE, _HINGE, _FREE = 1, 2, 3, 0
 
 
 class Mjcf:
-    """An MJCF that MuJoCo has compiled."""
+    """An MJCF file, compiled by MuJoCo."""
 
     def __init__(self, path: Path, ledger: Ledger) -> None:
         self._ledger = ledger
         root = parse_xml(path)
         if root.tag != "mujoco":
-            raise ReadError(f"its root is <{root.tag}>, not <mujoco>")
+            raise ReadError(f"the root element is <{root.tag}>, expected <mujoco>")
         self.content = Content(ledger, "mjcf")
         self.content.shapes = _shapes(root, path, ledger)
         try:
@@ -169,7 +169,10 @@ class Mjcf:
         return None
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Compare the joint ranges of the file with the joint limits in a track."""
+        """Compare the joint ranges of the file with the joint limits in a track.
+
+        `name` is the file name of the track; `low` and `high` have the limits of each joint in m or rad.
+        """
         m = self.model
         for j in range(m.njnt):
             joint = m.joint(j).name
@@ -251,7 +254,8 @@ def _check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
             continue
         if names.get(name, j) != j:
             text = f"actuator '{name}' drives joint '{m.joint(j).name}', not the joint of the same name."
-            ledger.wrong("mjcf.actuator", text, name, suggestion="exchange the joints or the names of the actuators")
+            advice = "let the actuator drive the joint of the same name, or rename the actuator"
+            ledger.wrong("mjcf.actuator", text, name, suggestion=advice)
     for k in range(m.nkey):
         _check_key(m, d, k, ledger)
     mujoco.mj_resetData(m, d)
@@ -293,5 +297,5 @@ def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) 
                 text,
                 m.actuator(a).name,
                 size=Measured(d.actuator_force[a], bound),
-                suggestion="set its control to the value of its joint",
+                suggestion="set the actuator's control in the keyframe to the value of its joint",
             )

@@ -17,7 +17,7 @@ from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
 
 UNIT_TOL = 1e-4
-"""Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
+"""Maximum difference of a quaternion's length from 1 that is taken as a rounding error of single precision."""
 
 MAX_STEP = np.radians(120)
 """Maximum rotation in rad between two keys: players turn the shorter way, which may be the wrong way."""
@@ -35,7 +35,7 @@ class Shape:
 
     Attributes:
         low, high: corners (3,) of the bounding box in m.
-        volume: signed volume in m3; without meaning if the meshes are not closed.
+        volume: signed volume in m3; valid only if all meshes are closed.
         closed: whether all meshes are closed.
         points: vertices (n, 3) of the triangles in m.
         area: surface area in m2.
@@ -51,7 +51,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Clip:
-    """A motion.
+    """A motion of a robot, as a file states it.
 
     Attributes:
         times: times (k,) of the keys in s.
@@ -80,14 +80,15 @@ class Content:
         ledger: findings of the reader.
         format: "glb", "usd", "usdz", "tracks", "csv", "mjcf", "urdf".
         clips: motions, in the order of the file.
-        rest: T_world_link (4, 4) by link, without any motion.
-        declared: names of the links that the file marks (as rigid bodies, in extras); None: no link is marked.
+        rest: T_world_link (4, 4) at rest, by link.
+        declared: names of the nodes that the file marks as links (USD: rigid bodies, glTF: extras); None: the file
+            marks no links.
         shapes: meshes by link.
         colors: for each link, the fraction of its area by colour (linear rgba).
         physics: masses, joints and frames in the file; None: the file has no such data.
         model_hash: hash, stated in the file, of the mechanism that the file was made from; "" if not stated.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...
-        known: links that any file in the folder marks; None if no file marks links.
+        known: names of the links that at least one file in the folder marks; None if no file marks links.
         extra: data of the file that only one check needs, such as limits or phases.
     """
 
@@ -124,9 +125,9 @@ class Content:
 
     @property
     def links(self) -> tuple[str, ...] | None:
-        """Names of the links that the file marks; else of its nodes that other files mark as links.
+        """Names of the links that the file marks.
 
-        None: no file marks links.
+        If the file marks no links: names of its nodes that other files mark as links; None if no file marks links.
         """
         if self.declared is not None:
             return self.declared
@@ -155,13 +156,13 @@ def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
         )
         return False
     if abs(times[0]) > START_TOL:
-        text = f"clip '{clip}' starts at {times[0]:.6g} s, not at 0: players wait until then, or skip that time."
+        text = f"clip '{clip}' starts at {times[0]:.6g} s, not at 0: players wait until this time, or begin there."
         ledger.add(f"{code}.start", "warning", text, clip, size=Measured(times[0], 0.0, "s"))
     return True
 
 
 def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str) -> None:
-    """Compare a stated rate in Hz with the key times (k,) in s; the last interval may be shorter."""
+    """Compare a stated key rate in Hz with the key times (k,) in s; only the last interval may be shorter."""
     steps = np.diff(times)
     if not len(steps):
         return
@@ -176,7 +177,7 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
         k, worst = len(steps) - 1, float(steps[-1] * stated - 1)
     if worst > 1e-3:
         text = (
-            f"clip '{clip}': its stated rate is {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
+            f"clip '{clip}': the stated rate is {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
             f"({1 / steps[k]:.6g} Hz)."
         )
         ledger.wrong(
@@ -193,7 +194,11 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
 def check_quaternions(
     ledger: Ledger, xyzw: Array, times: Array | Sequence[float], where: str, code: str, blended: bool = True
 ) -> None:
-    """Report faults of the quaternions (k, 4) of a link: length and, if `blended` (interpolated), sign and step."""
+    """Report faults of the quaternions (k, 4) of a link: a length that is not 1, sign changes, large rotations.
+
+    Sign changes and rotations by more than `MAX_STEP` between two keys are faults only if players interpolate the
+    quaternions (`blended`).
+    """
     if not np.all(np.isfinite(xyzw)):
         text = f"{where}: a quaternion is not finite."
         ledger.wrong(f"{code}.finite", text, where)
@@ -201,7 +206,7 @@ def check_quaternions(
     size = np.linalg.norm(xyzw, axis=1)
     k = int(np.argmax(np.abs(size - 1)))
     if abs(size[k] - 1) > UNIT_TOL:
-        text = f"{where}: a quaternion has length {size[k]:.6g}: players normalise it, scale the node by it, or fail."
+        text = f"{where}: a quaternion has length {size[k]:.6g}, not 1: players normalise it, scale the node, or fail."
         ledger.wrong(f"{code}.quaternion", text, where, size=Measured(size[k], 1.0), when=f"t = {times[k]:.4g} s")
         return
     if not blended:
@@ -225,8 +230,8 @@ def check_quaternions(
     if len(turn) and np.max(turn) > MAX_STEP:
         k = int(np.argmax(turn))
         text = (
-            f"{where} turns {np.degrees(turn[k]):.4g} deg between {times[k]:.4g} and {times[k + 1]:.4g} s; above 180 "
-            "deg players rotate backwards."
+            f"{where} rotates by {np.degrees(turn[k]):.4g} deg between {times[k]:.4g} and {times[k + 1]:.4g} s; "
+            "above 180 deg, players rotate backwards."
         )
         ledger.wrong(
             f"{code}.step",
@@ -246,7 +251,7 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
         away = np.linalg.norm(T[:, :3, 3], axis=1)
         if len(away) and np.max(away) > FAR:
             text = (
-                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin: its numbers look like "
+                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin: the numbers look like "
                 "millimetres, but the file is in metres."
             )
             ledger.add(
@@ -261,7 +266,10 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
 
 
 def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
-    """Return (distance in m, key, angle in rad, key): maximum differences between poses (k, 4, 4), and their keys."""
+    """Return the maximum differences between two motions of a link, both as poses (k, 4, 4).
+
+    The result is (distance in m, key at which it occurs, angle in rad, key at which it occurs).
+    """
     apart = np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1)
     turn = angle(poses[:, :3, :3], others[:, :3, :3])
     i, j = int(np.argmax(apart)), int(np.argmax(turn))
@@ -275,7 +283,9 @@ def check_names(content: Content) -> None:
         for name in dict.fromkeys(names):
             if not name or name != name.strip() or not name.isprintable():
                 trouble = (
-                    "is empty" if not name.strip() else "has a line break, a control character or spaces at an end"
+                    "is empty"
+                    if not name.strip()
+                    else "has a line break, a control character, or a space at its start or end"
                 )
                 text = f"the name {name!r} of a {kind} {trouble}."
                 content.ledger.wrong(f"{content.format}.name", text, repr(name))

@@ -106,7 +106,8 @@ class Motor:
 def felt(motors: Mapping[str, Motor], joint: str) -> tuple[float, float] | None:
     """Return (stiffness, damping) at a joint due to the drives of its motors; None if no motor moves the joint.
 
-    The other joints are fixed. A motor contributes its stiffness and damping, multiplied by the square of its factor.
+    All other joints are assumed to be fixed. A motor contributes its stiffness and damping, multiplied by the square
+    of its factor for the joint.
     """
     moving = [(m, m.row[joint]) for m in motors.values() if m.row and joint in m.row]
     if not moving:
@@ -119,14 +120,14 @@ class Joint:
     """A joint between two links.
 
     Attributes:
-        names: names of its parts in the file; usually one.
-        parent, child: names of its links; "" if not stated.
+        names: names of the joint's parts in the file; usually one.
+        parent, child: names of the two links; "" if not stated.
         T: pose T_parent_child (4, 4) at zero coordinates; None if not stated.
-        motions: lines along or about which it moves, in the parent's frame, from the parent outwards.
-        drive: its limits and drive.
+        motions: lines along or about which the joint moves, in the parent's frame, from the parent outwards.
+        drive: limits and drive of the joint.
         tied: (point in the parent's frame, same point in the child's frame), both (3,) in m, of each tie, if the file
             states only ties (MJCF connect).
-        kind_said: the kind, if the file states it without the axis (tracks, GLB); else "".
+        kind_said: the kind of joint, if the file states the kind without the axis (tracks, GLB); else "".
     """
 
     names: tuple[str, ...]
@@ -222,8 +223,9 @@ class Physics:
     def reduced(self, known: Collection[str]) -> list[Joint]:
         """Return the joints between links of `known`.
 
-        Two joints that meet at another link become one joint; joints to dead ends are left out. A link outside `known`
-        at which three or more joints meet remains. All ties between the same two links become one joint.
+        A link outside `known` with two joints is removed, and its two joints become one joint. A link outside `known`
+        with one joint is removed together with the joint. A link outside `known` with three or more joints remains.
+        All ties between the same two links become one joint.
         """
         joints = [j for j in self.joints if not j.tied]
         pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n and n not in known]
@@ -293,7 +295,10 @@ def _unit(v: Array) -> Array:
 
 
 def along(kind: str, T: Array, axis: int = 2) -> tuple[Line, ...]:
-    """Return the motions of a joint of this kind on axis 0, 1 or 2 (x, y, z) of its frame T = T_parent_joint (4, 4)."""
+    """Return the lines along or about which a joint moves, in the parent's frame; () if `kind` has no lines.
+
+    T (4, 4) is the pose T_parent_joint of the joint's frame; `axis` 0, 1 or 2 is the x, y or z axis of this frame.
+    """
     point, directions = T[:3, 3], T[:3, :3].T
     own = directions[axis]
     return {

@@ -29,7 +29,10 @@ _CONNECT, _WELD, _COUPLE, _TENDON = (
 
 
 def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
-    """Return the data of a compiled model; `bodies` has body numbers by link name and may include the world."""
+    """Return the mechanism data of a compiled model.
+
+    `bodies` has the number of the body of each link, by link name; the world may be one of the links.
+    """
     m = model
     out = Physics(tuple(bodies), complete=True, gravity=np.array(m.opt.gravity), couplings=_couplings(m))
     out.motors, out.all_motors = _motors(m), True

@@ -14,7 +14,8 @@ from twin.exchange.audit.usd_joints import AXES, SIX, is_locked, joint_ends
 def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> Physics:
     """Return the mechanism data of a stage, in m, kg and rad.
 
-    `bodies` are its rigid bodies, `meters` is its length unit in m, and `up` its up axis, "Y" or "Z".
+    `bodies` are the rigid bodies of the stage; `meters` is the stage's unit of length in m, and `up` its up axis, "Y"
+    or "Z".
     """
     names = {str(p.GetPath()): p.GetName() for p in bodies}
     out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters))
@@ -97,7 +98,7 @@ def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: floa
 
 
 def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
-    """Return (kind, axis) of a joint prim; the axis 0, 1, 2 means x, y, z of the joint's frame."""
+    """Return (kind, axis) of a joint prim; axis 0, 1 or 2 is the x, y or z axis of the joint's frame."""
     for schema, kind in (
         (UsdPhysics.RevoluteJoint, "revolute"),
         (UsdPhysics.PrismaticJoint, "prismatic"),

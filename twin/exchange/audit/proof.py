@@ -17,10 +17,10 @@ def check_proof(path: Path, ledger: Ledger) -> str:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        ledger.add("proof.unreadable", "error", f"its JSON cannot be read: {str(error)[:120]}.")
+        ledger.add("proof.unreadable", "error", f"the file's JSON cannot be read: {str(error)[:120]}.")
         return ""
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or data.get("version") != 1:
-        ledger.add("proof.schema", "error", f'it does not contain "schema": "{SCHEMA}" and "version": 1.')
+        ledger.add("proof.schema", "error", f'the file does not contain "schema": "{SCHEMA}" and "version": 1.')
         return ""
     rows = data.get("files")
     if not isinstance(rows, list) or not all(isinstance(r, dict) and isinstance(r.get("file"), str) for r in rows):
@@ -35,11 +35,11 @@ def check_proof(path: Path, ledger: Ledger) -> str:
     there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
     for name in sorted(there - listed):
         if not any(part.startswith(".") for part in Path(name).parts):
-            text = f"'{name}' is in the folder, but not in the proof."
+            text = f"'{name}' is in the folder, but not listed in proof.json."
             ledger.add("proof.unlisted", "warning", text, name, suggestion="export again, or remove the file")
     ledger.row(f"hashes of {len(rows)} files", float(wrong), "differ", 0.0)
     if data.get("verdict") not in ("agree", None):
-        text = f"its verdict is '{data['verdict']}': the export itself reported a fault."
+        text = f"the verdict in proof.json is '{data['verdict']}': the audit at the export found a fault."
         ledger.wrong("proof.verdict", text, "verdict")
     return str(data.get("model_hash", ""))
 
@@ -48,18 +48,18 @@ def _fits(folder: Path, row: dict[str, Any], ledger: Ledger) -> bool:
     name = row["file"]
     file = (folder / name).resolve()
     if not file.is_relative_to(folder.resolve()):
-        ledger.wrong("proof.file", f"'{name}' is outside of the folder.", name)
+        ledger.wrong("proof.file", f"'{name}', listed in proof.json, is outside the folder.", name)
         return False
     if not file.is_file():
-        ledger.wrong("proof.missing", f"'{name}' is listed, but missing.", name)
+        ledger.wrong("proof.missing", f"'{name}' is listed in proof.json, but does not exist.", name)
         return False
     said = str(row.get("sha256", "")).removeprefix("sha256:")
     real = hashlib.sha256(file.read_bytes()).hexdigest()
     if said == real:
         return True
     text = (
-        f"'{name}' has changed since the proof was written: its sha256 is {real[:12]}…, "
-        f"in the proof it is {said[:12] or 'nothing'}…."
+        f"'{name}' has changed since proof.json was written: the sha256 is {real[:12]}…, "
+        f"in proof.json it is {said[:12] or 'nothing'}…."
     )
     ledger.wrong("proof.hash", text, name)
     return False

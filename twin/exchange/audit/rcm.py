@@ -1,7 +1,7 @@
 """Check the remote centres of motion (RCM) of a track against the motion of the shaft.
 
-The distance of the shaft axis from the stated RCM is a fault only if the protocol enforces the RCM.
-Also for an RCM that is not enforced: if all shaft axes of a phase meet in one point, the stated RCM must be that point.
+A distance of the shaft axis from the stated RCM is a fault only if the protocol enforces the RCM. But if all shaft axes
+of a phase meet in one point, the stated RCM must be that point, whether or not the RCM is enforced.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ BESIDE = 1e-4
 """Maximum distance in m of a stated RCM from the point in which all shaft axes meet."""
 
 SPREAD = 1e-4
-"""Minimum mean squared sine of the angles between lines and their mean direction, for a determined meeting point."""
+"""Minimum mean squared sine of the angles between lines and their mean direction; below it, no point is determined."""
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,15 @@ class _Stay:
     lines: Mapping[str, tuple[Array, Array]]
 
     def missed(self, point: Array) -> dict[str, Array]:
-        """Return the distances (k,) in m of a point from the shaft axes, by frame."""
+        """Return the distances (k,) in m of a point from the shaft axis at each of the k keys, by frame."""
         return {n: np.linalg.norm(np.cross(d, point - p), axis=1) for n, (p, d) in self.lines.items()}
 
 
 def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> None:
     """Report shaft axes that miss the RCM of their phase, and RCMs that are not the centre of rotation of the shaft.
 
-    `local` has the poses of the n named frames of the track in their links, flat (7 n,): x y z in m, quaternion x y z
-    w.
+    `local` is the list (7 n,) of the poses of the track's n named frames in their links: x y z in m, quaternion x y z
+    w of each frame.
     """
     stays = _stays(data, clip, local, ledger)
     if stays is None:
@@ -69,7 +69,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
         beside = 0.0 if centre is None else float(np.linalg.norm(centre - stay.point))
         if centre is not None and beside > BESIDE and missed > POSITION_TOL:
             text = (
-                f"phase '{stay.name}': the shaft turns about ({', '.join(f'{c:.5g}' for c in centre)}) m, "
+                f"phase '{stay.name}': the shaft rotates about ({', '.join(f'{c:.5g}' for c in centre)}) m, "
                 f"{quantity(beside, 'm')} from the stated RCM."
             )
             ledger.wrong("tracks.rcm", text, stay.name, size=um(beside, BESIDE), when=at)
@@ -89,7 +89,7 @@ def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) ->
             text = f"phase '{stay.name}': the shaft (axis of '{name}') misses the RCM by {quantity(missed, 'm')}."
             ledger.wrong("tracks.rcm", text, name, size=um(missed, POSITION_TOL), when=at)
     if where:
-        ledger.row("RCM: distance of the shaft", worst, "m", POSITION_TOL, where=where, when=when)
+        ledger.row("distance of the shaft axis from the RCM", worst, "m", POSITION_TOL, where=where, when=when)
 
 
 def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> list[_Stay] | None:
@@ -132,7 +132,7 @@ def _stays(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> li
         first = point[3 * int(np.flatnonzero(has)[0]) :][:3]
         off = float(np.linalg.norm(np.subtract(stated, first)))
         if off > POSITION_TOL:
-            text = f"entry 'rcm' is {quantity(off, 'm')} from the RCM of the first phase with an RCM."
+            text = f"entry 'rcm' is {quantity(off, 'm')} from the RCM of the first phase that has an RCM."
             ledger.wrong("tracks.rcm", text, "rcm", size=um(off))
     return out
 

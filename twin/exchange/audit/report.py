@@ -15,13 +15,13 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 
 POSITION_TOL = 1e-6
-"""Maximum distance in m between equal poses of a link in two files."""
+"""Maximum distance in m between the positions of a link in two files that agree."""
 
 ROTATION_TOL = 1e-4
-"""Maximum angle in rad between equal poses of a link in two files."""
+"""Maximum angle in rad between the rotations of a link in two files that agree."""
 
 MOST = 5
-"""Maximum number of findings of one code in one file; the last finding states how many were omitted."""
+"""Maximum number of findings with the same code in one file; the last of them states how many were omitted."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Check:
     Attributes:
         check: short description.
         file: path relative to the audited folder.
-        tool, version: checker or library that measured, and its version.
+        tool, version: name and version of the checker or library that measured.
         worst: the maximum deviation in `unit`; None if nothing can be measured.
         unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
@@ -75,7 +75,10 @@ class AuditReport(Result):
         return {"path": self.path, "files": self.files, "checks": [c.as_dict() for c in self.checks]}
 
     def text(self, everything: bool = False) -> Iterator[Part]:
-        """Yield the text: files, the worst check of each kind, findings; with `everything` all checks and notes."""
+        """Yield the parts of the report: files, the worst check of each kind, findings without notes.
+
+        If `everything` is True, all checks and all findings are included.
+        """
         yield f"{self.path}\n\n  {_VERDICTS[self.verdict]}\n"
         if self.files:
             rows = [
@@ -100,7 +103,7 @@ class AuditReport(Result):
 _VERDICTS = {
     "agree": "PASS: all files are valid and consistent with each other",
     "disagree": "FAIL: files are invalid or inconsistent with each other; see the findings",
-    "unchecked": "UNCHECKED: something could not be read or checked",
+    "unchecked": "UNCHECKED: a file could not be read, or nothing could be checked",
 }
 _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
 
@@ -137,12 +140,12 @@ def _shown(value: float | None, unit: str) -> str:
 
 
 ADVICE: Mapping[str, str] = {
-    "audit.no_checks": "audit them together with an export of the same robot in another format, or with --robot NAME",
+    "audit.no_checks": "audit an export of the same robot in another format with these files, or use --robot NAME",
     "claims.between_position": "measure the error between keys again",
     "claims.between_rotation": "measure the error between keys again",
     "claims.joint_gap": "measure the error between keys again",
     "compare.between": "use LINEAR interpolation between the keys",
-    "compare.joint": "joint values are radians and metres",
+    "compare.joint": "write joint values in radians and metres",
     "compare.model_hash": "export all files again, together",
     "compare.pose": "find out which file is wrong: `twin audit --robot NAME` computes the correct poses",
     "compare.shape": "check units, mirroring and the link of each mesh",
@@ -151,20 +154,20 @@ ADVICE: Mapping[str, str] = {
     "gltf.matrix": "write translation, rotation and scale instead of a matrix",
     "gltf.quaternion": "normalise the quaternion; its order in glTF is x, y, z, w",
     "gltf.scale": "scale the mesh points instead",
-    "index": "indices run from 0 to the number of points minus 1",
+    "index": "number the points from 0 to their count minus 1",
     "mjcf.loop": "check the anchors of the equality constraints, and the zero positions of the joints",
-    "name": "letters, digits and underscores are safe in every format",
+    "name": "use only letters, digits and underscores, which every format allows",
     "normals_against": "reverse the normals or the winding",
     "proof.hash": "export again; the measured values belong to the original file",
     "quaternion": "normalise the quaternion",
     "quaternion_sign": "negate quaternions so that successive quaternions have a positive dot product",
     "step": "write more keys",
     "usd.joint_gap": "check the joint's frames and the poses of its bodies",
-    "usdz.alignment": "pad the extra field of its header",
+    "usdz.alignment": "pad the extra field of the file's zip header",
     "winding": "reverse the faces of the mesh, so that they are counter-clockwise seen from outside",
     "winding_mixed": "orient all faces counter-clockwise seen from outside",
 }
-"""Suggestions by code of the finding; without a format, such as "step", the suggestion applies to every format."""
+"""Suggestions by finding code; a code without a format, such as "step", applies to every format ("gltf.step")."""
 
 
 class ReadError(Exception):
@@ -184,7 +187,7 @@ class Measured(NamedTuple):
 
 
 def um(value: float, limit: float | None = None) -> Measured:
-    """Return a length and its limit, both in m, converted to micrometres."""
+    """Convert a length and its limit from m to micrometres."""
     return Measured(value * 1e6, None if limit is None else limit * 1e6, "um")
 
 
@@ -239,9 +242,9 @@ class Ledger:
         when: str = "",
         fits: bool | None = None,
     ) -> None:
-        """Add a check. Its verdict is "agree" if `worst` is within the tolerance, or if one of the two is None.
+        """Add a check. Its verdict is "agree" if `worst` is at most `tolerance`, or if `worst` or `tolerance` is None.
 
-        If `fits` is given, it alone decides the verdict.
+        If `fits` is given, the verdict is "agree" if `fits` is True, else "disagree".
         """
         if fits is None:
             fits = worst is None or tolerance is None or bool(worst <= tolerance)
@@ -251,7 +254,7 @@ class Ledger:
 
     @property
     def findings(self) -> list[Finding]:
-        """Return at most `MOST` findings of a code; the last one counts the rest."""
+        """Return the findings, at most `MOST` with the same code; the last of them states how many were omitted."""
         out = list(self.found)
         for code, count in self._count.items():
             if count > MOST:
@@ -272,7 +275,7 @@ def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> A
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """Return a quantity as text with a suitable unit."""
+    """Return a value with its unit as text, such as "1.5 mm"; a unit is chosen that suits the value."""
     if unit == "m" and math.isfinite(value):
         factor, unit = next((f, u) for most, f, u in _LENGTHS if abs(value) < most)
         value *= factor

@@ -33,7 +33,8 @@ Audited = tuple[list[Content], list[Ledger]]
 class Shown:
     """Base pose and motion of a robot in an exported scene.
 
-    `T_world_base` (4, 4) is the pose in scene.json; at the times (k,) in s, `links` has T_base_link (k, 4, 4) by link.
+    `T_world_base` (4, 4) is the base pose in scene.json; `links` has the poses T_base_link (k, 4, 4) at `times` (k,) in
+    s, by link.
     """
 
     T_world_base: Array
@@ -75,7 +76,8 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
         data = json.loads((folder / FILE).read_text(encoding="utf-8"))
         rows = [(str(r["name"]), str(r["protocol"]), r["T_world_base"], str(r["folder"])) for r in data["robots"]]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        ledger.add("scene.unreadable", "error", f"it lacks a list of robots: {type(error).__name__}, {error}.")
+        text = f"the list of robots is missing or malformed: {type(error).__name__}, {error}."
+        ledger.add("scene.unreadable", "error", text)
         return
     for name, protocol, rows_of_T, own in rows:
         try:
@@ -97,10 +99,10 @@ def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
         rows = json.loads((folder / FILE).read_text(encoding="utf-8")).get("objects", [])
         out = {str(r["name"]): np.array(r["T_world_object"], float).reshape(1, 4, 4) for r in rows}
     except (ValueError, KeyError, TypeError) as error:
-        ledger.add("scene.objects", "error", f"its list of objects is damaged: {type(error).__name__}, {error}.")
+        ledger.add("scene.objects", "error", f"the list of objects is malformed: {type(error).__name__}, {error}.")
         return {}
     if not all(np.isfinite(T).all() for T in out.values()):
-        ledger.add("scene.objects", "error", "a pose in its list of objects is not finite.")
+        ledger.add("scene.objects", "error", "a pose in the list of objects is not finite.")
         return {}
     return out
 
@@ -125,7 +127,8 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
         public = [f for f in run_usd_validators(path) if f.severity != "info"]
         worst, where, when = deviation(path, robots)
     except (Tf.ErrorException, RuntimeError) as error:
-        ledger.add("usd.unreadable", "error", f"OpenUSD cannot read it: {str(error).strip().splitlines()[-1][:200]}.")
+        text = f"OpenUSD cannot read the stage: {str(error).strip().splitlines()[-1][:200]}."
+        ledger.add("usd.unreadable", "error", text)
         return ledger
     for f in public:
         ledger.add(f.code, f.severity, f.message, f.where)

@@ -27,7 +27,7 @@ GRAVITY = (9.7, 9.9)
 """Range of gravity in m/s2 on earth; zero gravity is also allowed."""
 
 TRIANGLE = 1e-5
-"""Relative violation of the triangle inequality that counts as rounding of single precision."""
+"""Maximum relative violation of the triangle inequality that is taken as a rounding error of single precision."""
 
 
 def check_sense(content: Content) -> None:
@@ -53,20 +53,20 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
         ledger.wrong(f"physics.{code}", f"link '{link}': {text}.", link, size=Measured(size, limit, unit))
 
     if not (np.isfinite(mass.mass) and mass.mass > 0):
-        wrong("mass_not_positive", f"its mass is {mass.mass:g} kg, not positive", mass.mass, "kg", 0.0)
+        wrong("mass_not_positive", f"the mass is {mass.mass:g} kg, but must be positive", mass.mass, "kg", 0.0)
         return
     if mass.inertia is not None:
         I = mass.inertia  # noqa: E741 - the symbol of the field
         if not np.all(np.isfinite(I)):
-            wrong("inertia_impossible", "its inertia is not finite", np.nan, "kg m2", 0.0)
+            wrong("inertia_impossible", "the inertia is not finite", np.nan, "kg m2", 0.0)
             return
         moments = np.linalg.eigvalsh((I + I.T) / 2)
         if moments[0] <= 0:
-            text = f"its smallest principal moment of inertia is {moments[0]:.4g} kg m2, not positive"
+            text = f"the smallest principal moment of inertia is {moments[0]:.4g} kg m2, but must be positive"
             wrong("inertia_impossible", text, float(moments[0]), "kg m2", 0.0)
         elif moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE):
             text = (
-                f"its principal moments of inertia {moments[0]:.4g}, {moments[1]:.4g} and {moments[2]:.4g} kg m2 "
+                f"the principal moments of inertia {moments[0]:.4g}, {moments[1]:.4g} and {moments[2]:.4g} kg m2 "
                 "violate the triangle inequality: no mass distribution has such moments"
             )
             wrong("inertia_impossible", text, float(moments[2]), "kg m2", float(moments[0] + moments[1]))
@@ -76,20 +76,29 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
     if mass.center is not None:
         away = float(np.linalg.norm(np.maximum(np.maximum(shape.low - mass.center, mass.center - shape.high), 0.0)))
         if away > OUTSIDE * diagonal:
-            text = f"its centre of mass is {quantity(away, 'm')} outside the bounding box of its meshes"
+            text = f"the centre of mass is {quantity(away, 'm')} outside the bounding box of the link's meshes"
             wrong("mass_centre_outside", text, away, "m", OUTSIDE * diagonal)
     if mass.inertia is not None and diagonal > 0:
         gyration = float(np.sqrt(max(np.linalg.eigvalsh((mass.inertia + mass.inertia.T) / 2)[2], 0.0) / mass.mass))
         if gyration > diagonal:
-            text = f"its radius of gyration is {quantity(gyration, 'm')}, more than the diagonal of its meshes"
+            text = (
+                f"the radius of gyration is {quantity(gyration, 'm')}, more than the diagonal "
+                f"{quantity(diagonal, 'm')} of the bounding box of the link's meshes"
+            )
             wrong("inertia_too_large", text, gyration, "m", diagonal)
     box = float(np.prod(np.maximum(shape.high - shape.low, 1e-4)))
     volume = shape.volume if shape.closed and shape.volume > 0 else box
     if mass.mass / volume > DENSEST:
-        text = f"{mass.mass:.4g} kg in {volume:.3g} m3 are {mass.mass / volume:.3g} kg/m3, denser than any material"
+        text = (
+            f"the mass of {mass.mass:.4g} kg in a volume of {volume:.3g} m3 gives {mass.mass / volume:.3g} kg/m3, "
+            "more than the density of any material"
+        )
         wrong("density", text, mass.mass / volume, "kg/m3", DENSEST)
     elif mass.mass / box < LIGHTEST:
-        text = f"{mass.mass:.4g} kg in a box of {box:.3g} m3 are {mass.mass / box:.3g} kg/m3, lighter than air"
+        text = (
+            f"the mass of {mass.mass:.4g} kg in a bounding box of {box:.3g} m3 gives {mass.mass / box:.3g} kg/m3, "
+            "less than the density of air"
+        )
         wrong("density", text, mass.mass / box, "kg/m3", LIGHTEST)
 
 
@@ -100,11 +109,11 @@ def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
     for name, value, least in (
         ("stiffness", drive.stiffness, 0.0),
         ("damping", drive.damping, 0.0),
-        ("largest effort", drive.effort, 0.0),
-        ("largest speed", drive.speed, 0.0),
+        ("maximum effort", drive.effort, 0.0),
+        ("maximum speed", drive.speed, 0.0),
     ):
         if value is not None and value < least:
-            text = f"joint '{joint}': its {name} is {value:g}, which is negative."
+            text = f"joint '{joint}': the {name} is {value:g}, but must not be negative."
             ledger.wrong("physics.drive_negative", text, joint, size=Measured(value, 0.0))
 
 
@@ -115,7 +124,7 @@ def _check_gravity(ledger: Ledger, gravity: np.ndarray) -> None:
         return
     shown = ", ".join(f"{g:g}" for g in gravity)
     if not gravity[2] < -0.999 * size:
-        text = f"gravity is ({shown}) m/s2 in a world with z up: it does not point down."
+        text = f"gravity is ({shown}) m/s2 in a world with z up, but must point down (-z)."
         ledger.wrong("physics.gravity", text, "gravity", suggestion="gravity along -z: (0, 0, -9.81)")
     elif not GRAVITY[0] <= size <= GRAVITY[1]:
         grave = not 1.0 < size < 20.0  # gravity of other planets is allowed

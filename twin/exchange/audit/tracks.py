@@ -31,7 +31,7 @@ WORDS = {
 """Entries whose value is fixed in version 1 of the schema; players require these values."""
 
 LIMIT_TOL = 1e-6
-"""Violation of a joint limit in m or rad that counts as rounding."""
+"""Maximum violation of a joint limit, in m or rad, that is taken as a rounding error."""
 
 NO_LIMIT = 1e29
 """Value in m or rad from which a limit means "no limit", because JSON has no infinity."""
@@ -51,9 +51,9 @@ def read_json(path: Path, ledger: Ledger) -> Content:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise ReadError(f"its JSON cannot be read: {str(error)[:120]}") from error
+        raise ReadError(f"the file's JSON cannot be read: {str(error)[:120]}") from error
     if not is_track(data):
-        raise ReadError(f'it does not contain "schema": "{SCHEMA}"')
+        raise ReadError(f'the file does not contain "schema": "{SCHEMA}"')
     return _content(data, "tracks", ledger)
 
 
@@ -75,18 +75,18 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     rows = list(csv.reader(io.StringIO("\n".join(lines))))
     if not is_track(data) or len(rows) < 2:
         raise ReadError(
-            f"it lacks the line '# schema: {SCHEMA}', the header with the column names, or the lines of numbers"
+            f"the file lacks the line '# schema: {SCHEMA}', the line with the column names, or the lines of numbers"
         )
     header, body = rows[0], rows[1:]
     try:
         numbers = np.array(body, float)
     except ValueError as error:
-        text = f"its lines do not all have {len(header)} numbers: {str(error)[:80]}"
+        text = f"a line does not consist of {len(header)} numbers: {str(error)[:80]}"
         raise ReadError(text) from error
     if numbers.shape[1] != len(header) or header[0] != "time_s":
         raise ReadError(
-            f"its header has {len(header)} columns, the first '{header[0]}'; its lines have {numbers.shape[1]} "
-            "columns: the counts must be equal, and the first column must be time_s"
+            f"the line of column names has {len(header)} columns, the first '{header[0]}'; the lines of numbers have "
+            f"{numbers.shape[1]} columns. The counts must be equal, and the first column must be time_s"
         )
     links, joints, kinds = (_list(data, key) for key in ("links", "joints", "joint_types"))
     units = ["rad" if k == "revolute" else "m" for k in kinds]
@@ -121,7 +121,7 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
     _check_words(data, ledger)
     moved, known = data.get("moved_frame"), data.get("frame_names")
     if moved and isinstance(known, list) and moved not in known:
-        text = f"moved_frame is '{moved}'; there is no frame of that name (known: {', '.join(map(str, known))})."
+        text = f"moved_frame is '{moved}', but no frame has this name (known: {', '.join(map(str, known))})."
         ledger.wrong("tracks.frame", text, "moved_frame")
     for key, names in (("links", links), ("joints", joints)):
         if twice := {n for n in names if names.count(n) > 1}:
@@ -158,7 +158,7 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
 
 def _check_words(data: dict[str, Any], ledger: Ledger) -> None:
     if data.get("version") != 1:
-        ledger.wrong("tracks.version", f"version is {data.get('version')!r}, not 1.", "version")
+        ledger.wrong("tracks.version", f"version is {data.get('version')!r}, but must be 1.", "version")
     for key, value in WORDS.items():
         if data.get(key) != value:
             text = f"{key} is {data.get(key)!r}; version 1 of the schema allows only '{value}', which players require."
@@ -195,7 +195,8 @@ def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledg
             text,
             key,
             size=Measured(flat.size, float(np.prod(shape))),
-            suggestion="write a number for each time, link or joint, and component, in this order",
+            suggestion="write all components of the first link or joint at the first time, then of the next link or "
+            "joint, then of the next time",
         )
         return None
     return flat.reshape(shape)

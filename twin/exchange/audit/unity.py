@@ -126,7 +126,7 @@ def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], le
         names[own] = name
         wanted += [(name, str(r)) for r in data.get("references", [])]
         if "Editor" in file.relative_to(folder).parts and data.get("includePlatforms") != ["Editor"]:
-            text = f"{name} is in Editor/, but is not limited to the Editor platform: builds fail."
+            text = f"{name} is in Editor/, but is not limited to the platform Editor: player builds fail."
             ledger.wrong("unity.asmdef", text, name, suggestion='"includePlatforms": ["Editor"]')
     for name, reference in wanted:
         if reference.startswith("GUID:"):
@@ -147,15 +147,15 @@ def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
         name = script.relative_to(folder).as_posix()
         text = script.read_text(encoding="utf-8", errors="replace")
         if not any(script.is_relative_to(a) for a in assemblies):
-            message = f"{name} belongs to no assembly definition: Unity does not compile such scripts of a package."
+            message = f"{name} belongs to no assembly definition: Unity does not compile such a script of a package."
             ledger.wrong("unity.asmdef", message, name)
         behaviours = _BEHAVIOUR.findall(_without_comments(text))
         if behaviours and script.stem not in behaviours:
-            message = f"{name} contains component {behaviours[0]}: Unity requires a file with the same name."
+            message = f"{name} contains component {behaviours[0]}: Unity requires that the file has the same name."
             ledger.wrong("unity.script", message, name)
         outside = "Editor" not in script.relative_to(folder).parts and "#if UNITY_EDITOR" not in text
         if outside and "UnityEditor" in _without_comments(text):
-            message = f"{name} uses UnityEditor outside Editor/: builds fail."
+            message = f"{name} uses UnityEditor, but is outside Editor/: player builds fail."
             ledger.wrong("unity.script", message, name)
 
 

@@ -30,7 +30,7 @@ _SHARES = (0.0, 0.2, 0.5, 1.0)
 
 
 def check_frames(path: Path, name: str, ledger: Ledger) -> None:
-    """Run the conversions of a Frames.cs and report wrong results; `name` is the file's name as shown in reports."""
+    """Run the frame conversions in a Frames.cs and report wrong results; `name` is the file's name in reports."""
     try:
         script = Script(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, CSharpError) as error:

@@ -23,7 +23,7 @@ _HEAD = struct.Struct("<4sIddHHI")
 
 
 def check_golden(path: Path, name: str, ledger: Ledger) -> None:
-    """Report wrong golden vectors; `name` is the file's name as shown in reports."""
+    """Report golden vectors (test inputs and expected outputs) that are wrong; `name` is the file's name in reports."""
     try:
         data = json.loads(path.read_text(encoding="utf-8-sig"))
         vectors = _Vectors(data)
@@ -70,7 +70,7 @@ class _Vectors:
             self.worlds[short] = place @ np.diag([data["scale"]] * 3 + [1.0]) @ W
 
     def rows(self, key: str, width: int) -> Array:
-        """Return a flat list of numbers as an array (k, width)."""
+        """Return the entry `key`, a flat list of k * width numbers, as an array (k, width)."""
         return np.array(self.data[key], float).reshape(-1, width)
 
     def points(self) -> dict[str, float]:
@@ -119,13 +119,13 @@ class _Vectors:
         }
 
     def phases(self) -> dict[str, float]:
-        """Return 0 if the names of the phases at given times are correct, else infinity, by vector name."""
+        """Return the error of the phase names at given times, by vector name: 0 if all are correct, else infinity."""
         starts, names = self.track["phase_start"], self.track["phases"]
         now = [[n for n, s in zip(names, starts, strict=True) if s <= t][-1] for t in self.data["phase_time"]]
         return {"phase_name": 0.0 if now == self.data["phase_name"] else np.inf}
 
     def stream(self) -> dict[str, float]:
-        """Parse a stream frame, and return the errors of its content, by vector name; infinity for a wrong header."""
+        """Parse a stream frame, and return the errors of its entries by vector name; infinity: its header is wrong."""
         d, raw = self.data, base64.b64decode(self.data["stream"])
         mark, sequence, server, clip, links, joints, flags = _HEAD.unpack_from(raw)
         numbers = np.frombuffer(raw, "<f4", offset=_HEAD.size).astype(float)

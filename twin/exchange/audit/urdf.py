@@ -38,8 +38,8 @@ class UrdfJoint:
     """A joint of a URDF.
 
     Attributes:
-        parent, child: names of its links.
-        link: its pose in the parent, kind of motion and axis.
+        parent, child: names of the two links.
+        link: pose of the joint in the parent, kind of motion and axis.
         limits: (lower, upper) in rad or m; None if not stated.
         effort: maximum effort in N or N m; None if not stated.
         speed: maximum speed in m/s or rad/s; None if not stated.
@@ -70,7 +70,7 @@ class Urdf:
         self._ledger = ledger
         root = parse_xml(path)
         if root.tag != "robot":
-            raise ReadError(f"its root is <{root.tag}>, not <robot>")
+            raise ReadError(f"the root element is <{root.tag}>, expected <robot>")
         links = [e.get("name", "") for e in root.findall("link")]
         if twice := {n for n in links if links.count(n) > 1}:
             ledger.wrong("urdf.duplicate_name", f"two links are named '{min(twice)}'.", min(twice))
@@ -81,13 +81,13 @@ class Urdf:
                 continue
             if joint.child in self.above:
                 two = f"{self.above[joint.child].name} and {joint.name}"
-                text = f"link '{joint.child}' is the child of two joints, {two}: "
-                ledger.wrong("urdf.tree", text + "URDF is a tree.", joint.child)
+                text = f"link '{joint.child}' is the child of two joints, {two}, but a URDF must be a tree."
+                ledger.wrong("urdf.tree", text, joint.child)
                 continue
             self.above[joint.child] = joint
         roots = [n for n in links if n not in self.above]
         if len(roots) != 1:
-            raise ReadError(f"it has {len(roots)} root links ({', '.join(roots[:3])}), expected one")
+            raise ReadError(f"the file has {len(roots)} root links ({', '.join(roots[:3])}), expected one")
         for link in links:
             self._way(link, roots[0])
         self.root, self.links = roots[0], links
@@ -136,7 +136,10 @@ class Urdf:
         return sorted(self.links, key=lambda n: len(self._way(n, self.root)))
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
-        """Compare the joint limits of the file with those in a track."""
+        """Compare the joint limits of the file with the joint limits in a track.
+
+        `name` is the file name of the track; `low` and `high` have the limits of each joint in m or rad.
+        """
         for joint in self.above.values():
             if joint.name not in low or joint.limits is None:
                 continue
@@ -144,8 +147,11 @@ class Urdf:
             ends = zip(joint.limits, its, strict=True)
             off = max((abs(a - b) for a, b in ends if abs(b) < 1e29), default=0.0)  # a slide may have no limit
             if off > 1e-6:
-                text = f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}; in {name}: "
-                self._ledger.wrong("urdf.limits", text + f"{its[0]:g} .. {its[1]:g}.", joint.name, size=off)
+                text = (
+                    f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}; in {name} they are "
+                    f"{its[0]:g} .. {its[1]:g}."
+                )
+                self._ledger.wrong("urdf.limits", text, joint.name, size=off)
 
 
 def parse_xml(path: Path) -> ET.Element:
@@ -159,11 +165,11 @@ def parse_xml(path: Path) -> ET.Element:
     except DoctypeError as error:
         raise ReadError(f"{error}") from error
     except (ET.ParseError, LookupError, ValueError) as error:
-        raise ReadError(f"it is not XML: {error}") from error
+        raise ReadError(f"the file is not XML: {error}") from error
 
 
 def assumed_masses(path: Path) -> frozenset[str]:
-    """Return the links whose mass is unknown, as a comment of the file states."""
+    """Return the names of the links whose mass is unknown according to a comment in the file."""
     stated = re.findall(
         r"<!--[^>]*?the mass of ([^>]*?) is unknown", path.read_text(encoding="utf-8", errors="replace")
     )
@@ -260,10 +266,12 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Sha
 def named_mesh(
     path: Path, name: str, scale: Array, checked: dict[str, tuple[Array, Array] | None], ledger: Ledger, code: str
 ) -> tuple[Array, Array] | None:
-    """Return (points (n, 3) in m, triangles (m, 3)) of a mesh file, checked once; None if it cannot be read.
+    """Return (points (n, 3) in m, triangles (m, 3)) of a mesh file; None if the file cannot be read.
 
-    `name` is the path of the mesh file relative to the robot's file `path`; `scale` (3,) converts its units to m;
-    `checked` stores the meshes already read; `code` is the first part of the codes of the findings.
+    A mesh file that several links use is read and checked once.
+
+    `name` is the path of the mesh file relative to the robot's file `path`; `scale` (3,) converts the mesh's units to
+    m; `checked` stores the meshes already read; `code` is the first part of the codes of the findings.
     """
     key = f"{name} {scale.tolist()}"
     if key in checked:

@@ -97,16 +97,16 @@ class World:
         return self.placed(self.maps(prim, codes))
 
     def placed(self, M: Array) -> Array:
-        """Return poses (k, 4, 4) in metres, z up, from matrices T_stage_prim (k, 4, 4)."""
+        """Convert matrices T_stage_prim (k, 4, 4) to poses T_world_prim (k, 4, 4) in metres, z up."""
         T, _ = poses.split(M)
         T[..., :3, 3] *= self.meters
         return poses.pose(self._R) @ T
 
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
-        """Return T_world_prim (k, 4, 4) by name; the outer loop is over time, because each time step clears a cache."""
+        """Return T_world_prim (k, 4, 4) of each prim at k time codes, in metres with z up, by the names in `prims`."""
         moving = {n: p for n, p in prims.items() if len(_codes(p))}
         raw = {n: np.zeros((len(codes), 4, 4)) for n in moving}
-        for k, code in enumerate(codes.tolist()):
+        for k, code in enumerate(codes.tolist()):  # time is the outer loop, because SetTime clears the cache
             self._cache.SetTime(Usd.TimeCode(code))
             for name, prim in moving.items():
                 raw[name][k] = self._cache.GetLocalToWorldTransform(prim)
@@ -125,13 +125,13 @@ def _open(path: Path) -> Usd.Stage:
     try:
         stage = Usd.Stage.Open(str(path))
     except (Tf.ErrorException, RuntimeError) as error:
-        raise ReadError(f"it is not a readable USD file: {_reason(error)}") from error
+        raise ReadError(f"the file is not a readable USD file: {_reason(error)}") from error
     if not stage:
-        raise ReadError("it is not a readable USD file")
+        raise ReadError("the file is not a readable USD file")
     with contextlib.suppress(Tf.ErrorException):
         stage.Reload()  # USD caches layers in memory, but the file may have changed
     for error in stage.GetCompositionErrors():
-        raise ReadError(f"its layers cannot be composed: {str(error).strip()[:200]}")
+        raise ReadError(f"the layers of the stage cannot be composed: {str(error).strip()[:200]}")
     return stage
 
 
@@ -140,7 +140,7 @@ def _evaluating() -> Iterator[None]:
     try:
         yield
     except (Tf.ErrorException, RuntimeError) as error:
-        raise ReadError(f"it cannot be evaluated: {_reason(error)}") from error
+        raise ReadError(f"the stage cannot be evaluated: {_reason(error)}") from error
 
 
 def _reason(error: Exception) -> str:
@@ -323,5 +323,5 @@ def _check_gaps(
     if placed:
         ledger.row("joint gap along the motion", worst, "m", GAP_TOL, where=where, when=when)
     if worst > GAP_TOL:
-        text = f"joint {where}: its two frames are {quantity(worst, 'm')} apart."
+        text = f"joint {where}: the joint frames on the two bodies are {quantity(worst, 'm')} apart."
         ledger.wrong("usd.joint_gap", text, where, size=um(worst, GAP_TOL), when=when)

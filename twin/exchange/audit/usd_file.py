@@ -22,17 +22,17 @@ LAYERS = (".usd", ".usda", ".usdc")
 
 
 def trouble(data: bytes) -> str:
-    """Return the fault in the header of a binary USD file as text; "" for a valid header or another format."""
+    """Return the fault in the header of a binary USD file as text; "" if the header is valid or the file not binary."""
     if not data.startswith(b"PXR-USDC"):
         return ""
     if len(data) < 88:
         return f"the file has {len(data)} bytes, fewer than the header: it is truncated"
     (table,) = struct.unpack_from("<q", data, 16)
     if not 24 <= table <= len(data) - 8:
-        return f"its header places the table of contents at byte {table}, but the file has {len(data)} bytes: truncated"
+        return f"the table of contents is stated at byte {table}, but the file has {len(data)} bytes: it is truncated"
     (count,) = struct.unpack_from("<Q", data, table)
     if table + 8 + 32 * count > len(data):
-        return f"its table of contents states {count} sections, more than fit into the file"
+        return f"the table of contents states {count} sections, more than fit into the file"
     for i in range(count):
         name, start, size = struct.unpack_from("<16sqq", data, table + 8 + 32 * i)
         name = name.split(b"\0", 1)[0]
@@ -47,7 +47,7 @@ def trouble(data: bytes) -> str:
 
 
 def check_usdz(path: Path, ledger: Ledger) -> bool:
-    """Report faults of the archive; return whether its stage can be opened.
+    """Report faults of a .usdz archive; return whether the stage in the archive can be opened.
 
     Several layers are allowed, but three.js displays nothing for an archive with sublayers, and reports no error.
     """
@@ -56,14 +56,14 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
             entries = archive.infolist()
             broken = archive.testzip()
     except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-        ledger.add("usdz.archive", "error", f"it is not a readable zip archive: {error}.")
+        ledger.add("usdz.archive", "error", f"the file is not a readable zip archive: {error}.")
         return False
     if broken:
         ledger.add("usdz.archive", "error", f"the checksum of '{broken}' in the archive is wrong.", broken)
         return False
     if not entries or Path(entries[0].filename).suffix.lower() not in LAYERS:
         first = entries[0].filename if entries else "nothing"
-        ledger.add("usdz.first", "error", f"its first file is {first}, not a USD layer.", first)
+        ledger.add("usdz.first", "error", f"the first file in the archive is {first}, but must be a USD layer.", first)
         return False
     data = path.read_bytes()
     for entry in entries:
@@ -77,8 +77,8 @@ def check_usdz(path: Path, ledger: Ledger) -> bool:
         start = entry.header_offset + _LOCAL.size + fields[-2] + fields[-1]
         if start % ALIGNMENT:
             text = (
-                f"'{entry.filename}' starts at byte {start}, not a multiple of {ALIGNMENT}: readers that map it "
-                "into memory fail."
+                f"'{entry.filename}' starts at byte {start}, not a multiple of {ALIGNMENT}: readers that map the "
+                "file into memory fail."
             )
             ledger.wrong("usdz.alignment", text, entry.filename, size=Measured(start % ALIGNMENT, 0.0))
     layers = [e.filename for e in entries if Path(e.filename).suffix.lower() in LAYERS]

@@ -43,7 +43,10 @@ def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> 
 
 
 def joint_ends(prim: Usd.Prim, meters: float) -> list[tuple[list[str], Array]]:
-    """Return (paths of the target prims, pose (4, 4) of the joint in the target in m) of both sides of a joint."""
+    """Return, for each of the two sides of a joint, (paths of the target prims, pose of the joint on this side).
+
+    The pose (4, 4) is in the frame of the target prim, in m.
+    """
     joint, out = UsdPhysics.Joint(prim), []
     for rel, pos, rot in (
         (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
@@ -92,7 +95,10 @@ def _locked(prim: Usd.Prim) -> list[int]:
 
 
 def is_locked(prim: Usd.Prim, name: str) -> bool:
-    """Return whether a generic joint cannot move in a direction of `SIX`: its lower limit is above the upper limit."""
+    """Return whether a generic joint cannot move in the direction `name`, one of `SIX`.
+
+    A direction is locked if its lower limit is above its upper limit.
+    """
     if not prim.HasAPI(UsdPhysics.LimitAPI, name):
         return False
     limit = UsdPhysics.LimitAPI(prim, name)

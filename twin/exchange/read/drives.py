@@ -1,4 +1,7 @@
-"""Add drives to driven joints whose gains the file does not state; the gains are ASSUMED, from the moved inertia."""
+"""Add a drive to each driven joint without gains in the file.
+
+The gains are ASSUMED: they are computed from the inertia that the joint moves.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
 
 
 def with_drives(imported: Imported) -> Imported:
-    """Return the mechanism with a drive on every driven joint; added drives are reported and listed in `assumed`."""
+    """Return the mechanism with a drive on every driven joint; each added drive is reported and listed in `assumed`."""
     m, findings, assumed = imported.mechanism, Findings(imported.findings), set(imported.assumed)
     joints = []
     m = replace(m, actuators=_motors(m, imported.efforts, assumed, findings))

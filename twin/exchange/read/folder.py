@@ -46,11 +46,10 @@ def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
 
 
 def require_free(target: Path, force: bool = False) -> None:
-    """Check that `fresh_folder` may write to `target`.
+    """Check that `fresh_folder` may write to `target`: a new or empty folder or, with `force`, a robot folder.
 
     Raises:
-        OutputError: the target is a file; or its folder is not empty (without `force`), or not empty and no robot
-            folder (with `force`).
+        OutputError: `target` is a file, or a folder that must not be overwritten.
     """
     if target.exists() and not target.is_dir():
         raise OutputError(f"{target}: a file has this name; choose another folder with --out")
@@ -65,8 +64,9 @@ def require_free(target: Path, force: bool = False) -> None:
 def write_folder(imported: Imported, name: str, target: Path, source: Path, force: bool = False) -> list[Path]:
     """Write the robot folder of a mechanism whose loops are closed (see `closing.close`).
 
-    The target must be new or empty. With `force`, it may be a robot folder, which is overwritten, except its protocols
-    and a formula that contains equations. `source` is the imported file; the description contains its name.
+    The target must be a new or empty folder. With `force`, the target may be a robot folder: its files are overwritten,
+    except protocols and a formula that contains equations. The description contains the name of `source`, the imported
+    file.
 
     Returns:
         The files written, the description first.
@@ -115,7 +115,7 @@ def write_robot(
 
 
 def notes(name: str, findings: list[Finding], source: Path) -> str:
-    """Return the text of the notes: findings of the import, the most severe first."""
+    """Return the text of the file `NOTES`: the findings of the import, the most severe first."""
     digest = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else "-"
     lines = [
         f"# How {one_line(name)} was imported",

@@ -29,7 +29,7 @@ class Motors:
 
 
 def fixed_tendon(m, tendon: int) -> dict[int, float]:
-    """Return the coefficients of a fixed tendon by MuJoCo's joint index, in file order; empty for a spatial tendon."""
+    """Return the coefficients of a fixed tendon, in file order, by MuJoCo's joint index; {} for a spatial tendon."""
     import mujoco
 
     rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])

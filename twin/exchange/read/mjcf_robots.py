@@ -54,7 +54,7 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
 
 
 def tied_by(m, i: int) -> set[int]:
-    """Return the bodies that an equality constrains, except the world."""
+    """Return the numbers of the bodies that equality constraint number `i` constrains, without the world."""
     import mujoco
 
     kind, ends = mujoco.mjtEq(int(m.eq_type[i])), [int(m.eq_obj1id[i]), int(m.eq_obj2id[i])]

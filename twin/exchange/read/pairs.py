@@ -58,7 +58,7 @@ class Round:
         return self.reach[1] - self.reach[0]
 
     def outward(self) -> int:
-        """Return 1 if the solid lies inside the face (pin, ball), -1 if outside (bore, cup), 0 if undetermined."""
+        """Return 1 if the solid is inside the face (pin, ball), -1 if it is outside (bore, cup), 0 if undetermined."""
         corners = self.part.vertices[self.part.triangles]  # (n, 3, 3)
         offset = corners - self.face.point
         away = offset - (offset @ self.face.direction)[..., None] * self.face.direction
@@ -92,7 +92,7 @@ class Pair:
 
     @property
     def near(self) -> bool:
-        """Whether the axes or centres are close but do not coincide."""
+        """Whether the two axes or centres are close, but do not coincide."""
         return self.offset >= _APART or self.tilt >= _TILT
 
     @property
@@ -139,7 +139,10 @@ def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
 
 
 def same_axis(a: Round, b: Round, within: tuple[float, float] = _ONE_AXIS) -> bool:
-    """Return whether two faces of one body have the same axis or centre, `within` (distance in m, angle in rad)."""
+    """Return whether two faces of one body have the same axis or centre.
+
+    `within` has the tolerances: distance in m and angle in rad.
+    """
     if not np.any(a.face.direction):
         return float(np.linalg.norm(a.face.point - b.face.point)) < within[0]
     tilt = float(np.linalg.norm(np.cross(a.face.direction, b.face.direction)))
@@ -192,7 +195,10 @@ def _coaxial(rounds: list[Round]) -> Iterator[Pair]:
 
 
 def shared(a: Round, b: Round) -> tuple[float, float]:
-    """Return the interval in m along the axis of `a`, from `a.face.point`, in which both cylinders overlap."""
+    """Return the interval (start, end) in which two cylinders overlap along the axis of `a`.
+
+    Both ends are distances in m from `a.face.point`.
+    """
     d = a.face.direction
     offset = float((b.face.point - a.face.point) @ d)
     reach = b.reach if b.face.direction @ d > 0 else (-b.reach[1], -b.reach[0])
@@ -209,6 +215,6 @@ def _concentric(rounds: list[Round]) -> Iterator[Pair]:
 
 
 def perpendicular(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]:
-    """Return the plane faces of a body that are perpendicular to an axis, with their parts."""
+    """Return (part, face) for each plane face of a body that is perpendicular to an axis."""
     planes = ((part, face) for part in parts for face in part.faces if face.kind == "plane")
     return [(part, face) for part, face in planes if np.linalg.norm(np.cross(face.direction, axis)) < _TILT]

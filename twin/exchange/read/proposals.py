@@ -37,7 +37,7 @@ _RAIL = 2.0
 
 @dataclass(frozen=True)
 class Side:
-    """A joint's frame on one body, and the features to which the frame refers, by name; all are inline TOML tables."""
+    """The frame of a joint on one body, and the features that the frame names, as values of inline TOML tables."""
 
     frame: dict[str, Any]
     features: dict[str, dict[str, Any]]
@@ -49,9 +49,9 @@ class Proposal:
 
     Attributes:
         name, type: name and type of the joint.
-        parent, child: names of its bodies.
-        on_parent, on_child: its frames on the parent and on the child.
-        pair: the pair of faces that determines its position.
+        parent, child: names of the joint's two bodies.
+        on_parent, on_child: frames of the joint on the parent and on the child.
+        pair: the pair of faces that determines the position of the joint.
         offset, tilt: distance in m and angle in rad between the two frames in the CAD, in the locked directions of the
             joint.
         why: the evidence, as text.
@@ -165,7 +165,10 @@ class _Frame:
         self.keys: dict[str, Any] = {"origin": self.name(origin, part, face, R[:, 2])}
 
     def name(self, name: str, part: Part, face: Face, towards: Array) -> str:
-        """Add a feature for a face, with its direction reversed if it points against `towards`; return its name."""
+        """Add a feature called `name` for a face, and return `name`.
+
+        If the direction of the face points against `towards`, the feature has the opposite direction.
+        """
         sign = 1.0 if face.direction @ towards >= 0 else -1.0
         x, y, z = np.round(sign * face.direction, 9).tolist()
         near_x, near_y, near_z = np.round(face.point / MM, 4).tolist()
@@ -187,7 +190,7 @@ class _Frame:
         return {**self.keys, **typed}
 
     def measured(self, parts: Sequence[Part]) -> Array:
-        """Return the frame (4, 4) in the CAD, measured on the faces like a frame of a description."""
+        """Return the frame (4, 4) in the coordinates of the CAD, measured as when a description is read."""
         found = {n: find(self.body, n, s, parts, _TOLERANCE) for n, s in self.features.items()}
         return frame(FrameSpec(**self._spec()), found)
 

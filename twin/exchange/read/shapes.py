@@ -49,7 +49,11 @@ def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
 
 
 def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> list[float]:
-    """Return the positive sizes of a box, cylinder or sphere; `text` returns the text of an attribute."""
+    """Return the sizes in m of a box, cylinder or sphere; `text` returns the text of an attribute by its name.
+
+    Raises:
+        SourceError: a size is missing or not positive.
+    """
     size = [
         float(s) for k in SIZES[kind] for s in xml.numbers(where, f"{kind} {k}", text(k), 3 if k == "size" else 1, None)
     ]
@@ -83,7 +87,10 @@ def find(uri: str, beside: Path) -> Path | None:
 
 
 def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Findings) -> tuple[Array, np.ndarray] | None:
-    """Return (vertices (n, 3) in m, triangles (m, 3)) of a mesh file, or None with a warning that names the file."""
+    """Return (vertices (n, 3) in m, triangles (m, 3)) of a mesh file.
+
+    If the file cannot be read, return None and add a warning that names the file to `findings`.
+    """
     path = find(uri, beside)
     if path is None or path.suffix.lower() not in SUFFIXES:
         why = "was not found" if path is None else f"is not a file of type {', '.join(SUFFIXES)}"

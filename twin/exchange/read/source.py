@@ -23,14 +23,14 @@ from twin.usd.read.tool import with_tool
 
 
 class Findings(list[Finding]):
-    """Findings of an import, in the order in which they were made."""
+    """Findings of an import, in the order in which they were added."""
 
     def note(self, code: str, message: str, where: str) -> None:
         """Add a finding of severity info, for data changed or left out without effect on the mechanism."""
         self.append(note(code, message, where))
 
     def warn(self, code: str, message: str, where: str) -> None:
-        """Add a finding of severity warning, for data of the file that are missing or assumed in the mechanism."""
+        """Add a finding of severity warning, for data of the file that the mechanism lacks or assumes."""
         self.append(warning(code, message, where))
 
 
@@ -44,7 +44,7 @@ class Imported:
         efforts: maximum effort in N or N m of joints without gains in the file.
         assumed: joints and actuators whose drives are ASSUMED.
         posed: whether the file states rest poses; a URDF does not.
-        keys: named states of the file: values in m or rad by joint of the tree, active or passive.
+        keys: named states of the file; each has the value in m or rad of every joint of the tree, active or passive.
     """
 
     mechanism: Mechanism
@@ -73,7 +73,7 @@ class Names:
         return name in self._known
 
     def items(self) -> Iterable[tuple[str, str]]:
-        """Return (name in the file, identifier) of each object."""
+        """Return the pairs (name in the file, identifier)."""
         return self._known.items()
 
 
@@ -100,12 +100,12 @@ def named_apart(
 
 
 def note(code: str, message: str, where: str) -> Finding:
-    """Return the finding that `Findings.note` adds."""
+    """Return a finding of severity info, as `Findings.note` adds it."""
     return finding("info", f"import.{code}", where, message)
 
 
 def warning(code: str, message: str, where: str) -> Finding:
-    """Return the finding that `Findings.warn` adds."""
+    """Return a finding of severity warning, as `Findings.warn` adds it."""
     return finding("warning", f"import.{code}", where, message)
 
 
@@ -116,7 +116,10 @@ def rpy(angles: Array) -> Array:
 
 
 def along(axis: Array) -> Array:
-    """Return a pose (4, 4) at the origin with its z along the nonzero axis (3,); the identity if the axis is z."""
+    """Return a pose (4, 4) at the origin whose z axis has the direction of the nonzero vector `axis` (3,).
+
+    If `axis` has the direction of z, the pose is the identity.
+    """
     z = axis / np.abs(axis).max()  # scaled first, because squares of huge or tiny numbers overflow or underflow
     z = z / np.linalg.norm(z)
     if np.array_equal(z, [0.0, 0.0, 1.0]):
@@ -191,7 +194,7 @@ def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
 
 
 def tooled(mechanism: Mechanism, findings: Findings) -> Mechanism:
-    """Return the mechanism with a tool frame; a frame that was added is reported as a warning."""
+    """Return the mechanism with a tool frame; if a frame is added, a warning reports it."""
     out, said = with_tool(mechanism)
     if out.frames != mechanism.frames:
         findings.warn("tool", f"{said} Edit [frame.tool] to place it correctly.", out.frame(out.tool).body)
@@ -201,5 +204,5 @@ def tooled(mechanism: Mechanism, findings: Findings) -> Mechanism:
 
 
 def missing(path: Path, kind: str, name: str, known: Iterable[str], where: str) -> SourceError:
-    """Return the `SourceError` for a name that does not exist."""
+    """Return the `SourceError` that reports an unknown name and suggests known names."""
     return SourceError(f"{path}: {where}: {unknown(kind, name, known)}")

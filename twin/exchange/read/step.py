@@ -69,7 +69,7 @@ def read_skeleton(path: Path) -> Skeleton:
     """Read a STEP assembly.
 
     Raises:
-        SourceError: the file cannot be read, or has only one part.
+        SourceError: the file cannot be read, or contains only one body.
     """
     try:
         step = read_step(path)
@@ -157,7 +157,10 @@ def _inside(node: str, parts: list[Part]) -> Finding | None:
 
 
 def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
-    """Return the parts by assembly node, at the first level of the assembly that has more than one node."""
+    """Return the parts of each body, by body name.
+
+    A body is an assembly node at the first level of the assembly that has more than one node.
+    """
     chains = [((*p.path, p.name), p) for p in parts]
     level = 0
     while all(len(c) > level + 1 for c, _ in chains) and len({c[level] for c, _ in chains}) == 1:
@@ -171,7 +174,7 @@ def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
 def write_skeleton(
     skeleton: Skeleton, name: str, target: Path, source: Path, force: bool = False
 ) -> tuple[list[Path], Mechanism]:
-    """Write the robot folder of a STEP; see `folder.write_robot`.
+    """Write the robot folder of a STEP assembly; for the arguments see `folder.write_robot`.
 
     Returns:
         (files, mechanism): the written files, the description first; the mechanism, whose bodies are all fixed.

@@ -30,9 +30,10 @@ _WITHOUT = ("friction", "armature", "breakforce", "breaktorque", "damping", "sti
 
 
 def read_usd(path: Path, root: str | None) -> Imported:
-    """Read a stage; add a tool frame if it has none, and drive all joints of the tree if none has a drive.
+    """Read a stage. A tool frame is added if the stage has none.
 
-    `root` is the prim path of the robot; None: the only robot of the stage.
+    If no joint of the stage has a drive, all joints of the tree with one coordinate become driven joints. `root` is the
+    prim path of the robot; None: the only robot of the stage.
 
     Raises:
         SourceError: the stage has unsupported data without which the mechanism would be wrong.

@@ -43,7 +43,7 @@ class Xml:
         return name
 
     def named(self, parent: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
-        """Return the children of one kind by name; raise `SourceError` if a name is missing or used twice."""
+        """Return the child elements of one kind, by name; raise `SourceError` if a name is missing or used twice."""
         out: dict[str, ElementTree.Element] = {}
         for element in parent.findall(kind):
             name = self.name(element, kind)
@@ -78,7 +78,10 @@ class Xml:
         return axis
 
     def tensor(self, where: str, text: Callable[[str], str | None], default: Array | None = None) -> Array:
-        """Return the inertia tensor (3, 3) from the texts of its entries `ixx`, `ixy` ...; the default for no text."""
+        """Return the inertia tensor (3, 3); `text` returns the text of an entry `ixx`, `ixy`, ... or None.
+
+        An entry without text has the value in `default`.
+        """
         out = np.zeros((3, 3))
         for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
             key = f"i{'xyz'[i]}{'xyz'[j]}"

@@ -36,7 +36,7 @@ _BUDGET = Kind(
 
 
 class Audit(Protocol):
-    """Interface of the result of an audit: its measurements, each with a method `as_dict`, and the faults found."""
+    """Interface of the result of an audit: measurements, each with a method `as_dict`, and the faults found."""
 
     @property
     def checks(self) -> Sequence[Any]: ...  # noqa: D102
@@ -48,8 +48,8 @@ class Audit(Protocol):
 class Bundle(Result):
     """Result of an export.
 
-    `files` are relative to the folder; `findings` are from the robot, the writers and the audit; `checks` are the
-    measurements in proof.json.
+    `files` are paths relative to the folder; `findings` are those on the robot, of the writers and of the audit;
+    `checks` are the measurements in proof.json.
     """
 
     folder: Path

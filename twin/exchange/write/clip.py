@@ -55,7 +55,7 @@ class Between:
         position: position error in m of any point of a link.
         rotation: rotation error in rad of a link.
         joint_gap: gap in m of a joint.
-        position_at, rotation_at, joint_gap_at: (name of the link or joint, time in s) of each maximum.
+        position_at, rotation_at, joint_gap_at: where each maximum occurs: (name of the link or joint, time in s).
     """
 
     position: float
@@ -66,7 +66,7 @@ class Between:
     joint_gap_at: tuple[str, float] = ("", 0.0)
 
     def numbers(self) -> dict[str, float]:
-        """Return the errors for files, in m and rad with six digits."""
+        """Return the errors by the names used in exported files, in m and rad, rounded to six significant digits."""
         named = {"between_position": self.position, "between_rotation": self.rotation, "joint_gap": self.joint_gap}
         return {name: float(f"{value:.6g}") for name, value in named.items()}
 
@@ -84,8 +84,8 @@ class Clip:
     Attributes:
         times: (k,) in s: 0, then every 1 / rate, and the end.
         links: T_world_body (k, 4, 4) by body.
-        joints: (k,) in m or rad by joint, for all joints with a single coordinate: active and passive, of the tree and
-            of loops.
+        joints: coordinates (k,) in m or rad by joint, for all joints with a single coordinate: active and passive, of
+            the tree and of loops.
         active: names of the driven joints, in the order of q.
         phases: (name, start in s, end in s) of each phase.
         rate: key rate in Hz.
@@ -120,7 +120,7 @@ class Clip:
 
     @property
     def rcm(self) -> Array | None:
-        """RCM (3,) in m in the base frame of the first phase with an RCM; None if no phase has one."""
+        """RCM (3,) of the first phase that has one, in m in the base frame; None if no phase has an RCM."""
         return next((p for p in self.phase_rcm if p is not None), None)
 
 
@@ -211,10 +211,10 @@ def extremes(mechanism: Mechanism, body: Body) -> Array:
 def measure_between(
     mechanism: Mechanism, times: Array, links: Mapping[str, Array], keys: Index, reaches: Mapping[str, Array]
 ) -> Between:
-    """Return the interpolation errors of players, measured at the samples between keys.
+    """Return the maximum interpolation errors of players, measured at the samples between keys.
 
-    Positions are interpolated linearly; rotations by slerp (glTF, USD) and by components (Unity), of which the larger
-    error is returned.
+    Players interpolate positions linearly. They interpolate rotations by slerp (glTF, USD) or by components (Unity);
+    the larger of these two errors is returned.
 
     Args:
         mechanism: the robot; the gaps of its joints between keys are measured too.
@@ -311,7 +311,7 @@ def home_poses(mechanism: Mechanism) -> dict[str, Array]:
 
 
 def rounded(arrays: Mapping[str, Array]) -> dict[str, Array]:
-    """Return arrays rounded to 1e-13, so that the file does not depend on the processor."""
+    """Return arrays rounded to 1e-13, so that exported files do not depend on the processor."""
     return {name: np.round(a, 13) + 0.0 for name, a in arrays.items()}
 
 
@@ -346,10 +346,10 @@ def model_hash(mechanism: Mechanism) -> str:
 
 
 def between_keys(keys: Array, Ts: Array, times: Array) -> Array:
-    """Return the poses (n, 4, 4) that a player shows at times (n,) in s.
+    """Return the poses (n, 4, 4) of a link that a player shows at times (n,) in s.
 
-    Before the first key, players show the first pose; after the last key, the last pose. `keys` (k,) are
-    the times of the keys in s, `Ts` (k, 4, 4) the poses at the keys.
+    Before the first key, a player shows the first pose; after the last key, the last pose. `keys` (k,) has the times of
+    the keys in s, `Ts` (k, 4, 4) the poses at the keys.
     """
     from scipy.spatial.transform import Rotation, Slerp
 

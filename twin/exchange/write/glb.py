@@ -86,9 +86,9 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
 
 
 def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
-    """Return a .glb file of deformables that move, for instance organs: a mesh with morph targets for each.
+    """Return a .glb file of moving deformables, such as organs; each deformable is a mesh with morph targets.
 
-    The only animation has the name `motion`. The frame below the root node is the World, z up.
+    The only animation is `motion`. The meshes are in the World frame (z up), below a root node that rotates to y up.
     """
     out = _Document()
     nodes: list[dict[str, Any]] = [{"name": name, "rotation": list(UP_XYZW), "children": []}]
@@ -107,9 +107,9 @@ def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
 
 
 def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> tuple[str, dict[str, str]]:
-    """Return unique names of the root node and, by frame, of frame nodes; link nodes have the names of their bodies.
+    """Return (name of the root node, names of the frame nodes by frame); link nodes have the names of their bodies.
 
-    They are unique because Unity and three.js address nodes by name only.
+    All names are unique, because Unity and three.js address nodes by name only.
     """
     taken = {b.name for b in mechanism.bodies}
 
@@ -176,7 +176,10 @@ class _Document:
         self._materials: dict[Material, int] = {}
 
     def mesh(self, body: Body, materials: Mapping[str, Material]) -> int | None:
-        """Add one mesh for a body, with a primitive for each material; return its index, or None without triangles."""
+        """Add one mesh for a body, with a primitive for each material, and return the index of the mesh.
+
+        Return None if the body has no triangles.
+        """
         by_material: dict[Material, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
         for mesh in body.meshes:
             by_material.setdefault(materials[mesh.name], []).append(surface(mesh.vertices, mesh.triangles))
@@ -208,9 +211,10 @@ class _Document:
         }
 
     def bending(self, bend: Bend, shapes: Array) -> int:
-        """Add the mesh of a deformable with a morph target for each shape (s, n, 3); return its index.
+        """Add the mesh of a deformable and return the index of the mesh.
 
-        Normals are those at rest; the vertices keep their order.
+        The mesh has a morph target for each of the s shapes in `shapes` (s, n, 3). It has the normals of the
+        deformable at rest, and the vertices in their original order.
         """
         mesh, faces = bend.mesh, bend.mesh.triangles
         normals = np.zeros_like(mesh.vertices)
@@ -275,7 +279,10 @@ class _Document:
         return len(self._accessors) - 1
 
     def lists(self) -> dict[str, Any]:
-        """Return meshes, materials, accessors, views and the buffer; empty lists are omitted, as glTF requires."""
+        """Return the lists of meshes, materials, accessors, buffer views and buffers, without empty lists.
+
+        glTF forbids empty lists.
+        """
         used = [p for p in self._parts if self._sizes[p]]
         views, start = [], 0
         for part in used:

@@ -19,7 +19,10 @@ CONES: Told = {"cones": lambda j: j.cone}
 
 
 def left_out(mechanism: Mechanism, file: str, told: Told) -> Iterator[Finding]:
-    """Yield a finding for each kind of joint data in `told` that a joint has and the format cannot hold."""
+    """Yield a finding for each kind of joint data in `told` that at least one joint has.
+
+    `told` has the kinds of joint data that the format cannot hold; `file` is the file's name in the findings.
+    """
     for what, of in told.items():
         names = ", ".join(j.name for j in mechanism.joints if of(j) is not None)
         if names:
@@ -27,7 +30,10 @@ def left_out(mechanism: Mechanism, file: str, told: Told) -> Iterator[Finding]:
 
 
 def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each given field of `Actuator` that has a value and that the format cannot hold."""
+    """Yield a finding for each of the given fields of `Actuator` that has a value in at least one actuator.
+
+    The format cannot hold these fields; `file` is the file's name in the findings.
+    """
     for field in fields:
         if names := ", ".join(a.name for a in mechanism.actuators if getattr(a, field) is not None):
             what = f"{field.replace('_', ' ')} of the actuators {names}"

@@ -30,7 +30,7 @@ def inertia_of(body: Body) -> Inertia:
 
 
 def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:
-    """Yield findings that name the bodies whose mass `inertia_of` has to assume; the base needs no mass."""
+    """Yield findings that name the bodies whose mass is unknown, so that `inertia_of` assumes it; not the base."""
     unknown = [b for b in mechanism.bodies if b.inertia is None and b.name != mechanism.base]
     for names, given in (
         ([b.name for b in unknown if b.meshes], "its bounding box filled with water"),

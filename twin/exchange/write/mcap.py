@@ -2,7 +2,8 @@
 
 Every link's pose is given in "world", so that a viewer needs no kinematics. Messages and their names are from
 Foxglove's documentation (docs.foxglove.dev/docs/sdk/schemas): /tf holds foxglove.FrameTransforms, /joint_states
-foxglove.JointStates, /console the numbers of a console. Times are counted from the start of the session.
+foxglove.JointStates, and /console the numbers given for the surgeon's console. Times are counted from the start of the
+session.
 """
 
 from __future__ import annotations
@@ -49,10 +50,10 @@ def write_mcap(
     joints: Mapping[str, Array],
     console: Mapping[str, Array],
 ) -> Path:
-    """Write the file and return its path; the same input gives the same bytes.
+    """Write a recorded session as .mcap and return the path; the same input gives the same bytes.
 
-    Times (k,) are in s, from 0; links are T_world_link (k, 4, 4) and joints (k,) in m or rad, with names such as
-    "psm1/yaw". `console` has further numbers (k,), by name.
+    `t` has the times (k,) in s, from 0; `links` has T_world_link (k, 4, 4) by link; `joints` has the values (k,) in m
+    or rad by joint, with names such as "psm1/yaw"; `console` has more numbers (k,), by name.
 
     Raises:
         TwinError: the package `mcap` is not installed.

@@ -83,8 +83,8 @@ MOTORS = (
 def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.xml, or <name>.xml, and its meshes; return the .xml file.
 
-    The mechanism has masses; the missing ones are assumed (see `mjcf_findings`). `name` is the file name without
-    suffix, if a robot has several files (one for each trocar position).
+    The mechanism has masses; missing masses are assumed (see `mjcf_findings`). `name` is the file name without suffix,
+    if a robot has several files (one for each trocar position).
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
@@ -104,7 +104,7 @@ def mjcf_text(mechanism: Mechanism) -> str:
 
 
 def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
-    """Return findings on differences between the file and the mechanism; the file also contains them."""
+    """Return findings on differences between the MJCF and the mechanism; the MJCF contains the same findings."""
     file = f"{mechanism.name}.xml"
     found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "max_speed")]
     # MJCF can limit the rotation angle of a ball joint, but not the cone of its axis.

@@ -53,7 +53,7 @@ class Robot(Protocol):
 
 @dataclass(frozen=True)
 class Scene:
-    """A clip, and the mechanism with the trocar positions of the clip's protocol."""
+    """A clip, and the mechanism, whose trocars have the positions stated by the clip's protocol."""
 
     clip: Clip
     mechanism: Mechanism
@@ -89,7 +89,7 @@ class Order:
 
     @property
     def elsewhere(self) -> tuple[Scene, ...]:
-        """Scenes whose trocar positions differ from the CAD; each needs a separate file with its trocars."""
+        """Scenes whose trocar positions differ from the CAD; each of these scenes needs a separate file."""
         drawn = self.mechanism.trocar_places
         return tuple(
             s for s in self.scenes if any(not np.array_equal(s.mechanism.trocar_at(n), p) for n, p in drawn.items())

@@ -27,9 +27,10 @@ def write_tracks(
 ) -> tuple[Path, Path]:
     """Write <clip>.json and <clip>.csv, which contain the same numbers, into `folder`, and return their paths.
 
-    The mechanism has the trocar positions of the protocol. `drawn`, by default the same, is the robot as in the CAD:
-    the track states its model hash, and ball joints are zero at its home. `assumed` has "name: reason" of each assumed
-    number of the robot; the clip has the assumed numbers of its protocol.
+    `mechanism` has the trocar positions of the protocol; `drawn` is the mechanism as in the CAD (None: `mechanism`).
+    The track states the model hash of `drawn`, and the coordinates of ball joints are zero at the home of `drawn`.
+    `assumed` has a text "name: reason" for each assumed number of the robot; the clip has the assumed numbers of its
+    protocol.
     """
     folder.mkdir(parents=True, exist_ok=True)
     data = track(mechanism, clip, drawn, assumed)

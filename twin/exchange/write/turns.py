@@ -18,7 +18,7 @@ from twin.usd.write.spanning import spanning
 
 
 class Coordinate(NamedTuple):
-    """One column of a track: values (k,) of a joint, in m if "prismatic", in rad if "revolute"."""
+    """One column of a track: a joint's values (k,), in m if `type` is "prismatic", in rad if it is "revolute"."""
 
     name: str
     type: str

@@ -67,7 +67,7 @@ def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
 
 
 def urdf_findings(mechanism: Mechanism) -> list[Finding]:
-    """Return findings on data that URDF cannot hold; the file also contains them, as comments."""
+    """Return findings on data that URDF cannot hold; the URDF contains the same findings as comments."""
     file = f"{mechanism.name}.urdf"
     found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")]
     found += [

@@ -83,9 +83,10 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
 
 
 def write_simulated(name: str, folder: Path) -> Path:
-    """Write <name>_sim.usda: the layer <name>.usda of the same folder, and a physics scene outside its default prim.
+    """Write <name>_sim.usda: the layer <name>.usda of the same folder, and a physics scene.
 
-    References to the robot do not include the physics scene, because a stage must have exactly one.
+    The physics scene is outside the default prim, so that a stage that references the robot does not get a second
+    physics scene.
     """
     layer = new_layer(path := folder / f"{name}_sim.usda")
     describe(layer, name)
@@ -118,10 +119,10 @@ def _add_scene(layer: Sdf.Layer) -> None:
 
 @contextlib.contextmanager
 def fresh_stage(stage: Path, source: str, weighed: Callable[[], Mechanism]) -> Iterator[Path]:
-    """Yield the path of a robot's USD stage: the existing stage if up to date, else one in a temporary folder.
+    """Yield the path of a robot's USD stage: `stage` if it is up to date, else a new stage in a temporary folder.
 
     `source` is the current `Mechanism.source` of the robot: its description and the hash of its CAD. `weighed` returns
-    the mechanism with masses; it is called if the stage is rebuilt.
+    the mechanism with masses; it is called only if a new stage is written.
     """
     if stage.is_file():
         with contextlib.suppress(StageError):

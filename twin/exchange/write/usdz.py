@@ -39,7 +39,7 @@ _PADDING = 0x1986
 
 
 def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
-    """Write the robot, with a motion or at rest, as one .usdz; the output is reproducible byte by byte.
+    """Write the robot, with a motion or at rest, as one .usdz file, which is reproducible byte by byte.
 
     The file contains meshes and materials, but no frames, points and joints. Without a clip, the robot is at home.
 
@@ -122,7 +122,7 @@ def _single_precision(layer: Sdf.Layer) -> None:
 
 
 def package(layer: Path, path: Path) -> None:
-    """Write one layer file to a zip archive as USDZ requires: uncompressed, aligned to 64 bytes, without a date.
+    """Pack one layer file into a .usdz archive, without a date; uncompressed and aligned to 64 bytes, as USDZ requires.
 
     Raises:
         OSError: the archive cannot be written.

@@ -1,7 +1,7 @@
 """Interactive motion of a mechanism: move a point of a body, or the active joints, along a straight line.
 
-The line to the target is followed in steps of fixed length, independent of speed. If the last step is shorter, the next
-call computes it again, so that the result does not depend on the number of calls. Each step stays in the assembly of
+The line to the target is followed in steps of fixed length, independent of speed. A shorter last step is computed again
+by the next call, so that the result does not depend on the number of calls. Each step stays in the assembly of
 the previous step and slides along limits; a step is halved if the loops do not close after it. An assembly ends at two
 kinds of singularity: the loops no longer determine their passive joints (type II), or the active joints no longer
 determine the tool (type I). A dragged point stops before both kinds. The motion of an active joint (`Dragger.joints`)
@@ -37,7 +37,7 @@ _THERE, _PASSED = 1e-10, 1e-7
 """Distances in m at which the target, and an intermediate goal, count as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""A motion ends when a step reduces the distance by less than this fraction (to a goal on the line, to the target).
+"""Fraction of the distance to an intermediate goal, and to the target; a motion ends if a step reduces it by less.
 
 A point that slides along limits at distance d from the target approaches the target slowly: the last length x of its
 path reduces the distance by only x²/2d, which is 1 µm over the last 45 µm at d = 1 mm.
@@ -80,7 +80,7 @@ class Bound:
     least: float
 
     def slack(self, q: Array) -> float:
-        """Return the margin at q (n,), in m or rad; negative beyond the limit."""
+        """Return the distance of q (n,) from the bound, in m or rad; negative if q violates the bound."""
         return float(self.weights @ q - self.least)
 
 
@@ -209,7 +209,8 @@ class Dragger:
     def determinants(self, before: Look, look: Look, tool: bool) -> dict[str, tuple[float, float]]:
         """Return the determinants {name: (before, now)} of loops and tool; a sign changes only at a singularity.
 
-        Non-square matrices are projected onto the singular vectors of the matrix before the step.
+        For a matrix that is not square, both determinants are those of its projection onto the singular vectors that
+        it has before the step.
         """
         out = {}
         for name, A, B in zip(self._loops, before.loops, look.loops, strict=True):
@@ -250,7 +251,7 @@ class Dragger:
 
 
 class Grip:
-    """A grabbed point. If its targets are on a line, its final position does not depend on the number of targets."""
+    """A grabbed point. If all targets are on one line, the point's final position does not depend on their number."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self._walk, self._hand = _Walk(dragger, look, held), look.p
@@ -290,7 +291,7 @@ class _Walk:
         self._part, self._within, self._gain, self._tries = 1.0, _THERE, _GAIN, 0
 
     def begin(self, goal: Array, last: bool = False) -> None:
-        """Start moving to a goal (3,); the last goal is approached as closely as possible."""
+        """Start moving to a goal (3,); with `last`, the point approaches the goal as closely as possible."""
         self._goal, self._first, self._total = goal, self.look, np.zeros(len(self.look.q))
         self._within, self._gain, self._tries = (_THERE, _LAST_GAIN, _LAST_TRIES) if last else (_PASSED, _GAIN, _TRIES)
 

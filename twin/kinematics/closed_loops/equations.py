@@ -24,7 +24,7 @@ LENGTH_SCALE = 0.1
 
 STATES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 4, "free": 7}
 STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "free": 6}
-"""(size of the state, size of the step) of a passive joint by type; lengths before angles."""
+"""Count of numbers in the state (STATES) and in a step (STEPS) of a passive joint, by type; lengths before angles."""
 
 _ROUNDED = 4e-16
 """Maximum difference from 0, 1 or -1 at which an entry of a measured rotation is rounded."""
@@ -45,11 +45,11 @@ class Passive:
 
     @property
     def key(self) -> str:
-        """Name of the state in kernels: no input or result of a kernel has it, whatever the joint is called."""
+        """Name of the joint's state in kernels; its prefix makes it differ from all input and result names."""
         return f"joint.{self.joint.name}"
 
     def stepped(self, step: ca.SX) -> ca.SX:
-        """Return the state after a step."""
+        """Return the state of the joint after a step (m or rad; a small rotation for a quaternion)."""
         kind = self.joint.type
         if kind not in ("spherical", "free"):
             return self.state + step
@@ -76,7 +76,7 @@ class Equations:
 
     Attributes:
         mechanism: the mechanism with these loops.
-        q: active joints (n,), in order.
+        q: active joints (n,), in the order of `Mechanism.active`.
         passive: the passive joints, whose coordinates are the unknowns.
         residual: (m,) offsets in m and misalignments in rad times `LENGTH_SCALE`; couplings last.
         jacobian: (m, steps) derivative of the residual with respect to the steps of all unknowns, joint by joint.
@@ -130,7 +130,7 @@ class Equations:
         self.T_base_tool = self.pose(tool.body, tool.T_body_frame)
 
     def pose(self, body: str, T_body_frame: Array | None = None, stepping: bool = False) -> ca.SX:
-        """Return T_base_frame (4, 4) of a frame on a body; `stepping`: after a step of the unknowns (first order)."""
+        """Return T_base_frame (4, 4) of a frame on a body; with `stepping`, to first order after a step of unknowns."""
         chain = self._chain(self.mechanism.path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
         axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
         T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))

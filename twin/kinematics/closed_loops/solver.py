@@ -208,7 +208,7 @@ class LoopSolver:
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """Functions that the kernel calls in this order: Newton's method closes the loops, then outputs are computed.
+        """The functions of the kernel, in the order of their calls: Newton's method, then the function of the outputs.
 
         Inputs are q and the unknowns of the loops. Outputs are "pose" (12,), the first three rows of T_base_tool;
         "gaps" (3,), which are offset, tilt and margin (see `Closed`); and "states", the values of the unknowns.

@@ -24,8 +24,8 @@ class Block:
     Attributes:
         rows: indices of the equations.
         unknowns: indices of the joints in `Equations.passive`.
-        columns: indices of the steps of these joints.
-        pattern: (rows, columns) bool, whether the derivative can differ from 0.
+        columns: indices of these joints' steps, which are columns of `Equations.jacobian`.
+        pattern: (rows, columns) bool, whether this entry of the Jacobian can differ from 0.
     """
 
     rows: tuple[int, ...]

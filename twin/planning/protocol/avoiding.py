@@ -24,7 +24,8 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
         seed: seed of the random search.
 
     Raises:
-        ProtocolError: the clearance is not a positive number, the seed is negative, or the protocol has no such phase.
+        ProtocolError: the clearance is not a positive number, the seed is negative, or the protocol has no phase of
+            these three types.
     """
     if not 0 < clearance < float("inf"):
         raise ProtocolError(
@@ -35,7 +36,7 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
     changed = [p for p in protocol.phases if isinstance(p, (Joints, Positioning, Home))]
     if not changed and not any(isinstance(p, Free) for p in protocol.phases):
         raise ProtocolError(
-            f"{protocol.name}: no phase can avoid obstacles; this is possible for joints, positioning, home and free"
+            f"{protocol.name}: no phase can go around obstacles; only the types joints, positioning, home and free can"
         )
     phases = tuple(
         Free(p.name, p.to, clearance, seed, scene) if isinstance(p, (Joints, Positioning, Home)) else p

@@ -70,14 +70,14 @@ class Course:
     depth1: float
 
     def line(self, s: Array) -> Motion:
-        """Return a straight motion at s (k,)."""
+        """Return the motion along a straight line, at the path parameters s (k,)."""
         R, w1, w2 = _turning(self.angles0, self.angles1 - self.angles0, s, self.order)
         step = self.tip1 - self.tip0
         p, p1 = self.tip0 + s[:, None] * step, np.broadcast_to(step, (len(s), 3))
         return self.moved(R, p, p1, np.zeros((len(s), 3)), w1, w2)
 
     def about(self, rcm: Array, s: Array) -> Motion:
-        """Return a motion about an RCM (3,) in base in m, at s (k,)."""
+        """Return the motion about an RCM (3,) in base in m, at the path parameters s (k,)."""
         R, w1, w2 = _turning(self.angles0, self.angles1 - self.angles0, s, self.order)
         n = R @ self.n_tool_shaft
         n1 = np.cross(w1, n)

@@ -34,7 +34,7 @@ def load_protocol(path: str | Path, read: Read = read_bytes) -> Protocol:
     if abs(np.linalg.norm(axis) - 1) > 1e-6:
         n = np.linalg.norm(axis)
         hint = f"write {[round(float(x), 9) for x in axis / n]}" if n > 0 else "it is zero"
-        raise error_at(path, ("shaft_axis",), f"is not a unit vector: {hint}")
+        raise error_at(path, ("shaft_axis",), f"the vector is not a unit vector: {hint}")
     walk = _walked(table, path)
     protocol = Protocol(
         name=table.name,
@@ -136,7 +136,7 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
             "protocol.unused_waypoint",
             Path(path).name,
             f"waypoint '{name}' is not used by any phase",
-            suggestion="remove it, or add a phase that goes there",
+            suggestion="remove the waypoint, or add a phase that moves to it",
         )
         for name in table.waypoints
         if name not in used

@@ -81,13 +81,13 @@ class Protocol:
         phases: phases in order.
         limits: limits of each phase type in use, by type.
         tolerances: tolerances of the finished trajectory.
-        rotation: axes of the waypoints' angles, in their order.
+        rotation: axes of the three angles of a waypoint, in order, such as "zyx".
         trocars: positions (3,) in base in m, by name; "" is the only trocar of the mechanism. Trocars of the mechanism
             that are not given are as drawn.
         rcm: (3,) in base in m, RCM registered from the start (the instrument is already in the patient), or None.
         free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
             directions in which the robot cannot move; every waypoint must be a pose that the robot can assume.
-        patient: place of the patient, or None; `no_patient` may then state the reason.
+        patient: place of the patient, or None; if None, `no_patient` may give the reason.
         findings: warnings from reading the file.
     """
 
@@ -114,7 +114,7 @@ class Protocol:
     def first_rcm(self) -> Array | None:
         """The first RCM (3,) in base in m: a trocar, the RCM registered from the start, or the start of an insertion.
 
-        None if there is none, or if only the mechanism defines its trocar.
+        None if the protocol has no RCM, or if only the mechanism defines the position of its trocar.
         """
         if "" in self.trocars or self.rcm is not None:
             return self.trocars.get("", self.rcm)
@@ -148,7 +148,7 @@ class Protocol:
             if name and name not in trocars and name not in named:
                 raise ProtocolError(
                     f"protocol '{self.name}' has a trocar '{name}' ([trocars_mm]), but no phase names it, and the "
-                    f"mechanism of {self.robot} has {held or 'none'}: correct the name, or remove it"
+                    f"mechanism of {self.robot} has {held or 'none'}: correct or remove this entry"
                 )
         return {n or trocars[0]: p for n, p in self.trocars.items() if not n or n in trocars}
 
@@ -173,11 +173,11 @@ class Protocol:
                 add(f"{w.name}_depth", w.depth, "mm", MM, w.provenance, w.note)
         out += [parameter for phase in self.phases for parameter in phase.parameters()]
         for label, p in zip("xyz", self.rcm if self.rcm is not None else (), strict=False):
-            add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM from the start; see the file")
+            add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM registered from the start; see the protocol file")
         for name, place in self.trocars.items():
             for label, p in zip("xyz", place, strict=True):
                 shown = f"trocar_{name}_{label}" if name else f"trocar_{label}"
-                add(shown, float(p), "mm", MM, "ASSUMED", "place of the patient; see the file")
+                add(shown, float(p), "mm", MM, "ASSUMED", "position of the trocar; see the protocol file")
         for kind, l in self.limits.items():  # noqa: E741
             add(f"{kind}_tip_speed", l.tip_speed, "mm/s", MM, l.provenance, l.note)
             add(f"{kind}_tip_acceleration", l.tip_acceleration, "mm/s2", MM, l.provenance, l.note)

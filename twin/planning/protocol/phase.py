@@ -73,18 +73,18 @@ class Walk:
         self.here = self.here if self.stays else self.goal
 
     def wrong(self, key: Key | None, message: str) -> DescriptionError:
-        """Return an error at a key of the current phase; None: at the phase."""
+        """Return an error that points to a key of the current phase; with `key` None, to the phase itself."""
         return error_at(self._path, self._keys if key is None else (*self._keys, key), message)
 
     def outside(self, kind: str) -> None:
-        """Raise an error if an RCM is registered."""
+        """Raise an error for a phase of type `kind` if an RCM is registered."""
         if self.inside:
             raise self.wrong(
                 "type", f"the instrument is still in the patient: add a retraction to depth 0 before this {kind}"
             )
 
     def registered(self, kind: str) -> None:
-        """Raise an error if no RCM is registered."""
+        """Raise an error for a phase of type `kind` if no RCM is registered."""
         if not self.inside:
             raise self.wrong("type", f"no RCM is registered yet: add an insertion before this {kind}")
 
@@ -95,22 +95,22 @@ class Walk:
         self.inside = self.inside or trocar is not None
 
     def go(self, goal: str, why: str, *needs: Literal["position_mm", "depth_mm", "joints"], key: Key = "to") -> None:
-        """Set the waypoint at which the phase ends, and check that it has one of the keys `needs`."""
+        """Set the waypoint `goal` at which the phase ends, and check that this waypoint has one of the keys `needs`."""
         self.target(goal, (*self._keys, key), why, *needs)
         self.goal = goal
         self.used.add(goal)
         if goal == self.here:
-            raise self.wrong(key, f"the phase has no length: it already begins at '{goal}'; remove it")
+            raise self.wrong(key, f"the phase has no length: it already begins at '{goal}'; remove the phase")
 
     def target(self, name: str, keys: tuple[Key, ...], why: str, *needs: str) -> None:
-        """Check that a waypoint exists and has one of the keys `needs`, if any."""
+        """Check that the waypoint `name` exists and, if `needs` is not empty, has one of the keys in `needs`."""
         if name not in self._waypoints:
             raise error_at(self._path, keys, unknown("waypoint", name, self._waypoints))
         if needs and all(getattr(self._waypoints[name], n) is None for n in needs):
             raise error_at(self._path, keys, f"waypoint '{name}' has no {' or '.join(needs)}, which {why} requires")
 
     def once(self, joints: Iterable[str], keys: tuple[Key, ...] | None = None) -> None:
-        """Check that no joint is given twice."""
+        """Check that the keys `joints`, such as NAME_deg and NAME_mm, name no joint twice."""
         moved = [key.rsplit("_", 1)[0] for key in joints]
         for joint in moved:
             if moved.count(joint) > 1:
@@ -131,11 +131,11 @@ class PhaseTable(Table):
 
     @abstractmethod
     def follow(self, walk: Walk) -> None:
-        """Check the phase against the phases before it, and set its end in `walk`."""
+        """Check the phase against the phases before it, and set the waypoint at which it ends in `walk`."""
 
     @abstractmethod
     def phase(self, walk: Walk) -> Phase:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
 
     def leaves(self) -> bool:
         """Return whether the instrument is out of the patient after the phase."""
@@ -258,11 +258,11 @@ class Phase(ABC):
         """
 
     def motion(self, course: Course, s: Array) -> Motion:
-        """Return the motion at s (k,): a straight line, unless the phase type overrides it."""
+        """Return the motion of the phase at the path parameters s (k,): a straight line, unless a type overrides it."""
         return course.line(s)
 
     def depth_at(self, course: Course, s: float) -> float:
-        """Return the depth in m at s; NaN without RCM."""
+        """Return the insertion depth in m at the path parameter s; NaN if no RCM is registered."""
         return course.depth0 + s * (course.depth1 - course.depth0)
 
     def leaves(self) -> bool:
@@ -270,7 +270,7 @@ class Phase(ABC):
         return False
 
     def parameters(self) -> Iterable[Parameter]:
-        """Return the parameters of the phase."""
+        """Return each number of the phase, with its provenance."""
         return ()
 
 

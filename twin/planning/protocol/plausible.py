@@ -39,8 +39,8 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
     far = max(positions.values(), default=0.0)
     for name, r in positions.items():
         if 0 < r < _NEAR and far > _FAR:
-            text = f"waypoint '{name}' is {r:.3g} mm from the origin, another {far:.4g} mm: the first looks like metres"
-            yield _warning(text, file, "positions are in mm")
+            text = f"waypoint '{name}' is {r:.3g} mm from the origin, another waypoint {far:.4g} mm"
+            yield _warning(f"{text}: the position of '{name}' looks like metres", file, "positions are in mm")
     depths = {f"waypoint '{n}'": w.depth_mm for n, w in table.waypoints.items() if w.depth_mm is not None}
     depths |= {f"phase '{p.name}'": p.depth_mm for p in table.phases if isinstance(p, InsertionTable)}
     for what, depth in depths.items():

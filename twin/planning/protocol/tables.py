@@ -116,7 +116,13 @@ class ProtocolTable(Table):
     @model_validator(mode="after")
     def _one_answer(self) -> ProtocolTable:
         if self.patient is not None and self.no_patient is not None:
-            raise at("no_patient", "states why there is no patient, but there is a [patient]: remove one of the two")
+            raise at(
+                "no_patient",
+                "a reason for having no patient is given, but also a section [patient]: remove one of them",
+            )
         if self.trocar_mm is not None and self.trocars_mm:
-            raise at("trocar_mm", "positions the only trocar, but [trocars_mm] positions several: remove one of them")
+            text = (
+                "trocar_mm gives the position of the only trocar, but [trocars_mm] those of several: remove one of them"
+            )
+            raise at("trocar_mm", text)
         return self

@@ -87,7 +87,7 @@ class Phase(IntEnum):
 
 
 class Why(IntEnum):
-    """Reason why a record was refused, or why a replay stopped."""
+    """Reason why a record was refused or ended, or why a replay stopped."""
 
     NOTHING = 0
     NO_RECORD = 1
@@ -102,6 +102,7 @@ class Why(IntEnum):
     MACHINE_STOPPED = 10
     OPERATOR = 11
     NOT_JUDGED = 12
+    FULL = 13
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,8 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
         Why.NOTHING: "",
         Why.NO_RECORD: f"there is no record of {robot}: rehearse first",
         Why.NOT_JUDGED: f"the record of {robot} has not passed its check: rehearse again",
+        Why.FULL: f"the rehearsal was stopped: the record of {robot} is {value:g} s long (limit {LONGEST:g}). Press "
+        f"Judge to use it, or {again} a shorter motion",
         Why.NOT_READY: f"{robot} is not ready (run level {Level(int(value)).name if 0 <= value <= 3 else value}): "
         "press its start button, and wait for PEDAL_UP",
         Why.TOO_FAST: f"the rehearsed tip moved at {value / MM:.0f} mm/s (limit {bounds.rehearsed / MM:.0f}): "
@@ -301,10 +304,13 @@ class Trainer(Block):
             machine = model = _STILL if self._sync or waits else self._replayed(s, held, t)
         elif self._phase in (Phase.TELEOPERATE, Phase.REHEARSE):
             alone = self._phase == Phase.REHEARSE
-            values = self._led_by_hand(signals, s, ready, alone)
+            full = alone and len(self._record) * dt >= LONGEST
+            if full:
+                self._why, self._value, self._led = Why.FULL, LONGEST, False
+            values = _STILL if full else self._led_by_hand(signals, s, ready, alone)
             machine, model = (_STILL, values) if alone else (values, values)
-            if alone:
-                self._rehearsed(values, s, t)
+            if alone and not full:
+                self._rehearsed(values, s)
         else:
             self._down = self._led = False
         given = np.append(model, float(self._sync))
@@ -392,11 +398,9 @@ class Trainer(Block):
             return np.append(_STILL[:8], 1.0)
         return self._smooth.values(goal, jaw)
 
-    def _rehearsed(self, values: Array, s: Mapping[str, Array], t: float) -> None:
+    def _rehearsed(self, values: Array, s: Mapping[str, Array]) -> None:
         if values[8] < 0.5 and not self._record:
             return  # the record begins with the motion
-        if len(self._record) * self._dt >= LONGEST:
-            return
         self._record.append(values)
         self._fastest = max(self._fastest, float(s["model"][1]))
 

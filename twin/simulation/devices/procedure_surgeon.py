@@ -16,11 +16,13 @@ from numpy.typing import ArrayLike
 from twin.core.errors import WorldError, unknown
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.procedure import ProcedureTable
-from twin.model.tissue import Tissue
-from twin.model.tool import Kind, ToolTable
-from twin.model.vessel import Vessel
+from twin.model.scene import Place
+from twin.model.tool import Kind
+from twin.simulation import operating_scene
+from twin.simulation.console_scene import start
 from twin.simulation.devices.hand import Hand, Tremor, minimum_jerk
+from twin.simulation.procedure_scene import TICK
+from twin.simulation.setup import Member, Setup
 from twin.simulation.world import Block, Signals
 
 Mistake = Literal["", "clip_missed", "wrong_vessel", "organ_punctured", "cut_outside", "bed_left"]
@@ -76,6 +78,11 @@ class Arm:
     tip: Array
 
 
+def _arm(place: Place, member: Member) -> Arm:
+    T = place.T_world_base @ member.kin.forward(start(place, member.mechanism))
+    return Arm(place.name, operating_scene.port_of(place), T[:3, 3])
+
+
 class ProcedureSurgeon(Block):
     """Writes `<robot>.target` of all robots, `<robot>.opening`, `.tool`, `.pedal` of those with tools, `surgeon.stage`.
 
@@ -83,44 +90,29 @@ class ProcedureSurgeon(Block):
         missed: names of the steps that the surgeon gave up.
     """
 
-    def __init__(
-        self,
-        arms: Sequence[Arm],
-        camera: Arm,
-        organs: Sequence[Tissue],
-        vessels: Sequence[Vessel],
-        tools: Mapping[str, ToolTable],
-        procedure: ProcedureTable,
-        dt: float,
-        seed: int = 0,
-        mistake: Mistake = "",
-        manner: Manner | None = None,
-    ) -> None:
+    def __init__(self, setup: Setup, seed: int = 0, mistake: Mistake = "", manner: Manner | None = None) -> None:
         """Prepare the work.
 
         Args:
-            arms: the robots with tools.
-            camera: the robot of the endoscope.
-            organs: the organs of the scene.
-            vessels: its vessels.
-            tools: its tools.
-            procedure: the procedure.
-            dt: duration of a tick in s.
+            setup: a scene with organs, vessels and tools, its robots, and a task with a procedure.
             seed: seed of tremor and aim.
             mistake: a mistake to make, "": none.
             manner: habits; None: the defaults.
 
         Raises:
+            TwinError: the task is not a procedure, or its organ is missing.
             WorldError: there is no such mistake, or no robot can carry a tool that is needed.
         """
         if mistake not in get_args(Mistake):
             raise WorldError(unknown("mistake", mistake, [m for m in get_args(Mistake) if m]))
+        scene, procedure = setup.scene, operating_scene.procedure_of(setup.scene, setup.task)
         self.procedure, self.manner, self.mistake = procedure, manner or Manner(), mistake
-        self._dt, self._rng = dt, np.random.default_rng(seed)
-        self._arms, self._camera, self._tools = {a.robot: a for a in arms}, camera, dict(tools)
-        self._organ = next(o for o in organs if o.name == procedure.organ)
-        self._spared = next(o for o in organs if o.name == procedure.spare[0])
-        self._vessels = {v.name: v for v in vessels}
+        self._rng = np.random.default_rng(seed)
+        *arms, camera = (_arm(place, setup.members[place.name]) for place in operating_scene.robots_of(setup))
+        self._arms, self._camera, self._tools = {a.robot: a for a in arms}, camera, dict(scene.tools)
+        self._organ = operating_scene.organ_of(setup)
+        self._spared = next(o for o in setup.organs if o.name == procedure.spare[0])
+        self._vessels = {v.name: v for v in scene.vessels}
         self._holder = self._carrier("grasper", [*self._arms])
         others = [n for n in self._arms if n != self._holder]
         self._worker = self._carrier("clip_applier", others)
@@ -129,7 +121,7 @@ class ProcedureSurgeon(Block):
                 raise WorldError(f"{self._worker} cannot carry {kind}; add {self._worker} to `robots` of such a tool")
         everyone = [*self._arms.values(), camera]
         self._at = {a.robot: a.tip.copy() for a in everyone}
-        self._shake = {a.robot: Tremor(self._rng, self.manner.hand, dt) for a in everyone}
+        self._shake = {a.robot: Tremor(self._rng, self.manner.hand, TICK) for a in everyone}
         names = [*self._tools]
         self._tool = {n: names.index(procedure.start[n]) for n in self._arms}
         self._opening, self._pedal = dict.fromkeys(self._arms, 1.0), dict.fromkeys(self._arms, 0.0)
@@ -201,14 +193,14 @@ class ProcedureSurgeon(Block):
         yield from self._wait(0.5)
 
     def _wait(self, seconds: float) -> Iterator[None]:
-        for _ in range(max(1, round(seconds / self._dt))):
+        for _ in range(max(1, round(seconds / TICK))):
             yield
 
     def _move(self, to: Mapping[str, Array], speed: float) -> Iterator[None]:
         """Move the tips to places (3,) in the World along straight lines, all in the same time."""
         start = {n: self._at[n] for n in to}
         long = max(float(np.linalg.norm(p - start[n])) for n, p in to.items())
-        k = max(1, round(max(0.2, long / speed) / self._dt))
+        k = max(1, round(max(0.2, long / speed) / TICK))
         for s in minimum_jerk(np.arange(1, k + 1) / k):
             for n, p in to.items():
                 self._at[n] = start[n] + s * (p - start[n])
@@ -331,7 +323,7 @@ class ProcedureSurgeon(Block):
                 long = self.procedure.bed_j / max(t.power_w or 0.0 for t in self._tools.values())
                 yield from self._wait(long + 0.2)
                 self._pedal[robot] = 0.0
-                yield from self._wait(self._dt)
+                yield from self._wait(TICK)
                 if self._now[f"{organ}.freed"][cell] > 0.5:
                     break
             else:

@@ -36,6 +36,9 @@ FIELDS = ("x", "y", "z", "qw", "qx", "qy", "qz", "grasp", "pedal")
 
 _HALF = 2**31
 
+_NUMBERS = 2**32 - 1
+"""Number of sequence numbers that count packets: 1 to 2^32 - 1, then 1 again, because 0 asks for an answer."""
+
 _UNIT = 1e-3
 """Largest accepted difference of a quaternion's length from 1."""
 
@@ -69,6 +72,19 @@ def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
     turns = [v for pair in pairs[3:7] for v in pair]
     numbers = (sequence, 0, version, *steps, *turns, 0, 0, *(int(v) for v in pairs[7]), int(pedal))
     return PACKET.pack(*numbers, checksum(numbers))
+
+
+def number_of(count: int) -> int:
+    """Return the sequence number of a sender's packet number `count`, which begins at 1 and has no limit."""
+    return (count - 1) % _NUMBERS + 1
+
+
+def ahead(sequence: int, last: int) -> int:
+    """Return by how many packets a sequence number is after another one; negative: before it.
+
+    As in serial number arithmetic (RFC 1982), the shorter way around decides, so that 1 is one packet after 2^32 - 1.
+    """
+    return (sequence - last + _NUMBERS // 2) % _NUMBERS - _NUMBERS // 2
 
 
 def sequence_of(data: bytes) -> int:

@@ -16,7 +16,7 @@ from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.trainer import Phase
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, SEQUENCE, TICK
 from twin.simulation.machine.comparison import Comparison
-from twin.simulation.machine.itp import pack
+from twin.simulation.machine.itp import ahead, number_of, pack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine import Machine, Parts
 from twin.simulation.world import Block, Signals
@@ -74,7 +74,7 @@ class Modelled(Block):
             self._compared.rest(measured, m.q)
         if not down:
             self._given += 1
-            m.step(t, [(pack(self._given, self._arm, given[:9], self._version), name)])
+            m.step(t, [(pack(number_of(self._given), self._arm, given[:9], self._version), name)])
         self._sent += 1
         self._kept[self._sent % _KEPT] = m.q
         before, self._tip = self._tip, self._forward(m.q)[:3, 3]
@@ -97,6 +97,6 @@ class Modelled(Block):
     def _compare(self, measured: Array, run: Array, alone: bool) -> None:
         """Compare a new state with the model after the same packet; if the model moves alone, with the model now."""
         ticks, self._seen = int(np.clip(run[TICK] - self._seen, 1, 1000)), run[TICK]
-        behind = self._sent - int(run[SEQUENCE])
+        behind = ahead(number_of(self._sent), int(run[SEQUENCE]))
         q = self._kept[(self._sent - behind) % _KEPT] if not alone and 0 <= behind < _KEPT else self._model.q
         self._compared.step(measured, q, ticks)

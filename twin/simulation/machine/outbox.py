@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from twin.core.spatial import Array
-from twin.simulation.machine.itp import pack
+from twin.simulation.machine.itp import number_of, pack
 from twin.simulation.machine.machine import Parts
 from twin.simulation.world import Block, Signals
 
@@ -18,13 +18,13 @@ class Outbox(Block):
         self.outputs = {}
         self._of = {n: (parts[n].settings.arm, parts[n].settings.packet_version) for n in parts}
         self._packets: dict[str, list[bytes]] = {n: [] for n in parts}
-        self._number = 0
+        self._count = 0
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Store the packets of this tick."""
-        self._number += 1
+        self._count += 1
         for name, (arm, version) in self._of.items():
-            self._packets[name].append(pack(self._number, arm, signals.now[f"{name}.packet"], version))
+            self._packets[name].append(pack(number_of(self._count), arm, signals.now[f"{name}.packet"], version))
         return {}
 
     def take(self) -> dict[str, list[bytes]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from twin.core.errors import DeviceError
-from twin.simulation.machine.itp import Packet, unpack
+from twin.simulation.machine.itp import Packet, ahead, unpack
 
 
 class Receiver:
@@ -13,9 +13,9 @@ class Receiver:
 
     As in the released software, a packet with sequence number 0 is sent back. If numbers are missing, the first packet
     after the gap is dropped, and the next one is accepted. Unlike in the released software, the checksum must be
-    correct, and numbers must increase. In the released software, a packet with a number more than 1000 lower restarts
-    the numbering, so that old packets are accepted again. A master controls the machine until it has been silent for
-    `timeout` s.
+    correct, and each number must be after the last one (1 is after 2^32 - 1, see `itp.ahead`). In the released
+    software, a packet with a number more than 1000 lower restarts the numbering, so that old packets are accepted
+    again. A master controls the machine until it has been silent for `timeout` s.
 
     Attributes:
         master: address of the sender whose packets are accepted; None: the next one.
@@ -56,11 +56,10 @@ class Receiver:
             )
         if packet.sequence == 0:
             return None
-        last = self.sequence
-        if self.master is not None and packet.sequence <= last:
-            raise DeviceError(f"the sequence number {packet.sequence} is not above the last one, {last}")
+        gap = ahead(packet.sequence, self.sequence) - 1 if self.master is not None else 0
+        if gap < 0:
+            raise DeviceError(f"the sequence number {packet.sequence} is not after the last one, {self.sequence}")
         self.sequence = packet.sequence
-        gap = packet.sequence - last - 1 if self.master is not None else 0
         self.master, self._heard = sender, t
         if gap:
             raise DeviceError(f"{gap} packets are missing before {packet.sequence}: this packet is dropped, too")

@@ -26,7 +26,7 @@ from twin.core.errors import OutputError, WorldError
 from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.schema import Identifier, Table
-from twin.simulation.session.condition import Condition
+from twin.simulation.condition import Condition
 from twin.simulation.world.recording import SignalTable
 from twin.simulation.world.signals import columns
 

@@ -18,13 +18,11 @@ from twin.core.units import MM, hex_digits
 from twin.kinematics import Kinematics
 from twin.model.guide import GuideTable
 from twin.model.movable import Movable
-from twin.model.scene import Scene
-from twin.model.task import Task
-from twin.simulation import console_scene
-from twin.simulation.console_scene import Member
+from twin.simulation import console_scene, contact_scene
 from twin.simulation.contact_scene import Course
 from twin.simulation.session.referee import InstrumentReferee, Runs, signals_of
 from twin.simulation.session.rings import crossing
+from twin.simulation.setup import Setup
 from twin.simulation.world import Recording
 
 STEPS = ("picked up", "handed over", "guided", "released", "retracted")
@@ -126,7 +124,7 @@ class Referee(InstrumentReferee):
             period: time in s between two samples.
         """
         super().__init__(robots, period)
-        self._guide, self._ring, self._course, self._tools = guide, ring, course, dict(tools)
+        self._guide, self._ring, self.course, self._tools = guide, ring, course, dict(tools)
         self._from = ring.T_world_object[:3, 3]
         self._first = list(robots).index(first)
         lengths = [float(np.linalg.norm(b - a)) for a, b in pairwise(course.wire)]
@@ -198,7 +196,7 @@ class Referee(InstrumentReferee):
     def _retract(self, k: int, now: Mapping[str, Array]) -> None:
         """Judge whether both tools have left the dome with nothing in their jaws."""
         out = self._steps["released"] is not None and all(
-            self._course.outside(self._tools[n](now[f"{n}.q"])) >= self._guide.outside_mm * MM for n in self._names
+            self.course.outside(self._tools[n](now[f"{n}.q"])) >= self._guide.outside_mm * MM for n in self._names
         )
         self._do("retracted", k) if out else self._undo("retracted")
 
@@ -220,15 +218,15 @@ class Referee(InstrumentReferee):
         self._steps[step] = None
 
     @classmethod
-    def of(cls, scene: Scene, task: Task, members: Mapping[str, Member], course: Course, period: float) -> Referee:
-        """Return the referee of a task of a scene; `members`: the robots by the names of their places."""
-        if task.guide is None:
-            raise TwinError(f"task '{task.name}' has no ring to guide")
-        table, places = console_scene.console_of(scene), {p.name: p for p in scene.places}
-        robots = [*console_scene.hands_of(scene)]
-        ring = next(o for o in scene.objects if o.name == task.guide.ring)
-        tools = {n: _tool(places[n].T_world_base, members[n].kin) for n in robots}
-        return cls(task.guide, ring, course, robots, getattr(table, task.guide.first)[0], tools, period)
+    def of(cls, setup: Setup, period: float) -> Referee:
+        """Return the referee of a task of a scene."""
+        if setup.task is None or (guide := setup.task.guide) is None:
+            raise TwinError(f"{setup.label} has no ring to guide")
+        scene, robots = setup.scene, [*console_scene.hands_of(setup.scene)]
+        ring = next(o for o in scene.objects if o.name == guide.ring)
+        tools = {n: _tool(setup.places[n].T_world_base, setup.members[n].kin) for n in robots}
+        course, first = contact_scene.course(scene, setup.props, setup.task), getattr(scene.console, guide.first)[0]
+        return cls(guide, ring, course, robots, first, tools, period)
 
     @property
     def signals(self) -> list[str]:

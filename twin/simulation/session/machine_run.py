@@ -7,10 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from twin.core.errors import DeviceError
-from twin.model.mechanism import Mechanism
-from twin.model.scene import Scene
 from twin.simulation import console_scene
-from twin.simulation.console_scene import Member
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.together import Together
 from twin.simulation.devices.trainee import Trainee
@@ -19,10 +16,10 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.machine.link import MachineLink
 from twin.simulation.machine.machine import Parts
 from twin.simulation.machine.outbox import Outbox
-from twin.simulation.session.condition import Condition
 from twin.simulation.session.file import SessionWriter
 from twin.simulation.session.run import Keep, Progress, Ran, head_of, kept, seat_of
 from twin.simulation.session.tape import Tape
+from twin.simulation.setup import Setup
 
 _CHUNK = 100
 """Number of ticks between two writes."""
@@ -35,8 +32,7 @@ _HOME = 20.0
 
 
 def train(
-    scene: Scene,
-    members: Mapping[str, Member],
+    setup: Setup,
     parts: Mapping[str, Parts],
     links: Mapping[str, MachineLink],
     path: Path,
@@ -44,21 +40,18 @@ def train(
     seed: int = 0,
     triangles: int = 2,
     scale: float | None = None,
-    props: Mechanism | None = None,
     progress: Progress,
 ) -> Ran:
     """Simulate a trainee who teleoperates, rehearses and replays, and write the session.
 
     Args:
-        scene: a scene with machines.
-        members: robots by the names of their places.
+        setup: a scene with machines, its robots, and the condition of the cues on the hands.
         parts: compiled parts of the machines, by the names of their places.
         links: connections to the machines.
         path: the session file.
         seed: random seed of the trainee; with the same seed, the states of real machines still differ between runs.
         triangles: number of triangles that the trainee traces by teleoperation.
         scale: motion scale; None: that of the console.
-        props: mechanism of the props.
         progress: called with the current step of the exercise, and the fraction done.
 
     Raises:
@@ -67,14 +60,12 @@ def train(
     """
     for name, link in links.items():
         ready(name, link)
-    trainee = Trainee(seat_of(scene, members, seed, scale), links, triangles)
+    trainee = Trainee(seat_of(setup, seed, scale), links, triangles)
     states = {n: MachineStates(n, parts[n].home) for n in links}
     device, outbox, tape = Together([trainee, *states.values()]), Outbox(parts), Tape()
-    world = console_scene.world(
-        scene, members, device, records=False, watch=[outbox, tape], props=props, haptics=True, parts=parts
-    )
-    exchange, condition = Exchange(links, states, outbox), Condition(haptics=True)
-    writer = SessionWriter(path, head_of(scene, members, world, device, None, seed, props, condition))
+    world = console_scene.world(setup, device, records=False, watch=[outbox, tape], parts=parts)
+    exchange = Exchange(links, states, outbox)
+    writer = SessionWriter(path, head_of(setup, world, device, seed))
     keep, begin = Keep(world, kept(world)), time.monotonic()
     try:
         while not world.ended and not writer.full:
@@ -98,7 +89,7 @@ def train(
         writer.close()
     finally:
         writer.abandon()
-    return Ran(keep.recording(), keep.ticks, world.dt, condition=condition)
+    return Ran(keep.recording(), keep.ticks, world.dt, condition=setup.condition)
 
 
 def ready(name: str, link: MachineLink, patience: float = _HOME) -> None:

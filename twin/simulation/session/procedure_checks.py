@@ -13,10 +13,8 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.procedure import ProcedureTable
-from twin.model.scene import Scene
-from twin.model.tissue import Tissue
 from twin.simulation import operating_scene
+from twin.simulation.setup import Setup
 from twin.simulation.world import Block, Recording, Signals
 
 _SHUT = 1 - 1e-9
@@ -109,27 +107,23 @@ class ProcedureReferee(Block):
 
     outputs: Mapping[str, Array] = {}
 
-    def __init__(
-        self,
-        scene: Scene,
-        p: ProcedureTable,
-        organ: Tissue,
-        clips: Sequence[str],
-        period: float,
-    ) -> None:
+    def __init__(self, setup: Setup, clips: Sequence[str], period: float) -> None:
         """Begin with no sample.
 
         Args:
-            scene: the scene; its vessels are in the order of their numbers in `clip_<k>.on`.
-            p: the procedure.
-            organ: the organ that the procedure removes.
+            setup: a scene with organs, and a task with a procedure; the vessels are in the order of their numbers in
+                `clip_<k>.on`.
             clips: names of the signals `clip_<k>.on`.
             period: time in s between two samples.
+
+        Raises:
+            TwinError: the task is not a procedure, or its organ is missing.
         """
-        self.procedure, self.period = p, period
+        scene, organ = setup.scene, operating_scene.organ_of(setup)
+        self.procedure, self.period = (p := operating_scene.procedure_of(scene, setup.task)), period
         self.robots = [*p.start]
         self._organ, self._vessels = organ, scene.vessels
-        self._ports = np.array([operating_scene.port_of(x) for x in operating_scene.robots_of(scene, p)])
+        self._ports = np.array([operating_scene.port_of(x) for x in operating_scene.robots_of(setup)])
         self._middle = organ.weights.mean(axis=0)
         self._number = next(k for k, v in enumerate(scene.vessels) if v.name == p.vessel)
         self._clips = [n.removesuffix(".on") for n in clips]
@@ -309,10 +303,10 @@ class ProcedureReferee(Block):
         return Check("vessels", not wrong, None, text, bool(wrong))
 
 
-def measure(kept: Recording, scene: Scene, p: ProcedureTable, organ: Tissue) -> ProcedureMeasures:
+def measure(kept: Recording, setup: Setup) -> ProcedureMeasures:
     """Return the measures of a session; `kept`: the signals that the referee reads. See `ProcedureReferee`."""
     clips = [n for n in sorted(kept.sizes) if n.startswith("clip_") and n.endswith(".on")]
-    referee = ProcedureReferee(scene, p, organ, clips, kept.dt)
+    referee = ProcedureReferee(setup, clips, kept.dt)
     columns = [(name, kept[name]) for name in kept.sizes]
     for k, t in enumerate(kept.t.tolist()):
         referee.see({name: column[k] for name, column in columns}, t)

@@ -7,13 +7,11 @@ from typing import Any, Literal
 
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.procedure import ProcedureTable
-from twin.model.scene import Scene
-from twin.model.tissue import Tissue
 from twin.model.tool import Kind
 from twin.simulation.console_scene import hands_of
 from twin.simulation.session.procedure_checks import Check, ProcedureReferee
 from twin.simulation.session.referee import Event
+from twin.simulation.setup import Setup
 
 _TITLES = {
     "expose": "Expose the organ",
@@ -41,18 +39,11 @@ class ProcedureGuide(ProcedureReferee):
         events: all events so far, in order of time.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        p: ProcedureTable,
-        organ: Tissue,
-        clips: Sequence[str],
-        period: float,
-    ) -> None:
+    def __init__(self, setup: Setup, clips: Sequence[str], period: float) -> None:
         """Begin with no sample, see `ProcedureReferee`; a console of the scene moves the robots."""
-        super().__init__(scene, p, organ, clips, period)
+        super().__init__(setup, clips, period)
         self.complete, self.events = False, list[Event]()
-        self._tools, self._hands = [*scene.tools.values()], hands_of(scene)
+        self._tools, self._hands = [*setup.scene.tools.values()], hands_of(setup.scene)
         self._carried = dict.fromkeys(self.robots, -1)
         self._holds, self._told = dict.fromkeys(self.robots, -1), dict[str, str]()
         self._out_since: float | None = None

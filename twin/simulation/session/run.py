@@ -11,12 +11,11 @@ import numpy as np
 from twin.core.errors import TwinError, WorldError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.model.task import Task
-from twin.model.tissue import Tissue
 from twin.simulation import console_scene, contact_scene
-from twin.simulation.console_scene import HANDS, PEDALS, Member
+from twin.simulation.condition import Condition
+from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.devices.camera_surgeon import CameraSurgeon
 from twin.simulation.devices.guiding_surgeon import GuidingSurgeon
 from twin.simulation.devices.recorded import Recorded
@@ -26,10 +25,10 @@ from twin.simulation.devices.surgeon_hands import Eye, Seat
 from twin.simulation.machine.machine import Parts
 from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session import file
-from twin.simulation.session.condition import Condition
 from twin.simulation.session.file import Session, SessionWriter
 from twin.simulation.session.guiding import STEPS
 from twin.simulation.session.tape import Tape
+from twin.simulation.setup import Setup
 from twin.simulation.ways import Ways
 from twin.simulation.world import Block, Recording, World
 
@@ -129,30 +128,21 @@ def task_of(scene: Scene, name: str | None) -> Task:
 
 
 def surgeon(
-    scene: Scene,
-    members: Mapping[str, Member],
-    task: Task,
-    seed: int = 0,
-    scale: float | None = None,
-    dt: float = 1e-3,
-    props: Mechanism | None = None,
-    mistake: str = "",
+    setup: Setup, seed: int = 0, scale: float | None = None, mistake: str = ""
 ) -> ScriptedSurgeon | RingSurgeon | GuidingSurgeon | CameraSurgeon:
     """Return the simulated surgeon of a task, who controls the first arm of each hand.
 
     Args:
-        scene: a scene with a console.
-        members: robots by the names of their places.
-        task: the task.
+        setup: a scene with a console, its robots, and a task that is not a procedure.
         seed: random seed.
         scale: motion scale; None: that of the console.
-        dt: duration of a tick in s.
-        props: mechanism of the props; only needed for a task with rings.
         mistake: a mistake to make in a task with a ring to guide, "": none.
     """
-    seat = seat_of(scene, members, seed, scale, dt)
+    scene, task, seat = setup.scene, setup.task, seat_of(setup, seed, scale)
+    if task is None:
+        raise TwinError(f"scene '{scene.name}': the simulated surgeon needs a task")
     if task.transfers:
-        pegs, objects = contact_scene.pegs(scene, props, task), {o.name: o for o in scene.objects}
+        pegs, objects = contact_scene.pegs(scene, setup.props, task), {o.name: o for o in scene.objects}
         rings = [
             Ring(t.ring, objects[t.ring].size[0], objects[t.ring].size[1], t.peg, pegs[t.peg].end, pegs[t.peg].foot)
             for t in task.transfers
@@ -160,76 +150,56 @@ def surgeon(
         return RingSurgeon(seat, rings)
     if task.guide is not None:
         ring = next(o for o in scene.objects if o.name == task.guide.ring)
-        grips = {h: replace(e, T_tool_tip=grip_frame(members[e.robot].mechanism)) for h, e in seat.arms.items()}
-        course, ways = contact_scene.course(scene, props, task), ways_of(scene, members, props)
-        return GuidingSurgeon(replace(seat, arms=grips), ring, course, task.guide.first, ways, mistake)
+        grips = {h: replace(e, T_tool_tip=grip_frame(setup.members[e.robot].mechanism)) for h, e in seat.arms.items()}
+        course = contact_scene.course(scene, setup.props, task)
+        return GuidingSurgeon(replace(seat, arms=grips), ring, course, task.guide.first, Ways(setup), mistake)
     if (a := task.alignment) is not None:
         return CameraSurgeon(seat, task.name, a.upper, a.line)
     targets = [(t.name, t.p_world) for t in task.targets]
     return ScriptedSurgeon(seat, targets, task.tolerance, task.hold)
 
 
-def seat_of(scene: Scene, members: Mapping[str, Member], seed: int, scale: float | None, dt: float = 1e-3) -> Seat:
-    """Return the seat of a simulated surgeon at the console of a scene; scale None: that of the console."""
-    table = console_scene.console_of(scene)
-    camera = scene.cameras[table.camera]
-    scale = table.scale if scale is None else scale
-    return Seat(PEDALS, eyes(scene, members), camera.robot, camera.view_deg * DEG, scale, dt, seed)
-
-
-def ways_of(scene: Scene, members: Mapping[str, Member], props: Mechanism | None) -> Ways:
-    """Return the path planner for the robots of a console."""
-    return Ways(scene, {name: (member.mechanism, member.kin) for name, member in members.items()}, props)
-
-
-def eyes(scene: Scene, members: Mapping[str, Member]) -> dict[str, Eye]:
-    """Return the first arm of each hand, as a simulated surgeon sees it, by hand."""
-    table, places, arms = console_scene.console_of(scene), {p.name: p for p in scene.places}, {}
+def seat_of(setup: Setup, seed: int, scale: float | None) -> Seat:
+    """Return the seat of a simulated surgeon, who controls the first arm of each hand; scale None: the console's."""
+    table, arms = console_scene.console_of(setup.scene), {}
     for hand in HANDS:
         name = getattr(table, hand)[0]
-        mechanism = members[name].mechanism
-        T_tool_tip = mechanism.frame_in_tool(table.tip or mechanism.tool)
-        arms[hand] = Eye(name, members[name].kin, places[name].T_world_base, T_tool_tip)
-    return arms
+        member = setup.members[name]
+        T_tool_tip = member.mechanism.frame_in_tool(table.tip or member.mechanism.tool)
+        arms[hand] = Eye(name, member.kin, setup.places[name].T_world_base, T_tool_tip)
+    camera = setup.scene.cameras[table.camera]
+    scale = table.scale if scale is None else scale
+    return Seat(PEDALS, arms, camera.robot, camera.view_deg * DEG, scale, seed=seed)
 
 
 def perform(
-    scene: Scene,
-    members: Mapping[str, Member],
-    task: Task,
+    setup: Setup,
     path: Path,
     *,
     seed: int = 0,
     scale: float | None = None,
-    props: Mechanism | None = None,
-    condition: Condition | None = None,
     mistake: str = "",
     progress: Progress,
 ) -> Ran:
-    """Simulate a surgeon who performs a task, and write the session.
+    """Simulate a surgeon who performs a task, and write the session; the surgeon does not react to forces.
 
     Args:
-        scene: a scene with a console.
-        members: robots by the names of their places.
-        task: the task.
+        setup: see `surgeon`.
         path: the session file.
         seed: random seed of the surgeon.
         scale: motion scale; None: that of the console.
-        props: mechanism of the props; only needed for a task with rings, and for forces on the hands.
-        condition: condition of the session; None: the World has no forces. The surgeon does not react to forces.
         mistake: a mistake to make in a task with a ring to guide, "": none.
         progress: called with the name of the target or ring, and the fraction of them done.
 
     Raises:
         OutputError: the file cannot be written.
-        TwinError: the scene has no console.
+        TwinError: the scene has no console, or there is no task.
     """
-    device, tape = surgeon(scene, members, task, seed, scale, props=props, mistake=mistake), Tape()
-    world = console_scene.world(
-        scene, members, device, records=False, watch=[tape], task=task, props=props, haptics=_switch(condition)
-    )
-    writer = SessionWriter(path, head_of(scene, members, world, device, task, seed, props, condition))
-    keep = Keep(world, kept(world))
+    device, tape = surgeon(setup, seed, scale, mistake), Tape()
+    world = console_scene.world(setup, device, records=False, watch=[tape])
+    writer = SessionWriter(path, head_of(setup, world, device, seed))
+    keep, task = Keep(world, kept(world)), setup.task
+    assert task is not None, "the surgeon has a task"
     names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)]
     names = names or [*(STEPS if task.guide else ()), task.name]
     try:
@@ -243,67 +213,46 @@ def perform(
         writer.close()
     finally:
         writer.abandon()
-    return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed), condition=condition)
+    return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed), condition=setup.condition)
 
 
 def head_of(
-    scene: Scene,
-    members: Mapping[str, Member],
-    world: World,
-    device: Block,
-    task: Task | None = None,
-    seed: int | None = None,
-    props: Mechanism | None = None,
-    condition: Condition | None = None,
-    organs: Sequence[Tissue] = (),
+    setup: Setup, world: World, device: Block, seed: int | None = None, identity: str | None = None
 ) -> file.Head:
-    """Return the first line of the session file of a World with a device."""
-    own = {n: s for n, s in world.signals.sizes.items() if n in device.outputs}
-    identity = console_scene.identity(scene, members, task, props, _switch(condition), organs, world.dt)
-    name = None if task is None else task.name
-    return file.head(scene.name, identity, world.dt, own, world.signals.sizes, name, seed, condition)
+    """Return the first line of the session file of a World with a device.
+
+    `seed` is that of a simulated surgeon; `identity` is the hash of the inputs, None: those of a World at a console.
+    """
+    sizes, name = world.signals.sizes, None if setup.task is None else setup.task.name
+    own = {n: s for n, s in sizes.items() if n in device.outputs}
+    identity = identity or console_scene.identity(setup, world.dt)
+    return file.head(setup.scene.name, identity, world.dt, own, sizes, name, seed, setup.condition)
 
 
-def _switch(condition: Condition | None) -> bool | None:
-    return None if condition is None else condition.haptics
-
-
-def require_scene(
-    session: Session, path: Path, scene: Scene, members: Mapping[str, Member], props: Mechanism | None = None
-) -> None:
+def require_scene(session: Session, path: Path, setup: Setup) -> None:
     """Check that a session was recorded in this scene, and that the scene has not changed since.
 
     Raises:
         WorldError: the session is of another scene, or of a scene that has changed since.
     """
-    if session.head.scene != scene.name:
-        raise WorldError(f"{path}: the session was recorded in scene '{session.head.scene}', not in '{scene.name}'")
-    head = session.head
-    task = None if head.task is None else scene.tasks[head.task]
-    if head.identity != console_scene.identity(scene, members, task, props, _switch(head.condition), dt=head.dt):
+    head, name = session.head, setup.scene.name
+    if head.scene != name:
+        raise WorldError(f"{path}: the session was recorded in scene '{head.scene}', not in '{name}'")
+    if head.identity != console_scene.identity(setup, head.dt):
         raise WorldError(
-            f"{path}: scene '{scene.name}' has changed since this session (places, limits, frames or the console), "
+            f"{path}: scene '{name}' has changed since this session (places, limits, frames or the console), "
             f"or the first line of the file has (a tick of {head.dt:g} s): restore the earlier scene or file to replay "
             "the session"
         )
 
 
-def replay(
-    session: Session,
-    scene: Scene,
-    members: Mapping[str, Member],
-    progress: Progress,
-    props: Mechanism | None = None,
-    parts: Mapping[str, Parts] | None = None,
-) -> Ran:
+def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[str, Parts] | None = None) -> Ran:
     """Replay a session in a new World, and compare all signals of every tick.
 
     Args:
         session: the session; see `require_scene`.
-        scene: its scene.
-        members: robots by the names of their places.
+        setup: its scene, robots, task and condition.
         progress: called with "replay" and the fraction done.
-        props: mechanism of the props; only needed for a task with rings, and for forces on the hands.
         parts: compiled parts of the machines of the scene; the states of the machines are read from the session.
 
     Raises:
@@ -313,19 +262,7 @@ def replay(
     own, device = file.sizes(start.device), session.device
     recorded = Recorded(Recording(start.dt, own, device), *own)
     tape = Tape()
-    task = None if start.task is None else scene.tasks[start.task]
-    world = console_scene.world(
-        scene,
-        members,
-        recorded,
-        dt=start.dt,
-        records=False,
-        watch=[tape],
-        task=task,
-        props=props,
-        haptics=_switch(start.condition),
-        parts=parts,
-    )
+    world = console_scene.world(setup, recorded, start.dt, records=False, watch=[tape], parts=parts)
     if world.signals.sizes != file.sizes(start.world):
         raise WorldError(
             f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"

@@ -44,7 +44,7 @@ class Step:
         begin, end: times in s.
         deviation: maximum distance in m between the tips of machine and model; nan if only the model moves.
         record: largest distance in m of the machine's tip from the rehearsed path; nan outside of replays.
-        text: why a record was refused or a replay stopped; "" otherwise.
+        text: why a record was refused or ended, or a replay stopped; "" otherwise.
     """
 
     phase: Phase
@@ -108,6 +108,8 @@ class Training:
         for s in self.steps:
             if s.phase == Phase.STOPPED and s.text.startswith("the replay"):
                 yield disagreement("training.replay", self.robot, s.text, when=f"{s.begin:.1f} s")
+            if s.phase == Phase.REHEARSE and s.text:
+                yield warning("training.record", self.robot, s.text, when=f"{s.begin:.1f} s")
 
     def content(self) -> dict[str, Any]:
         """Return plain data; keys end with their unit."""
@@ -148,7 +150,7 @@ def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -
     for a, b in itertools.pairwise(edges):
         what, why, value = phase[a]
         record = float("nan")
-        if what == Phase.REHEARSE:
+        if what == Phase.REHEARSE and why != Why.FULL:  # at the limit of the record, the model is at rest
             rehearsed = model[a:b]
         elif what == Phase.REPLAY and rehearsed is not None:
             record = _apart(tip[a:b], rehearsed, round(_LAG / kept.dt))

@@ -27,10 +27,10 @@ class File:
     """A file to serve.
 
     Attributes:
-        content: its bytes.
-        type: content type.
-        tag: prefix of its entity tag.
-        policy: Content-Security-Policy.
+        content: bytes of the file.
+        type: value of the header Content-Type.
+        tag: prefix of the entity tag (header ETag); "": no prefix.
+        policy: value of the header Content-Security-Policy.
     """
 
     content: bytes
@@ -54,7 +54,7 @@ class File:
 
 
 def answer(file: File, headers: Headers, head_only: bool, cookie: str | None = None) -> Response:
-    """Return the response to a request for a file."""
+    """Return the response to a request for a file; `cookie` is the value of its Set-Cookie header, None: no header."""
     packed = file.gzipped if "gzip" in _all(headers, "Accept-Encoding").lower() else None
     fields = _fields(file.type, file.policy)
     fields["ETag"] = file.etag

@@ -1,7 +1,7 @@
 """A TCP connection with limits that the library `websockets` does not enforce.
 
-The connection reads the request head with limits on methods, lengths and time. It then counts received bytes and
-frames. The server reads `waiting` before it sends, so that at most one frame waits in this process.
+The connection reads the head of the HTTP request with limits on methods, lengths and time. It then counts received
+bytes and frames. A server sends a frame only if no bytes are queued (`waiting`), so that at most one frame is queued.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from websockets.http11 import Response
 from twin.ui.door.limits import BYTES, FRAMES, Bucket, Doorman, household
 
 HEAD_SECONDS = 5.0
-"""Maximum time in s until the request head is complete."""
+"""Maximum time in s from the connection until the head of the HTTP request is complete."""
 
 _HEAD_BYTES, _TARGET_BYTES = 16_384, 2048
 _SLICE = 1024
 """Maximum number of bytes parsed between two counts of frames; a single read may contain ten thousand small frames."""
 
 _UNSENT = 4096
-"""Maximum number of bytes queued in the kernel, so that old frames do not delay the newest frame."""
+"""Maximum number of bytes queued in the kernel for sending, so that old frames do not delay the newest frame."""
 
 _REQUEST = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
 
 
 class Connection(ServerConnection):
-    """A connection with limits; a server sets `doorman`, and may set `bytes` and `frames`.
+    """A connection with limits; the subclass of a server sets `doorman`, and may set `bytes` and `frames`.
 
     Attributes:
         doorman: counter of connections.
         bytes: limit of received bytes: (per second, burst).
         frames: limit of received frames: (per second, burst).
-        household: IPv4 address or IPv6 network for which the connection is counted.
+        household: client's IPv4 address or IPv6 /64 network, by which connections are counted.
         head_only: whether the request method was HEAD.
     """
 
@@ -60,7 +60,7 @@ class Connection(ServerConnection):
     # -- the transport --------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Accept the connection if it is within the limits; else close it."""
+        """Accept the connection if the counts of connections are within their limits, else close it."""
         assert isinstance(transport, asyncio.Transport)
         peer = transport.get_extra_info("peername")
         self.household = household(peer[0] if peer else "")
@@ -138,7 +138,7 @@ class Connection(ServerConnection):
 
     @property
     def waiting(self) -> int:
-        """Number of bytes queued in this process."""
+        """Number of bytes that are queued in this process for sending."""
         # With TLS, encrypted bytes are queued in an inner transport, which asyncio does not expose.
         inner = getattr(getattr(self.transport, "_ssl_protocol", None), "_transport", None)
         return self.transport.get_write_buffer_size() + (0 if inner is None else inner.get_write_buffer_size())

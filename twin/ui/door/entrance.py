@@ -20,7 +20,7 @@ from twin.ui.door.gate import Gate
 from twin.ui.door.limits import BYTES, FRAMES, Doorman
 
 CLOSED = 1013
-"""Close code for WebSockets beyond the maximum number."""
+"""Close code for a WebSocket that would exceed the maximum number of WebSockets."""
 
 
 @dataclass(frozen=True)

@@ -68,9 +68,9 @@ class Gate:
 
     @staticmethod
     def same_origin(origin: str | None, host: str | None) -> bool:
-        """Return whether a request comes from a page of this server, or from a program that is not a browser.
+        """Return whether the Origin header names this server (Host header) or is missing.
 
-        Browsers always send an Origin header with a WebSocket; other programs send none.
+        Browsers always send an Origin header when they request a WebSocket; other programs send none.
         """
         if origin is None:
             return True

@@ -1,4 +1,4 @@
-"""Rate limits of the server: token buckets and connection counts."""
+"""Limits of the servers: rates (token buckets) and numbers of connections."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ADDRESSES = 4096
 
 
 class Bucket:
-    """Token bucket with a capacity of `size` tokens, refilled at `rate` tokens per second; `now` is a time in s."""
+    """Token bucket, full at the time `now` in s: capacity of `size` tokens, refilled at `rate` tokens per second."""
 
     def __init__(self, rate: float, size: float, now: float) -> None:
         self.rate, self.size, self.level, self.last = rate, size, size, now
@@ -47,7 +47,7 @@ class Bucket:
 
 
 class Doorman:
-    """Counter of connections by household: an IPv4 address, or an IPv6 /64 network.
+    """Counter of connections for each household: an IPv4 address, or an IPv6 /64 network.
 
     Args:
         clients: maximum number of simultaneous WebSockets in total.
@@ -61,7 +61,7 @@ class Doorman:
         self._openings: OrderedDict[str, Bucket] = OrderedDict()
 
     def admit(self, address: str, now: float) -> bool:
-        """Count a new connection; return whether it is allowed."""
+        """Return whether a household may open a connection at the time `now` in s; count an allowed connection."""
         bucket = self._openings.pop(address, None) or Bucket(*OPENINGS, now)
         self._openings[address] = bucket
         while len(self._openings) > ADDRESSES:
@@ -72,18 +72,18 @@ class Doorman:
         return True
 
     def leave(self, address: str) -> None:
-        """Remove a closed connection from the counts."""
+        """Remove a closed connection of a household from the counts."""
         _give_back(self._sockets, address)
 
     def join(self, address: str) -> bool:
-        """Count a new WebSocket; return whether it is allowed."""
+        """Return whether a household may open a WebSocket; count an allowed WebSocket."""
         if not _room(self._clients, address, self._most, self._of_one):
             return False
         self._clients[address] = self._clients.get(address, 0) + 1
         return True
 
     def part(self, address: str) -> None:
-        """Remove a closed WebSocket from the counts."""
+        """Remove a closed WebSocket of a household from the counts."""
         _give_back(self._clients, address)
 
 

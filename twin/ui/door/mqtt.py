@@ -1,8 +1,8 @@
-"""Motion scale by MQTT; in the paper's console, a tablet sets the scale.
+"""Receive the motion scale of a console from an MQTT broker, to which a tablet can send it, and publish the scale.
 
 A message to `<topic>/set` contains the new scale as decimal text, such as 0.25. This client publishes the current
-scale to `<topic>`, and `online` to `<topic>/available` while it is connected; both are retained. The paper prints no
-topic and no format.
+scale to `<topic>`, and `online` to `<topic>/available` while it is connected; both messages are retained. The console
+of the SILS paper receives its scale from a tablet by MQTT; the paper prints neither the topic nor the format.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ _AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
 """Socket option to send small messages at once; without it, TCP can delay a message by 40 ms."""
 
 _QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
-"""Time in s: a wrong payload is reported only if the last wrong payload is more than this time ago; maximum number of
-characters of a payload in a report; maximum number of characters of a topic."""
+"""Minimum time in s since the last invalid payload; an invalid payload that follows sooner is not reported. Maximum
+number of bytes of a payload in a report. Maximum number of characters of a topic."""
 
 
 class ScaleTopic:
-    """A topic with which other programs set the motion scale.
+    """An MQTT topic by which other programs set the motion scale.
 
     Attributes:
         connected: whether the broker is connected.
         problem: why the broker cannot be reached, or why the last payload was refused; None if there is no problem.
-        reports: receives each problem as a message.
+        reports: reporter of connection problems and refused payloads.
     """
 
     def __init__(

@@ -18,23 +18,25 @@ _MOST = 256
 """Maximum number of packets read at a time, so that too many packets do not delay the ticks."""
 
 _QUIET = 5.0
-"""Time in s: a problem is reported only if the last problem of its kind is more than this time ago."""
+"""Minimum time in s since the last problem of the same kind; a problem that follows sooner is not reported."""
 
 Address = tuple[str, int]
 
 
 class PacketDoor:
-    """A UDP socket for a packet device; the caller of `World.step` calls `pump` before the ticks.
+    """A UDP socket whose packets move the hands of the device `Packets`.
 
-    Each hand is controlled by the address that first sent a packet for it, until packets for this hand stop. By
-    default, only programs on this machine can send packets.
+    The caller of `World.step` must call `pump` before each group of ticks. A hand is controlled by the address that
+    first sent a packet for this hand; the control ends when this address is silent for longer than
+    `device.patience` s. By default, only programs on this machine can send packets.
 
     Attributes:
         port: port on which the socket listens.
-        holder: name of another device that controls the hands; packets are refused meanwhile. None: no other device.
+        holder: name of another device that controls the hands; all packets are refused while it is set. None: no
+            other device.
         refused: number of well-formed packets that were refused, because another address or device controls the hand,
             or because the camera pedal was pressed in the first packet.
-        reports: receives a message about each refused or malformed packet.
+        reports: reporter of refused and malformed packets.
     """
 
     def __init__(self, device: Packets, port: int = 0, host: str = "127.0.0.1") -> None:
@@ -61,10 +63,10 @@ class PacketDoor:
         self.port: int = self._socket.getsockname()[1]
 
     def pump(self, t: float, parts: int = 1) -> int:
-        """Pass on packets that have arrived before the tick at time t in s; return how many the device accepted.
+        """Pass received packets to the device before the tick at time t in s; return how many it accepted.
 
-        The ticks of a frame may be computed in several groups; `parts` is the number of remaining groups. Each call
-        passes on an equal share of the packets, so that the hands move in every group.
+        The ticks of a frame may be computed in several groups; `parts` is the number of groups that remain, this one
+        included. Each call passes 1 / `parts` of the waiting packets, so that the hands move in every group.
         """
         while len(self._waiting) < _MOST:
             try:
@@ -108,13 +110,13 @@ class PacketDoor:
 
     @property
     def heard(self) -> float:
-        """Time in s of the last accepted packet; minus infinity before the first one."""
+        """Time in s of the last accepted packet; minus infinity if no packet has been accepted."""
         return max((t for _, t in self._owners.values()), default=-math.inf)
 
     def answer(self, hand: int, force: ArrayLike, t: float) -> None:
-        """Send a force (3,) in N in frame {H} to the address that controls a hand at time t in s.
+        """Send a force (3,) in N, in the axes of the endoscope's picture {H}, to the address that controls a hand.
 
-        Nothing is sent if no address controls the hand.
+        Nothing is sent if no address controls the hand at time t in s.
         """
         if (owner := self.sender(hand, t)) is None:
             return

@@ -1,4 +1,4 @@
-"""Report problems of a connection once while they last, so that many faulty messages do not fill the log."""
+"""Report each problem of a connection once while it lasts, so that many faulty messages do not fill the log."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 
 class Reports:
-    """Reports a problem only if the last problem of the same kind is more than `quiet` s ago.
+    """Reporter of problems; it skips a problem that follows within `quiet` s after a problem of the same kind.
 
     Attributes:
-        quiet: time in s; see above.
-        tell: function that receives the message.
+        quiet: minimum time in s since the last problem of the same kind, reported or skipped.
+        tell: function that receives the text of each reported problem.
     """
 
     def __init__(self, quiet: float) -> None:
@@ -21,7 +21,7 @@ class Reports:
         self._last: dict[str, float] = {}
 
     def report(self, kind: str, t: float, text: str) -> None:
-        """Store the time t in s of a problem of a kind, and report the problem if it is new."""
+        """Report the problem `text` at time t in s, unless the last problem of this kind is at most `quiet` s ago."""
         if t - self._last.get(kind, -math.inf) > self.quiet:
             self.tell(text)
         self._last[kind] = t

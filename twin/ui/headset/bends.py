@@ -1,4 +1,4 @@
-"""The deformables of a stream: their feed, packed vertices, and the report of its first error."""
+"""Pack the vertices of a scene's deformables for the frames of a stream, and report the first error in them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _NOTHING = pack_field(np.zeros((0, 3)))
 
 
 class Bends:
-    """Deformables (fields) of a scene, packed for frames; an error in them does not stop the robots.
+    """Deformables (fields) of a scene, packed for frames; an error in a deformable does not stop the robots.
 
     Attributes:
-        feed: the feed; None: there are no deformables.
+        feed: source of the vertices; None: there are no deformables.
         packed: packed vertices of each field, in the order of the feed's surfaces.
         send: function that sends a document to all clients.
     """
@@ -39,10 +39,11 @@ class Bends:
         return self.feed.touching if isinstance(self.feed, Follower) and not self._broken else {}
 
     def follow(self, links: Callable[[], Mapping[str, Mapping[str, Array]]], passed: float, t: float) -> None:
-        """Deform the deformables that follow the links, by the present poses of the links.
+        """Update the deformables that follow the links to the present poses of the links.
 
         Args:
-            links: function that returns T_world_link (4, 4) by robot and link, of at least the links in `needs`.
+            links: function that returns the pose T_world_link (4, 4) of at least the links in `needs`, by robot and
+                link.
             passed: time in s since the last call.
             t: time in s of the scene.
         """
@@ -57,7 +58,7 @@ class Bends:
             self.at(t)
 
     def at(self, t: float) -> None:
-        """Read the deformables at a time in s; a missing field has no vertices and is reported once."""
+        """Pack the deformables at a time in s; a field with an error has no vertices; the first error is reported."""
         if self.feed is None:
             return
         fields = dict.fromkeys(self.feed.surfaces, _NOTHING)

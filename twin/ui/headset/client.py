@@ -14,13 +14,13 @@ from twin.ui.door.limits import Bucket
 from twin.ui.headset import protocol as wire
 
 STALL = 10.0
-"""Time in s after which a client that reads nothing is disconnected."""
+"""Time in s after which a client that receives no data is disconnected."""
 
 _NEWEST = ("state", "target")
-"""Kinds of documents of which only the newest is sent."""
+"""Kinds of documents of which a client receives only the newest, if several are queued."""
 
 WAITING = 64
-"""Maximum number of queued documents for one client."""
+"""Maximum number of queued documents for one client; a client with more is disconnected."""
 
 
 class Source(Protocol):
@@ -53,14 +53,14 @@ class Client:
     Attributes:
         id: public identifier.
         token: secret with which the client can reconnect.
-        ws: its connection.
-        messages: limit of its messages.
-        garbage: limit of its malformed messages.
-        heard: time in s of its last message.
-        documents: queued (kind, text) documents.
-        behind: whether it has not yet received the newest frame.
-        stalled: time in s since which its connection accepts no data; None if it accepts data.
-        told_rate: time in s of the last error message about its message rate.
+        ws: connection of the client.
+        messages: rate limit of the client's messages.
+        garbage: rate limit of the client's malformed messages.
+        heard: time in s of the client's last message.
+        documents: queued documents: (kind, text).
+        behind: whether the newest frame has not been sent to the client yet.
+        stalled: time in s from which on the connection has accepted no data; None if it accepts data.
+        told_rate: time in s at which the client was last told that it sends too many messages.
     """
 
     id: str

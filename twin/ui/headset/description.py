@@ -27,14 +27,14 @@ def describe(
     patients: Mapping[str, Patient],
     place: Place | None = None,
 ) -> dict[str, Any]:
-    """Return the description of a robot; lengths in m, angles in rad, poses as x y z and quaternion x y z w.
+    """Return the content of robot.json; lengths in m, angles in rad, poses as x y z and quaternion x y z w.
 
     Args:
         robot: the robot.
         desk: state of the robot.
         protocols: arguments of `Robot.protocol`, by protocol name.
-        patients: patients of these protocols, from `patients_of`.
-        place: place of the robot in a scene; None: the only robot, with its own surroundings.
+        patients: patients by protocol name, from `patients_of`.
+        place: place of the robot in a scene; None: a single robot, whose description contains floor and patients.
     """
     from twin.exchange.write.clip import model_hash
 
@@ -105,7 +105,10 @@ def _variants(desk: Desk) -> list[str]:
 
 
 def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[str, Patient]:
-    """Return the patients by protocol name; protocols without patient and unreadable protocols are omitted."""
+    """Return the patient of each protocol, by protocol name; unreadable protocols are omitted.
+
+    `protocols` contains arguments of `Robot.protocol` by protocol name. Protocols without a patient are omitted.
+    """
     floor = floor_of(desk.mechanism, desk.assembly.link_poses)
     out = {}
     for name, source in protocols.items():

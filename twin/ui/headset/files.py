@@ -34,11 +34,11 @@ _PRELOAD = '<link rel="preload" href="{}" as="fetch" crossorigin="anonymous">\n'
 
 
 def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
-    """Return the files of the page by path; index.html is also at "/". Without a page, the result is empty.
+    """Return all files in the folder of the page, by path; index.html is also at "/".
 
     Args:
-        folder: folder of the page.
-        preload: paths of files for the page; browsers load these files in parallel with the script.
+        folder: folder of the page; if it is missing or empty, so is the result.
+        preload: paths of files that a browser loads in parallel with the script of index.html.
     """
     out = {}
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):
@@ -68,7 +68,7 @@ def scene_file(description: dict[str, Any]) -> dict[str, File]:
 
 
 def glb_file(name: str, glb: bytes) -> dict[str, File]:
-    """Return a geometry file (GLB) by its path."""
+    """Return one geometry file with the content `glb`, by its path `/<name>`."""
     return {f"/{name}": File(glb, _TYPES[".glb"])}
 
 
@@ -81,5 +81,5 @@ def _tag(description: dict[str, Any]) -> str:
 
 
 def patient_files(glbs: Mapping[str, bytes]) -> dict[str, File]:
-    """Return the patients' geometry files by path /patient/<protocol>.glb; `glbs` has their contents by protocol."""
+    """Return a geometry file for each patient, by path /patient/<protocol>.glb; `glbs`: contents, by protocol."""
     return {k: v for name, glb in glbs.items() for k, v in glb_file(f"patient/{name}.glb", glb).items()}

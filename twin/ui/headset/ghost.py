@@ -17,7 +17,7 @@ _CHUNK = 8
 """Number of samples that one job of the worker solves."""
 
 _PATIENCE = 10
-"""Waiting time after a failure, as a multiple of the failure's duration, because drags have priority."""
+"""Waiting time after a failed solution, as a multiple of its computing time, because drags have priority."""
 
 
 class Ghost:
@@ -40,11 +40,11 @@ class Ghost:
         self._next = 0.0
 
     def forget(self, name: str | None) -> None:
-        """Hide the ghost until `choose` has set a variant."""
+        """Hide the ghost and store the name of the next variant; the ghost is shown again after `choose`."""
         self.name, self._track, self._kin = name, None, None
 
     def choose(self, name: str | None) -> str:
-        """Set a variant; return the reason if it cannot be used, else ""."""
+        """Set the variant of the equations (None: no ghost); return why it cannot be used, or "" if it can."""
         self._kin, self._chosen, self._track, self._solved = None, name, None, 0
         if name is None:
             return ""
@@ -57,7 +57,7 @@ class Ghost:
         return ""
 
     def follow(self, playback: Playback) -> None:
-        """Use the samples of a protocol; the desk must have the trocar positions of this protocol."""
+        """Compute the ghost at the samples of a protocol; the trocars of the desk must be those of this protocol."""
         self._playback = playback
         if self._chosen is not None:
             self.choose(self._chosen)
@@ -70,14 +70,14 @@ class Ghost:
 
     @property
     def wanting(self) -> bool:
-        """Whether samples of the protocol are still unsolved."""
+        """Whether `more` has not yet processed all samples of the protocol."""
         return self._track is not None and self._solved < len(self._track)
 
     def more(self) -> bool:
-        """Solve some samples; return whether there were unsolved samples.
+        """Process the next samples of the protocol; return False if all samples were already processed.
 
-        A sample without solution takes a hundred times as long as others; after such failures, an increasing number of
-        samples is skipped.
+        A sample without a solution takes a hundred times as long as a sample with a solution. Therefore, samples are
+        skipped after a failure; their number increases with each further failure.
         """
         track, playback, kin = self._track, self._playback, self._kin
         if track is None or playback is None or kin is None or self._solved >= len(track):
@@ -95,7 +95,7 @@ class Ghost:
 
     @property
     def nowhere(self) -> bool:
-        """Whether all samples are processed and the variant has no solution at any sample."""
+        """Whether all samples were processed and no solution was found at any of them."""
         return self._track is not None and not self.wanting and not np.isfinite(self._track).any()
 
     def at(self, k: int) -> Array | None:

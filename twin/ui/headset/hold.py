@@ -20,9 +20,9 @@ class Hold:
     Attributes:
         client: identifier of the client.
         target: "tool", "joint" or "link".
-        joint: number of the grabbed active joint; -1 for other targets.
-        body: name of the grabbed link.
-        point: grabbed point (3,) in m in the frame of the link.
+        joint: index of the grabbed joint in the active joints; -1 if the target is not a joint.
+        body: name in the message: the grabbed link or joint; "" for the tool.
+        point: grabbed point (3,) in m in the frame of the link; () if the target is not a link.
     """
 
     client: str

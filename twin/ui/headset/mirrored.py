@@ -17,7 +17,7 @@ from twin.ui.session.mirror import Mirror
 
 
 class Mirrored:
-    """Source of a stream: a machine, drawn solid, and its desired joint values, drawn as a ghost.
+    """Source of a stream: a robot at the measured joint values of a machine, and a ghost at the desired joint values.
 
     Attributes:
         mirror: robot with the measured and desired joint values of the machine.
@@ -80,7 +80,7 @@ class Mirrored:
         return pack_scene(self._seq - 1, server_time, 0.0, 0, parts, ())
 
     def state(self) -> dict[str, Any]:
-        """Return the document `state`: run level of the machine, and the reason if it is not followed."""
+        """Return the document `state`: run level of the machine, and why the robot does not follow it, if so."""
         m = self.mirror
         one = {"level": m.level, "phase": "follow", "why": None, "problem": m.problem or None}
         return wire.still(self._posed.bodies) | {"machines": {"view": "real", "mode": "", "robots": {m.name: one}}}

@@ -139,7 +139,7 @@ class Operation(LiveConsole):
         return tuple(f"{n}/{j.name}" for n, m in self.shown.items() for j in m.mechanism.active)
 
     def listen(self, host: str, port: int) -> None:
-        """Accept hands by UDP at an address and a port (0: any free port).
+        """Receive the states of the hands by UDP at an address and a port (0: any free port).
 
         Raises:
             TwinError: the port is in use.
@@ -157,7 +157,7 @@ class Operation(LiveConsole):
         self._connection = asyncio.ensure_future(self.tablet.run())
 
     def close(self) -> None:
-        """End the connections to packets and broker; complete the session file, and remove temporary files."""
+        """Close the UDP socket and the connection to the broker, complete the session file, remove temporary files."""
         if self.packets is not None:
             self.packets.door.close()
             self.packets = None
@@ -168,9 +168,10 @@ class Operation(LiveConsole):
     # -- time -----------------------------------------------------------------------------------------
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
-        """Advance to a tick, in units of 1 / RATE s, possibly with a fraction; return a frame, or None.
+        """Advance to a tick; return a frame if something has moved or `HEARTBEAT` ticks have passed, else None.
 
-        A frame is sent if a joint has moved, and after `HEARTBEAT` ticks.
+        `tick` is in units of 1 / RATE s and may have a fraction; `server_time` is the time of the frame in s on the
+        monotonic clock.
         """
         passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
         self._tick = tick

@@ -18,10 +18,10 @@ _GONE = 5.0
 
 
 class PacketHands:
-    """The socket of the packets.
+    """Hands of a console that are moved by UDP packets.
 
     Attributes:
-        door: the socket.
+        door: UDP socket of the packets.
     """
 
     def __init__(self, device: Packets, host: str, port: int, tell: Callable[[str], object]) -> None:
@@ -34,16 +34,16 @@ class PacketHands:
         self.door.reports.tell = tell
 
     def gone(self, t: float) -> bool:
-        """Return whether no packet was accepted for `_GONE` before time t in s."""
+        """Return whether no packet was accepted in the last `_GONE` s before time t in s."""
         return t - self.door.heard > _GONE
 
     def answer(self, forces: Sequence[Array], t: float) -> None:
-        """Send the force (3,) in N in {H} to each hand."""
+        """Send each hand its force (3,) in N, in the axes of the endoscope's picture {H}, at time t in s."""
         for hand, force in enumerate(forces):
             self.door.answer(hand, force, t)
 
     def state(self, t: float, signals: Signals) -> dict[str, Any]:
-        """Return the part of the document `state`: port, senders, and numbers of lost and ignored packets."""
+        """Return port, senders at time t in s, and numbers of lost and ignored packets, for the document `state`."""
         device = self.door.device
         senders = [self.door.sender(hand, t) for hand in range(len(device.hands))]
         return {

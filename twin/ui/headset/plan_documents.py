@@ -13,7 +13,7 @@ from twin.ui.session.plan_work import SHOWN
 
 
 class PlanDocuments:
-    """Makes the documents `target`, `plan` and `clearance` when planning mode has news."""
+    """Maker of the documents `target` (ghost), `plan` (planned motion) and `clearance` from the planning mode."""
 
     def __init__(self, mode: PlanMode, bodies: Mapping[str, Sequence[str]]) -> None:
         """Prepare for arms with these bodies, in the order of their links in a frame."""
@@ -23,7 +23,7 @@ class PlanDocuments:
         self._preview: Preview | None = None
 
     def news(self) -> list[dict[str, Any]]:
-        """Return the documents on what has changed since the last call."""
+        """Return the documents whose content has changed since the last call."""
         mode, out = self._mode, []
         if mode.changes == self._seen:
             return out

@@ -1,4 +1,4 @@
-"""Link poses of several robots as parts of a scene's frame, with quaternions whose signs do not jump."""
+"""Pack the link poses of several robots for the frames of a scene; signs of quaternions do not jump between frames."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from twin.ui.headset import protocol as wire
 
 
 class Posed:
-    """Robots by name, each with its links in order.
+    """Link poses of several robots.
 
     Attributes:
-        bodies: names of the links of each robot.
+        bodies: names of each robot's links, in the order of the frames; by robot.
     """
 
     def __init__(self, bodies: Mapping[str, Sequence[str]], bases: Mapping[str, Array]) -> None:
@@ -30,13 +30,16 @@ class Posed:
         return tuple(f"{robot}/{name}" for robot, names in self.bodies.items() for name in names)
 
     def look(self, links: Mapping[str, Mapping[str, Array]]) -> None:
-        """Set the poses T_world_link (4, 4) of all robots."""
+        """Store the link poses T_world_link (4, 4) of all robots, by robot and link."""
         drawn = [self._T_base_world[n] @ np.stack([links[n][b] for b in names]) for n, names in self.bodies.items()]
         counts = np.cumsum([len(Ts) for Ts in drawn])[:-1]
         for name, poses in zip(self.bodies, np.split(wire.sevens(np.concatenate(drawn)), counts), strict=True):
             self._sevens[name] = wire.near_signs(poses, self._sevens.get(name))
 
     def pack(self, name: str, seq: int, server_time: float, q: Array) -> bytes:
-        """Return the part of a robot with joint values q (n,) in a scene's frame."""
+        """Return the part of a scene's frame for the robot `name`, with number `seq` and active joints q (n,).
+
+        `server_time` is the time of the poses in s on the monotonic clock.
+        """
         poses = self._sevens[name]
         return wire.pack(seq, server_time, 0.0, 0, wire.pack_body(poses, q, None), len(poses), len(q))

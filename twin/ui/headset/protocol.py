@@ -30,8 +30,8 @@ MAGIC = 0x314E5754
 GHOST, PLAYING, REFUSED, HELD = 1, 2, 4, 8
 """Flags of a frame.
 
-GHOST: the frame contains a ghost. PLAYING: a protocol is playing. REFUSED: the last request was refused. HELD: a client
-holds the robot.
+GHOST: the frame contains a ghost (tool pose computed by the equations). PLAYING: a protocol is playing. REFUSED: the
+last request was refused. HELD: a client holds the robot.
 """
 
 LONGEST = 4096
@@ -47,7 +47,7 @@ ERRORS = {
     "released": "the grab was released, because its client sent nothing for too long",
     "failed": "an action failed; see the message",
 }
-"""Codes of the document `error`, with their meaning."""
+"""Meaning of each code of the document `error`."""
 
 _HEADER = struct.Struct("<IIddHHI")
 
@@ -55,7 +55,7 @@ _HEADER = struct.Struct("<IIddHHI")
 # -- frames ---------------------------------------------------------------------------------------------
 
 OBJECTS = "objects"
-"""Name of the movable objects in lists of links: "objects/ring1"."""
+"""Prefix of the movable objects in lists of links, such as "objects/ring1"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,10 @@ def pose_of(seven: Any) -> Array:
 
 
 def near_signs(sevens: Array, last: Array | None) -> Array:
-    """Return poses (n, 7) with signs of quaternions nearest to the previous poses `last` (n, 7); None: unchanged."""
+    """Return poses (n, 7) in which each quaternion has the sign that is nearer to the previous poses `last` (n, 7).
+
+    If `last` is None or has a different number of poses, the poses are unchanged.
+    """
     if last is None or len(last) != len(sevens):
         return sevens
     out = sevens.copy()
@@ -145,13 +148,13 @@ def near_signs(sevens: Array, last: Array | None) -> Array:
 
 
 def still(robots: Iterable[str]) -> dict[str, Any]:
-    """Return the document `state` of a source without clips, whose clock does not run; `robots`: all shown robots."""
+    """Return the document `state` of a source that plays no protocol; `robots`: names of the displayed robots."""
     clock = {"playing": False, "time": 0.0, "duration": 0.0, "speed": 1.0, "loop": False}
     return {"type": "state", **clock, "robots": [{"name": n, "reason": None} for n in robots]}
 
 
 def floats(values: np.ndarray) -> str:
-    """Return values as float32, little endian, in base64 (the format of point clouds)."""
+    """Return values in base64, as little-endian float32 (the format of poses and points in documents)."""
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
@@ -411,7 +414,7 @@ class RefusedError(TwinError):
 
     Attributes:
         code: key of `ERRORS`.
-        id: identifier of the refused message; None if it has none.
+        id: identifier of the refused message; None if the message has no identifier.
     """
 
     def __init__(self, code: str, text: str, id: int | str | None = None) -> None:
@@ -423,8 +426,8 @@ def parse(text: str | bytes) -> Message:
     """Return the client message in a JSON text of at most `LONGEST` bytes.
 
     Raises:
-        RefusedError: the message is invalid (code "invalid"). The error names the field and the rule. It repeats no
-            value of a field; it repeats an unknown type or key, shortened to 300 characters.
+        RefusedError: the message is invalid (code "invalid"). The error, of at most 300 characters, names the field
+            and the rule. It may repeat an unknown type or key of the message, but no value of a field.
     """
     if isinstance(text, bytes):
         raise RefusedError("invalid", "clients send JSON text, not binary messages")

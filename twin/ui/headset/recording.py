@@ -32,7 +32,6 @@ LARGEST = 200_000_000
 FILES, IN_ALL = 50, 1_000_000_000
 """Maximum number of recordings by one server, and their maximum total size in bytes."""
 
-
 _ENTRY = 64
 """Approximate overhead in bytes of each entry in the file."""
 
@@ -42,7 +41,8 @@ class Recording:
 
     Attributes:
         running: whether a recording is in progress.
-        path: path of the next file; the second recording of a server gets the suffix -2.
+        path: file of the present recording or, between two recordings, of the next; the name of the second file of a
+            server ends with -2.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Recording:
         self.begin(0)
 
     def begin(self, tick: int) -> None:
-        """Begin the next recording after `finish`."""
+        """Begin a recording at a tick; an earlier recording must be finished."""
         self.running, self._first, self._size = True, tick, 0
         self._frames: list[tuple[int, bytes]] = []
         self._documents: list[tuple[int, dict[str, Any]]] = []
@@ -164,7 +164,7 @@ class _File(Table):
 
 
 class Replay:
-    """A recorded session as a source of a stream: each tick plays the next recorded tick, without skipping any."""
+    """Source of a stream: a recorded session; each call of `frame` plays the next recorded tick and skips none."""
 
     replays = True
 
@@ -211,11 +211,11 @@ class Replay:
         return self._frames.get(self._at)
 
     def state(self) -> dict[str, Any]:
-        """Return the recorded state, with the additional entry `replay` (time and duration in s)."""
+        """Return the last played document `state`, with an additional entry `replay` (time and duration in s)."""
         return {**self._state, "replay": {"time": max(self._at, 0) / RATE, "duration": self.last / RATE}}
 
     def welcome(self) -> list[dict[str, Any]]:
-        """Start the replay if this is the first client; return the last recorded tip path of each robot."""
+        """Start the replay if this is the first client; return the last played document `path` of each robot."""
         self._running, self._begun = self._running or not self._begun, True
         return [d for (kind, _), d in self._others.items() if kind == "path"]
 
@@ -223,7 +223,7 @@ class Replay:
         """Play, pause or seek; refuse other requests.
 
         Raises:
-            RefusedError: it is another request.
+            RefusedError: the message is not a request to play, pause or seek.
         """
         if isinstance(message, wire.Play):
             if message.on and self._at >= self.last:

@@ -67,7 +67,7 @@ class Served:
 
     @property
     def hello(self) -> dict[str, Any]:
-        """The first document for a client."""
+        """Entries of the first document `hello` for a client: name of the robot or scene, and hash of the geometry."""
         return {"robot" if self.live.alone else "scene": self.name, "model_hash": self.model_hash}
 
 

@@ -32,10 +32,10 @@ STATE = 6
 """Number of ticks between two `state` documents."""
 
 GAP = 0.004
-"""Minimum time in s from one frame to the next; frames after a message `hands` are also sent between ticks."""
+"""Minimum time in s between two frames; after a message `hands`, a frame may also be sent between two ticks."""
 
 SILENCE, GRACE = 5.0, 3.0
-"""Times in s after which a grab is released: without a message of its client, and after a disconnection."""
+"""Times in s after which a grab is released: since the last message of its client, and since its disconnection."""
 
 REMEMBERED = 256
 """Maximum number of disconnected clients whose identity is stored, so that they can reconnect."""
@@ -86,7 +86,7 @@ class StreamServer:
         self.port = int(next(iter(self._server.sockets)).getsockname()[1])
 
     async def run(self) -> None:
-        """Send frames until `stopping` is set; one late tick is made up for, further late ticks are skipped."""
+        """Send a frame at each tick until `stopping` is set; after a delay, at most one missed tick is made up for."""
         begin = self._begin = time.monotonic()
         ends = asyncio.ensure_future(self.stopping.wait())
         try:

@@ -47,7 +47,7 @@ class Track:
 
 
 def path(track: Track | None) -> dict[str, Any]:
-    """Return the JSON document `path`: the protocol's name and its tip path in m; no points without a protocol."""
+    """Return the document `path`: the protocol's name and its tip path in m; without a protocol, no points."""
     if track is None:
         return {"type": "path", "protocol": None, "points": []}
     tip = track.playback.tip
@@ -61,7 +61,10 @@ def number(value: float | None) -> float | None:
 
 
 def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str, Any]]:
-    """Return the entry `trocars` of `state`: name, position, trocar error and insertion depth in m by trocar."""
+    """Return the entry `trocars` of the document `state`: for each trocar its name and, in m, position, error, depth.
+
+    The error is the distance from the trocar to the shaft axis, the depth the insertion depth of the tip.
+    """
     found = () if playback is None else in_trocars(desk, rcm_at(playback, time))
     return [
         {
@@ -75,10 +78,10 @@ def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str
 
 
 def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
-    """Return the arguments of `Robot.protocol` by protocol name, for the robot's protocols and `given` (a path).
+    """Return the arguments of `Robot.protocol` by protocol name: the robot's protocols, and `given` (name or path).
 
     Raises:
-        TwinError: the given protocol does not exist or is invalid.
+        TwinError: the given protocol does not exist, is invalid, or has the name of a protocol of the robot.
     """
     own = {} if robot.files is None else {n: n for n in robot.files.protocols()}
     if given is None:
@@ -98,7 +101,7 @@ def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> floa
 
 
 def measured(reading: Reading | None, ghost: float | None) -> dict[str, Any]:
-    """Return the readings as data of `state`; `ghost` is the distance in m between ghost and tool.
+    """Return the readings for the document `state`; `ghost` is the distance in m between ghost and tool, or None.
 
     The residual is the largest difference between equations and mechanism (a length or an angle) or, with a ghost, the
     distance between ghost and tool.

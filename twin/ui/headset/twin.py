@@ -37,10 +37,10 @@ LOOK = 6
 
 
 class Twin:
-    """A robot that clients can play and move; see `ask`, `poll` and `state`.
+    """A robot that plays protocols and that clients can move; see `ask`, `poll` and `state`.
 
     Attributes:
-        desk: state of the robot while it does not play; only jobs change it.
+        desk: state of the robot while it does not play; only jobs of the worker thread change it.
         clock: clock of the protocol, shared in a scene.
         patients: patients by protocol name.
         send: function that sends a document to all clients.
@@ -104,7 +104,7 @@ class Twin:
     # -- time -----------------------------------------------------------------------------------------
 
     def poll(self, tick: float) -> None:
-        """Apply the results and requests that have arrived since the last tick."""
+        """Apply results of processes and requests of clients that have arrived since the last tick."""
         self._tick = tick
         if self._planner is not None and self._planner.done:
             self._take_plan()
@@ -126,7 +126,7 @@ class Twin:
 
     @property
     def content_key(self) -> tuple[Any, ...]:
-        """Key of the frame's content; frames with equal keys are equal."""
+        """Key of the frame's content; two frames with equal keys have the same poses, flags and protocol time."""
         return self._shown, self.flags, self.clip_time
 
     def frame(self, seq: int, server_time: float) -> bytes:
@@ -159,7 +159,7 @@ class Twin:
 
     @property
     def clip_time(self) -> float:
-        """Time in s in the protocol of the displayed sample."""
+        """Protocol time in s of the displayed sample; if no sample is displayed, the clock's time."""
         if self._track is None or self._sample is None:
             return self.clock.time
         return float(self._track.playback.t[self._sample])
@@ -218,12 +218,12 @@ class Twin:
             raise RefusedError("held", f"{self._hold.client} holds {self.called}")
 
     def let_go(self, client: str) -> None:
-        """Release the grab of a client before its next request; keep the message on the last refusal."""
+        """Release the robot if this client holds it, without clearing the message about the last refused request."""
         if self.holder == client:
             self._hold = None
 
     def release(self, client: str) -> None:
-        """Release the robot if this client holds it."""
+        """Release the robot if this client holds it, and clear the message about the last refused request."""
         if self._hold is not None and self._hold.client == client:
             self._hold = None
             self._shown = replace(self._shown, reason="")

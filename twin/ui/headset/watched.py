@@ -20,7 +20,7 @@ from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.feed import Surface
 
 _AGAIN, _PATIENCE = 1.0, 10.0
-"""Time in s between two attempts to connect; time in s in which an answer must arrive."""
+"""Times in s: pause between two attempts to connect; maximum time until the server answers."""
 
 
 class Watched:
@@ -36,7 +36,7 @@ class Watched:
         """Connect to a server on this machine.
 
         Raises:
-            TwinError: no server answers, or it serves something else.
+            TwinError: no server answers, or the server shows a different scene.
         """
         self._port, self.problem = port, ""
         self.reading: dict[str, Any] | None = None
@@ -54,9 +54,9 @@ class Watched:
         threading.Thread(target=self._read, daemon=True).start()
 
     def take(self) -> tuple[dict[str, dict[str, Array]], dict[str, Array]] | None:
-        """Return link poses and vertices of the newest frame; None if no frame has arrived since the last call.
+        """Return (link poses, vertices) of the newest frame; None if no frame has arrived since the last call.
 
-        Poses are T_base_link (4, 4) by robot and link. Vertices are (n, 3) in m in the World, by deformable object.
+        Poses are T_base_link (4, 4), by robot and link; vertices are (n, 3) in m in the World, by deformable.
         """
         data, self._frame = self._frame, None
         if data is None:

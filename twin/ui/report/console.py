@@ -1,4 +1,4 @@
-"""Draw the results of a console check: each requirement (clause), and the tool path for a closed hand motion."""
+"""Draw the results of a console check: each requirement (clause), and the tool's drift in a closed hand motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 @styled()
 def figure(found: Contract) -> Figure:
-    """Return a figure with two panels: clauses by equation (green or red), tool path for a closed hand motion."""
+    """Return a figure with two panels: clauses of each equation, and distance of the tool from its start.
+
+    A satisfied clause is green, another clause red. The distance is drawn for a hand motion that ends where it began.
+    """
     names = sorted({c.equation for c in found.clauses})
     readings = ", ".join(f"{n}={found.variants.get(n, '?')}" for n in names)
     out = sheet(f"{found.console}: {readings}", 4.2)

@@ -14,10 +14,11 @@ POINTS = 2000
 
 
 def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
-    """Return (t, y) with at most `points` samples of a curve: the minimum and the maximum of each interval.
+    """Return at most `points` samples (t, y) of a curve, so chosen that its plot looks the same.
 
-    The first and last sample, the overall extremes and gaps (NaN) are kept, so that the plot looks the same. t (k,) are
-    increasing times; y (k,) is NaN where the curve has a gap. `points` is at least 16.
+    The samples are divided into equally long intervals, of which the minimum, the maximum and the first gap (NaN) are
+    kept; so are the first and the last sample of the curve. t (k,) are increasing times; y (k,) is NaN where the curve
+    has a gap. `points` is at least 16.
     """
     k = len(y)
     if k <= points:
@@ -39,7 +40,10 @@ def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
 
 
 def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | None:
-    """Return (t, values) of a series; None if it is missing, empty, all NaN or not of the same length as t."""
+    """Return (t, values) of the series `key`, with times from the series `times`.
+
+    None if a series is missing, has fewer than two samples or no finite value, or if the lengths differ.
+    """
     t, y = report.series.get(times), report.series.get(key)
     if t is None or y is None:
         return None
@@ -50,7 +54,7 @@ def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | No
 
 
 def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, Array, Array]]:
-    """Yield (name, t, values) of each series `<prefix>.<name>`."""
+    """Yield (name, t, values) of each series `<prefix>.<name>` that can be drawn; see `pair`."""
     for key in report.series:
         if key.startswith(f"{prefix}."):
             found = pair(report, key, times)
@@ -59,12 +63,12 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
-    """Return the residuals (rows) of a quantity; `unit` and `pairs` (pair of models) select rows if they are not ""."""
+    """Return the residuals of a quantity, in this unit and for this pair of models ("A-B"); "": any unit or pair."""
     return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
 
 
 def tolerance(report: Report, quantity: RowKind, unit: str, pairs: str = "A-B") -> float | None:
-    """Return the smallest tolerance of the residuals that `rows` returns; None if no residual has a tolerance."""
+    """Return the smallest tolerance of the residuals that `rows` selects; None if none of them has a tolerance."""
     return min((r.tolerance for r in rows(report, quantity, unit, pairs) if r.tolerance), default=None)
 
 
@@ -80,9 +84,10 @@ def alarms(report: Report) -> dict[str, float]:
 
 
 def rcm_tolerance(report: Report) -> float | None:
-    """Return the maximum RCM error in m that the protocol allows: from the findings, else from the residuals; or None.
+    """Return the maximum RCM error in m that the protocol allows; None if the report does not state it.
 
-    Findings come first, because the tolerance of a residual at an enforced RCM is that of the agreement of the models.
+    The limits of RCM findings are used if there are any, otherwise the tolerances of RCM residuals. Where the RCM is
+    enforced, the tolerance of a residual is not the protocol's limit, but the tolerance for agreement of the models.
     """
     scale = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
     limits = [

@@ -16,15 +16,15 @@ FORMATS = ("html", "json", "png")
 
 
 def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS) -> dict[str, Path]:
-    """Write report.html, report.json and plots/*.png.
+    """Write report.html, report.json and plots/*.png into a folder, or those of them whose formats are given.
 
     For an atomic write, use `twin.core.assets.atomic_folder`.
 
     Returns:
-        Paths of the written files by "html", "json" and "plots/<name>".
+        Paths of the written files, with the keys "html", "json" and "plots/<name>".
 
     Raises:
-        OutputError: a format does not exist.
+        OutputError: an entry of `formats` is not one of `FORMATS`.
     """
     formats = set(formats)
     for wrong in sorted(formats - set(FORMATS)):
@@ -59,13 +59,13 @@ _PICTURES += ("track", "trends", "workspace")
 
 
 def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
-    """Write the files of a result: <name>.json, <name>.html, a picture <name>.png for some kinds, and data files.
+    """Write a result into a folder: <name>.json, <name>.html, for some kinds <name>.png, and the result's data files.
 
     `name` is the file name without suffix; "": the kind of the result. For an atomic write, use
     `twin.core.assets.atomic_folder`.
 
     Returns:
-        Names of the main files: the page, and the picture.
+        Names of the page and, if there is one, of the picture.
     """
     from twin.ui.report.page import render
 

@@ -23,7 +23,10 @@ _MANY = 300
 
 
 def figure(found: Hazards) -> Figure:
-    """Return a figure: a row of points for each class of faults; ROC curves; reaction times of the trainee."""
+    """Return a figure of peak deviations (a row of points for each class of faults), ROC curves and reaction times.
+
+    A point is a session; the ROC curves show the detection of dangerous sessions; the reaction times are the trainee's.
+    """
     with styled():
         n = len(found.by_class)
         height = 5.2 + 0.28 * n

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 VERDICTS = {"agree": "Equations (A), CAD (B) and USD (C) agree", "disagree": "", "unchecked": "Could not check"}
-"""Headline of each verdict; for a disagreement, see `word`."""
+"""Headline of the report for each verdict; for a disagreement, `word` returns the headline."""
 
 CAPTIONS = {
     "residual_matrix": "Worst residual of every compared quantity over all samples. Read a row from left to right: the "
@@ -38,8 +38,8 @@ CAPTIONS = {
     "margins": "Distance to a joint limit, the end of the reach, or a singularity. A singularity measure is shown "
     "relative to its alarm value and is 0 at the singularity; 1 is the alarm.",
     "clearance": "Minimum distance between bodies, except pairs that touch by design.",
-    "path_cost": "Cost of each path around obstacles over the number of samples of its search. Shortcuts make the path "
-    "of the tree shorter; rings mark the paths of the plan.",
+    "path_cost": "Cost of each path around obstacles over the number of samples of the search. Shortcuts make the path "
+    "that the search tree contains shorter; rings mark the paths of the plan.",
 }
 """Caption of each plot, by name."""
 
@@ -49,7 +49,7 @@ _ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> str:
     """Return the report as a self-contained HTML page; the same report always gives the same bytes.
 
-    `figures` come from `twin.ui.report.plots.figures`; None: the figures are drawn.
+    `figures` are the plots by name, as `twin.ui.report.plots.figures` returns them; None: this function draws them.
     """
     from markupsafe import Markup
 
@@ -86,7 +86,7 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
 
 
 def word(report: Report) -> str:
-    """Return the verdict as text; for a disagreement, with the names of the two models."""
+    """Return the headline for the verdict; for a disagreement, it names the models that disagree."""
     text = VERDICTS[report.verdict] or SIDES[report.causes[0].side]
     return text[:1].upper() + text[1:]
 
@@ -110,7 +110,10 @@ def reason(report: Report) -> str:
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
-    """Return label, value, note and state of each key number; for a disagreement, the first is that of its cause."""
+    """Return the key numbers of the report, each as label, value, note and state ("good", "near", "bad" or "none").
+
+    If the models disagree, the first number is that of the first cause.
+    """
 
     def worst(name: str, rows: list[Residual]) -> dict[str, str]:
         if not rows:

@@ -19,16 +19,17 @@ PAIRS = {
     "C": ("USD read back by itself", "C"),
     "B-D": ("mechanism against baked motion", "B–D"),
 }
-"""(Long, short) title of each pair of models, in the order of display; other pairs follow."""
+"""(Long, short) title of each pair of models, in the order of display; pairs that are not listed come last."""
 
 _MOST_ROWS = 48
 _LONGEST = 28
 _DECADES = 6.0
-"""Orders of magnitude below the tolerance at which a green cell is darkest; a red cell, at half as many above it."""
+"""Orders of magnitude below the tolerance at which a green cell is darkest; a red cell is darkest at half as many
+orders of magnitude above the tolerance."""
 
 
 def pair_names(report: Report) -> list[str]:
-    """Return the pairs of models in the report, known pairs first."""
+    """Return the pairs of models in the report: first those in `PAIRS`, in this order, then all others, sorted."""
     found = {r.pair for r in report.residuals}
     return [p for p in PAIRS if p in found] + sorted(found - PAIRS.keys())
 
@@ -53,14 +54,17 @@ def label(row: Residual) -> str:
 
 
 def decades(row: Residual) -> float | None:
-    """Return log10 of a residual's worst value divided by its tolerance; None without a tolerance."""
+    """Return log10(worst value / tolerance) of a residual; None if it has no tolerance or its value is not finite."""
     if not row.tolerance or not math.isfinite(row.worst):
         return None
     return math.log10(max(row.worst / row.tolerance, 1e-300))
 
 
 def residual_matrix(report: Report) -> Figure | None:
-    """Draw the residual matrix: green cells are within tolerance, red cells beyond; darker cells are further away."""
+    """Draw the residual matrix; None if the report has fewer than two residuals.
+
+    Green cells are within their tolerance, red cells beyond; a cell is darker the further it is from its tolerance.
+    """
     if len(report.residuals) < 2:
         return None
     from matplotlib.colors import to_rgb
@@ -107,7 +111,7 @@ def residual_matrix(report: Report) -> Figure | None:
     figure.text(0.12 / WIDTH, 1 - 0.24 / size, title, fontsize=11, fontweight="bold", va="center")
     dropped = len(table) - len(names)
     foot = "green: within tolerance (darker: further below it); red ✗: beyond tolerance; no colour: no tolerance"
-    foot += f"; {dropped} smallest rows not shown" if dropped else ""
+    foot += f"; not shown: the {dropped} rows furthest below their tolerance" if dropped else ""
     figure.text(left / WIDTH, 0.2 / size, foot, fontsize=8, va="center")
     return figure
 

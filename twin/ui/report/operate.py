@@ -20,12 +20,15 @@ _LEAST = 1e-4
 _TICKS = {1e-4: "0.1 µm", 1e-3: "1 µm", 1e-2: "10 µm", 0.1: "0.1 mm", 1.0: "1 mm", 10.0: "10 mm", 100.0: "100 mm"}
 
 _SHOWN = 4
-"""Maximum number of trials with a panel; further trials are only in the table and the files."""
+"""Maximum number of drawn trials; further trials are only in the table and the files."""
 
 
 @styled()
 def figure(found: Operated) -> Figure:
-    """Return a figure with a panel for each of the first trials: distance to the goal; insertions are shaded."""
+    """Return a figure with a panel for each of the first `_SHOWN` trials: distance to the goal over time.
+
+    Insertions are shaded; an insertion that misses its goal is named in red. A bar shows when the pedal is up.
+    """
     shown = found.trials[:_SHOWN]
     height = 1.0 + 2.2 * len(shown)
     title = f"{found.robot}, {found.protocol}: remaining distance of the simulated operator (hand and tremor ASSUMED)"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def render(result: Result, name: str, figure: Figure | None = None) -> str:
     """Return the HTML page of a result; the same result always gives the same text.
 
-    `name` is the name, without suffix, of the file with the data.
+    `name` is the name, without suffix, of the JSON file with the data; `figure` is the picture, None: no picture.
     """
     from markupsafe import Markup
 
@@ -36,7 +36,7 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
 
 
 def merged(parts: Iterable[Part]) -> Iterator[str | Table]:
-    """Yield the tables of a text, and each group of lines between two tables as one block; skip findings."""
+    """Yield the parts of a text without the findings: each table, and all lines between two tables as one block."""
     block: list[str] = []
     for part in parts:
         if isinstance(part, Table):

@@ -76,7 +76,7 @@ def active_joints(report: Report) -> Figure | None:
 def tool_motion(report: Report) -> Figure | None:
     """Draw displacement, speed and acceleration of the tool's origin and angles, as in Fig. 10 of the SILS paper.
 
-    Curves of the independent model, if the report has them, are black dashed lines.
+    Black dashed lines show the motion of the independent model, if the report contains it.
     """
     linear = [curves.pair(report, f"{key}_tool") for key in "pva"]
     if linear[0] is None:
@@ -153,7 +153,7 @@ def rcm(report: Report) -> Figure | None:
 
 
 def fulcrum(report: Report) -> Figure | None:
-    """Draw the sideways displacement of the tip and of the outer shaft, which move in opposite directions."""
+    """Draw the sideways displacements of the tip and of a point of the outer shaft, which have opposite signs."""
     found = curves.pair(report, "fulcrum")
     if found is None or found[1].ndim != 2 or np.nanmax(found[1][:, 0]) - np.nanmin(found[1][:, 0]) < MM:
         return None  # the tip moves sideways by less than 1 mm
@@ -169,7 +169,7 @@ def fulcrum(report: Report) -> Figure | None:
 
 
 def margins(report: Report) -> Figure | None:
-    """Draw the margins to the joint limits, to the end of reach, and to singularities."""
+    """Draw the distances to the joint limits and to the end of the reach, and the singularity measures, over time."""
     limit = curves.pair(report, "limit_margin")
     reach = list(curves.named(report, "reach"))
     measures = list(curves.named(report, "singularity"))
@@ -198,7 +198,7 @@ def margins(report: Report) -> Figure | None:
 
 
 def clearance(report: Report) -> Figure | None:
-    """Draw the minimum distance between bodies, except pairs that touch by design."""
+    """Draw the minimum distance between two bodies over time; pairs of bodies that touch by design are excluded."""
     found = curves.pair(report, "clearance", "clearance_t")
     if found is None or found[1].ndim != 1:
         return None
@@ -214,7 +214,7 @@ def clearance(report: Report) -> Figure | None:
 
 
 def path_cost(report: Report) -> Figure | None:
-    """Draw the cost of the path of each free phase over the number of samples of its search."""
+    """Draw, for each phase whose path was searched, the cost of the path over the number of samples of the search."""
     searches = {p.name: p.rounds for p in report.phases if p.rounds is not None}
     return rounds.figure(headline("Paths around obstacles", report), searches) if searches else None
 
@@ -234,7 +234,7 @@ PLOTS: dict[str, Callable[[Report], Figure | None]] = {
 
 
 def figures(report: Report) -> dict[str, Figure]:
-    """Return by name the plots for which the report has curves, in the order of `PLOTS`."""
+    """Return the plots for which the report contains data, by name, in the order of `PLOTS`."""
     with styled():
         drawn = {name: draw(report) for name, draw in PLOTS.items()}
     return {name: figure for name, figure in drawn.items() if figure is not None}

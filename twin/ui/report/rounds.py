@@ -1,4 +1,4 @@
-"""Draw the cost of the path of each free phase over the number of samples of its search."""
+"""Draw, for each phase whose path was searched, the cost of the path over the number of samples of the search."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ _SIDE = 2.3
 
 @styled()
 def figure(title: str, searches: Mapping[str, Rounds]) -> Figure:
-    """Return a figure with the rounds of at least one search; the key of a search is the name of its phase.
+    """Return a figure of the path cost after each round of the searches, which are given by name of their phase.
 
-    The x axis is the number of samples, which, unlike processor time, is the same in each run; so are the bytes of the
-    picture. Each kind of cost has its own axes. Each search has a colour: the path of the tree is a dashed line, the
-    best path with shortcuts a solid line, which ends in a ring. Rounds without a path are crosses below the curves.
+    The x axis is the number of samples. Unlike processor time, this number is the same in each run, and so are the
+    bytes of the picture. Each kind of cost has its own axes, each search its own colour. A dashed line is the cost of
+    the path in the search tree, a solid line with a ring at its end the cost of the best path with shortcuts. Rounds
+    without a path are crosses on the x axis.
     """
     kinds = list(dict.fromkeys((s.cost, s.unit) for s in searches.values()))
     out, axes = panels(title, [2.1] * len(kinds), 1, _SIDE, 0.5, 0.3)
@@ -76,5 +77,5 @@ def _samples(ax: Axes, counts: list[int]) -> None:
     ax.xaxis.set_major_locator(FixedLocator(ticks))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.0f}"))
     ax.xaxis.set_minor_locator(NullLocator())
-    text = "samples; squares: path of the tree, dots: best path with shortcuts, ring: path of the plan, ×: no path"
+    text = "samples; squares: path in the search tree, dots: best path with shortcuts, ring: planned path, ×: no path"
     ax.set_xlabel(text, color=INK)

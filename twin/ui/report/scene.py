@@ -19,7 +19,7 @@ _LEAST = 0.1
 
 @styled()
 def figure(played: Played) -> Figure:
-    """Return a figure with the distances of all pairs of robots or props over time, and the phases of the robots."""
+    """Return a figure with two panels: distance of each pair of robots or props over time, and phases of each robot."""
     scene, actors = played.scene, played.actors
     height = 4.6 + 0.32 * len(actors)
     out = sheet(f"{scene.title}: minimum clearances", height)

@@ -1,4 +1,4 @@
-"""Add the score of the validator (result of `twin selftest`) for the same robot to a report."""
+"""Add the score of the validator, as measured by `twin selftest` on the same robot, to a report."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ HEADING = "self-test of the validator on this robot"
 
 
 def with_selftest(report: Report, path: Path) -> Report:
-    """Return the report with the score from a `selftest.json`, if the file is for the same robot.
+    """Return the report with the score in a file `selftest.json`, or unchanged if the file does not match.
 
     Args:
         report: the report.
-        path: the file, which may be missing. A score for a different state of the CAD is omitted; a score for only some
-            families of faults is shown with the names of these families.
+        path: the file. If it is missing or malformed, or for another robot or another state of its input files, the
+            report is returned unchanged.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _VIEWS = (("from above", 0, 1), ("from the feet", 0, 2))
-"""Title of each view of the paths, and indices of the World's axes that point right and up in the view."""
+"""(Title, index of the World's axis to the right, index of the World's axis upwards) of each view of the paths."""
 
 _POINTS = 2000
 """Maximum number of points of a path and of a curve, because the page contains all points."""
@@ -30,7 +30,11 @@ _POINTS = 2000
 
 @styled()
 def figure(found: ConsoleSession) -> Figure:
-    """Return a figure: tip paths in two views with the targets, speeds of the tips, bands of pedals and grippers."""
+    """Return a figure of tip paths and targets in two views, speeds of the tips, and states of pedals and grippers.
+
+    In a camera task, the picture and its angle replace the two views; with machines, their deviation from the models
+    replaces the second view.
+    """
     table = console_scene.console_of(found.scene)
     arms = [(hand, name) for hand in HANDS for name in getattr(table, hand)]
 
@@ -80,7 +84,7 @@ def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alig
     ax.set_aspect("equal")
     ax.set_xlim(-1.3, 1.3)
     ax.set_ylim(-1, 1)
-    ax.set_title("picture: thick = target line, thin = upper side (dashed: start)", loc="left", fontsize=9)
+    ax.set_title("picture: thick = target line; thin = upper side at start (dashed), end", loc="left", fontsize=9)
     ax.grid(True, color=GRID)
     ax.tick_params(length=2.5)
 

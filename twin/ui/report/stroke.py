@@ -1,4 +1,4 @@
-"""Draw tool errors over the range of a joint, on a logarithmic axis."""
+"""Draw the tool's position error over the range of each joint, on a logarithmic axis."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _UNITS = {-9: "1 fm", -6: "1 pm", -3: "1 nm", 0: "1 µm", 3: "1 mm"}
 
 @styled()
 def figure(strokes: Strokes) -> Figure:
-    """Return a figure with a panel for each joint."""
+    """Return a figure of the tool's position error over the range of each joint, with a panel for each joint."""
     robot, sweeps, requirement = strokes.robot, strokes.sweeps, strokes.requirement
     drawn = [c.distance.max() / UM for s in sweeps for c in (s.formula, *s.standins.values()) if len(c.offset)]
     most = 10 * max(*drawn, requirement[0] / UM if requirement else 0.0, 1e-3)

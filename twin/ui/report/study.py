@@ -1,4 +1,4 @@
-"""Draw groups of users: a box with all values per group and measure, and the course over sessions."""
+"""Draw the measures of groups of users: a box and all values for each group, and the medians over the sessions."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _ROW = 2.1
 
 @styled()
 def figure(found: Ranks) -> Figure:
-    """Return a figure with a row per measure: boxes and values by group; values and medians over sessions.
+    """Return a figure with a row for each measure: boxes and values of each group; values and medians over sessions.
 
-    A measure that is equal for all users is named below the heading instead.
+    A measure that is equal for all users has no row, but is named below the title.
     """
     users = found.users
     same = {name: x for name, x in ((n, np.unique(x)) for n, x in users.measures.items()) if len(x) == 1}

@@ -73,7 +73,10 @@ _RC: Any = {
 
 @contextlib.contextmanager
 def styled(salt: str = "twin") -> Iterator[None]:
-    """Apply the style within a `with` block, independent of the user's matplotlibrc; `salt` makes ids of SVG unique."""
+    """Apply the style within a `with` block, whatever the user's matplotlibrc says.
+
+    `salt` is the salt of the ids in SVG; pictures with different salts have different ids.
+    """
     import matplotlib
 
     with matplotlib.rc_context():
@@ -102,7 +105,7 @@ def log_ticks(ax: Axes, values: Sequence[float], text: Callable[[float], str]) -
 
 
 def template(name: str, **filters: Callable[..., Any]) -> Template:
-    """Return a page template of this folder, with filters in addition to those of jinja2."""
+    """Return the page template `name` of this folder; `filters` are added to the filters of jinja2."""
     from jinja2 import DictLoader, Environment, StrictUndefined
 
     folder = files("twin.ui.report")
@@ -244,9 +247,9 @@ def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) ->
 
 
 def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
-    """Mark a sample with a ring, and write `text` above it, or below it if `below` or if there is no space above.
+    """Mark the sample (t, value) with a ring, and write `text` beside the ring.
 
-    If there is no space below, the text is above the ring.
+    The text is above the ring or, if `below` is true, below the ring, and on the other side where space is missing.
     """
     ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
     left, right = ax.get_xlim()
@@ -261,12 +264,12 @@ def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: b
 
 
 def at(value: float, unit: str, t: float) -> str:
-    """Return a text such as "1.27 mm at 6.214 s"."""
+    """Return a text on a value (in `unit`) at time t in s, such as "1.27 mm at 6.214 s"."""
     return f"{quantity(value, unit)} at {seconds(t)}"
 
 
 def headline(what: str, report: Report) -> str:
-    """Return the title of a figure: its subject `what`, the robot and the protocol."""
+    """Return the title of a figure about `what`, with the names of robot and protocol."""
     return f"{what} · {report.robot} on {report.protocol}"
 
 
@@ -286,9 +289,9 @@ def png(figure: Figure) -> bytes:
 
 
 def svg(figure: Figure, name: str, label: str) -> str:
-    """Return a figure as SVG for a page: without size and timestamps, with unique ids and the colours of the page.
+    """Return a figure as an SVG element for a page, without size and timestamps, in the colours of the page.
 
-    `name` is the prefix of the ids, which must be unique in the page; `label` is the alternative text.
+    `name` is the prefix of the ids in the element and must be unique in the page; `label` is the alternative text.
     """
     from markupsafe import escape
 

@@ -1,4 +1,4 @@
-"""Draw a sweep over designs: the trade-off between two objectives, and the effect of each factor."""
+"""Draw a sweep over designs: the trade-off between the first two objectives, and each objective over each factor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 @styled()
 def figure(found: Sweep) -> Figure:
-    """Return a figure with the trade-off between two objectives, and the effect of each factor."""
+    """Return a figure with a panel for the trade-off of the first two objectives, and a panel for each pair.
+
+    The pairs are those of a factor of the design and an objective; each point is a design.
+    """
     robot, judged, best, names = found.robot, found.judged, found.best, list(found.rows[0])[1:-1]
     scales = np.array([f.scale for f in found.work.factors])
     designs, factors, objectives = found.designs / scales, names[: len(scales)], names[len(scales) :]

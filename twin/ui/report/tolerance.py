@@ -1,4 +1,4 @@
-"""Draw a tolerance budget: error at each state, required value, and largest contributions."""
+"""Draw a tolerance budget: tool error at each state, required value, and largest contributions at the worst state."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _SHOWN = 14
 
 @styled()
 def figure(found: ToleranceBudget) -> Figure:
-    """Return a figure with the error at each state, the required value, and the largest contributions."""
+    """Return a figure with two panels: tool error at each state, and contributions to the error at the worst state.
+
+    The error is the 95th percentile of the position error; a line shows the required value, if there is one.
+    """
     robot, budgets, required = found.robot, found.content()["states"], found.required
     worst = max(budgets, key=lambda b: b["within_position"])
 

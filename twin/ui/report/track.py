@@ -1,4 +1,4 @@
-"""Draw results of computed-torque control: tip error and efforts over time, tip error by inertia error of the model."""
+"""Draw results of computed-torque control: tip error and efforts over time, tip error over the inertia error."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ _TICKS = 25
 
 @styled()
 def figure(result: Tracking) -> Figure:
-    """Return a figure: tip errors of all runs, efforts of the worst run, maximum tip error by inertia error in %."""
+    """Return a figure with three panels: tip errors of all runs, efforts in the worst run, and tip error over mismatch.
+
+    The mismatch is the error in % of the masses and inertias in the controller's model; without runs at several
+    mismatches, the third panel is omitted.
+    """
     runs, worst, curves = result.runs, result.runs[result.worst], result.curves
     w = worst.conditions.w
     title = f"{result.robot}, {result.protocol}: computed torque control, Kp = w², Kv = 2 w, w = {w:g} rad/s"

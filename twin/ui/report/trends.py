@@ -1,4 +1,7 @@
-"""Draw the paper's experiments: deviation at each motion scale, and over time with a stuck motor command."""
+"""Draw the published experiments of `twin.simulation.hazards.trends`: deviation of the tips from the model.
+
+The deviation is drawn at each motion scale, and over time with a stuck motor command.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +18,27 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST = 1e-2
-"""Smallest drawn deviation in mm."""
+"""Smallest drawn deviation in mm; smaller deviations are drawn at this value."""
 
 
 def figure(found: Trends) -> Figure:
-    """Return a figure: deviation by motion scale, ours and the paper's; a panel for each stuck motor command."""
+    """Return a figure with simulated and published deviation at each motion scale, and a panel for each stuck command.
+
+    The panel of a stuck motor command shows the deviation of the tip in mm over time.
+    """
     with styled():
         n = len(found.stuck)
         height = 3.9 + 1.25 * n
-        out = sheet(f"{found.robot}: the paper's experiments with an ASSUMED plant: trends, not numbers", height)
+        out = sheet(f"{found.robot}: published experiments with an ASSUMED plant: trends, not numbers", height)
         grid = out.add_gridspec(n + 1, 1, height_ratios=[2.7, *[1.1] * n])
         out.subplots_adjust(left=0.09, right=0.98, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.55)
         ax = out.add_subplot(grid[0])
         x = np.array([r.scale for r in found.scales])
         mean, spread = np.array([r.mean for r in found.scales]), np.array([r.spread for r in found.scales])
-        ax.errorbar(x, mean, spread, fmt="o-", color=PALETTE[0], capsize=3, label="ours, mean ± spread")
-        ax.plot(x, [r.peak for r in found.scales], "v", color=PALETTE[0], ms=5, label="ours, largest")
+        ax.errorbar(x, mean, spread, fmt="o-", color=PALETTE[0], capsize=3, label="simulated, mean ± spread")
+        ax.plot(x, [r.peak for r in found.scales], "v", color=PALETTE[0], ms=5, label="simulated, largest")
         middle = float(x.mean())
-        ax.errorbar([middle], *PUBLISHED, fmt="s", color=PALETTE[1], capsize=3, label="paper, over all scales")
+        ax.errorbar([middle], *PUBLISHED, fmt="s", color=PALETTE[1], capsize=3, label="published, over all scales")
         ax.set_yscale("log")
         ax.set_ylim(_LEAST, 10)
         ax.set_yticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
@@ -51,7 +57,7 @@ def figure(found: Trends) -> Figure:
             ax.set_ylim(_LEAST, 300)
             ax.set_yticks([0.01, 1, 100], ["0.01", "1", "100"])
             end = "no stop" if row.stopped is None else f"stopped at fault {row.stopped}"
-            end += ", as in the paper" if row in found.as_published else ""
+            end += ", as published" if row in found.as_published else ""
             text = (
                 f"hand {row.hand}, {found.motor} stuck at {row.counts:.0f} counts: jumps above 1 mm: {row.jumps}, {end}"
             )

@@ -1,4 +1,4 @@
-"""Draw a workspace: three sections through its best region, and the distribution of its conditioning."""
+"""Draw a workspace: sections through its best conditioned region, and its size over the minimum conditioning."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 @styled()
 def figure(found: Workspace) -> Figure:
-    """Return a figure with sections and the distribution of the conditioning.
+    """Return a figure with sections of the workspace, and its size over the minimum conditioning.
 
-    There are three sections, or one if all positions are in one plane.
+    There are three sections, or one if all positions are in one plane. If no condition number was computed, the margin
+    to the joint limits is drawn instead of the conditioning.
     """
     robot, low, step, summary = found.robot, found.grid.low, found.grid.step, found.content()
     cube = found.cube

@@ -21,7 +21,8 @@ from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.movable import Movable
 from twin.model.trainer import MODEL
 from twin.simulation import console_scene, contact_scene, operating_scene
-from twin.simulation.console_scene import HANDS, Member
+from twin.simulation.condition import Condition
+from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import GivenHands, HandState
@@ -29,10 +30,10 @@ from twin.simulation.devices.together import Together
 from twin.simulation.plants.tissue import clips_of
 from twin.simulation.session import guiding, rings
 from twin.simulation.session.camera_referee import CameraReferee
-from twin.simulation.session.condition import Condition
 from twin.simulation.session.procedure_guide import ProcedureGuide
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
+from twin.simulation.setup import Member, Setup
 from twin.simulation.world import World
 from twin.ui.session.console_state import ConsoleState, log_changes
 from twin.ui.session.exercise import NO_TASK, Exercise
@@ -45,10 +46,10 @@ from twin.ui.session.recorder import Recorder
 from twin.ui.session.world_feed import WorldFeed
 
 _BUDGET, _CHUNK = 0.012, 4
-"""Maximum real time in s for steps of the World per call; usual number of steps between two checks of this time."""
+"""Maximum real time in s that a call of `advance` steps the World; number of steps between two checks of this time."""
 
 _OWED = 0.1
-"""Maximum delay in s for which the World catches up; any more is lost, so that it runs slower than real time."""
+"""Maximum delay in s that the World makes up for; any further delay remains, so that it runs slower than real time."""
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
@@ -68,16 +69,16 @@ class LiveConsole:
         world: the World.
         device: the input device, which receives the hands of a client.
         owner: identifier of the client whose hands control the robots; None: no client.
-        members: mechanism and equations of each robot.
+        members: mechanism and equations of each robot, by the name of its place.
         task: the task; None: no task.
         objects: the movable objects of the World.
         referee: judge of a task with rings or a wire, of the camera task or of a procedure; None for other tasks.
-        feed: deformables: in a procedure those of the World, otherwise those of the loaded scene; None: none.
+        feed: source of the deformables: in a procedure the World, otherwise the loaded scene; None: no deformables.
         machines: connections to machines; None: there are none.
         planning: planning mode of the arms.
-        shown: mechanism and equations of all robots that are shown: those of `members`, and the models of machines.
-        attempt: number of times that the World has been started, from 1.
-        condition: condition of the session, for its file.
+        shown: mechanism and equations of all displayed robots: those of `members`, and the models of machines.
+        attempt: number of the present attempt, from 1.
+        condition: condition of the experiment, which is stored in the session file.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
@@ -93,22 +94,19 @@ class LiveConsole:
         """
         scene, task = loaded.scene, exercise.task
         self.scene, self.table, self.task = scene, console_scene.console_of(scene), task
-        self._props, self._organs, self._make_report = loaded.props, loaded.organs, exercise.report
+        self._make_report = exercise.report
         self._first = console_scene.settings(scene, exercise.fulcrum, task)
         self.device = self._device_type(console_scene.PEDALS, HANDS, self.table.scale, settings=self._first)
         self.machines = None if loaded.machines is None else LiveMachines(scene, loaded.machines, self.device)
         self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in loaded.robots.items()}
-        self.planning = PlanMode(scene, self.members, lambda: self.world, str(scene.file))
+        self.planning = PlanMode(scene, self.members, lambda: self.world)
         on = scene.haptics is None or scene.haptics.on
         self.condition = exercise.condition or Condition(haptics=on)
+        self._setup = Setup(scene, self.members, task, loaded.props, self.condition, loaded.organs)
         self.device.feel(self.condition.haptics)
-        with_rings = task is not None and task.grasps
-        self.objects: Sequence[Movable] = scene.objects if with_rings else ()
-        if task is not None and task.procedure is not None:
-            self.objects = clips_of(scene.tools)
-        self._pegs = contact_scene.pegs(scene, self._props, task) if task is not None and with_rings else {}
-        self._course = contact_scene.course(scene, self._props, task) if task is not None and task.guide else None
-        judged = task is not None and bool(with_rings or task.alignment or task.procedure)
+        operates = self._setup.procedure is not None
+        self.objects: Sequence[Movable] = clips_of(scene.tools) if operates else self._setup.objects
+        judged = task is not None and bool(task.grasps or task.alignment or task.procedure)
         self._scratch, self._session = None, exercise.session
         if self._session is None and judged and self._make_report is not None:
             self._scratch = Scratch()
@@ -121,8 +119,8 @@ class LiveConsole:
         self.attempt = 0
         self._begin()
         self.feed: Feed | None = loaded.feed
-        if task is not None and task.procedure is not None:
-            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(task.procedure, self._organs))
+        if operates:
+            self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(self._setup))
         self.reading = self._read()
 
     # -- the task -------------------------------------------------------------------------------------
@@ -133,47 +131,33 @@ class LiveConsole:
         if path is not None and attempt > 1:
             path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
         tape = None if path is None else Tape()
-        referee = None
-        if self.task is not None and self.task.transfers:
-            robots = [*console_scene.hands_of(self.scene)]
-            referee = rings.Referee(self.task, self.objects, self._pegs, robots, SAMPLE)
-        elif self.task is not None and self._course is not None:
-            referee = guiding.Referee.of(self.scene, self.task, self.members, self._course, SAMPLE)
-        elif self.task is not None and self.task.alignment is not None:
+        setup, task, referee = self._setup, self.task, None
+        if task is not None and task.transfers:
+            pegs, robots = contact_scene.pegs(self.scene, setup.props, task), [*console_scene.hands_of(self.scene)]
+            referee = rings.Referee(task, self.objects, pegs, robots, SAMPLE)
+        elif task is not None and task.guide is not None:
+            referee = guiding.Referee.of(setup, SAMPLE)
+        elif task is not None and task.alignment is not None:
             referee = CameraReferee(self._camera, SAMPLE)
-        elif self.task is not None and self.task.procedure is not None:
-            organ = operating_scene.organ_of(self.task.procedure, self._organs)
-            clips = [f"{item.name}.on" for item in self.objects]
-            referee = ProcedureGuide(self.scene, self.task.procedure, organ, clips, console_scene.ORGANS)
+        elif task is not None and task.procedure is not None:
+            referee = ProcedureGuide(setup, [f"{item.name}.on" for item in self.objects], console_scene.ORGANS)
         peaks, states, outbox, parts = ForcePeaks(HANDS), [], [], None
         if self.machines is not None:
             states, packets = self.machines.connect()
             outbox, parts = [packets], self.machines.parts
         device = Together([self.device, self.planning.plans, *states])
-        world = console_scene.world(
-            self.scene,
-            self.members,
-            device,
-            records=False,
-            watch=[block for block in (peaks, *outbox, referee, tape) if block is not None],
-            task=self.task,
-            props=self._props,
-            haptics=self.condition.haptics,
-            organs=self._organs,
-            parts=parts,
-        )
+        watch = [block for block in (peaks, *outbox, referee, tape) if block is not None]
+        world = console_scene.world(setup, device, records=False, watch=watch, parts=parts)
         recorder = None
         if path is not None and tape is not None:
-            told = {"props": self._props, "condition": self.condition, "organs": self._organs}
-            head = head_of(self.scene, self.members, world, device, self.task, **told)
-            recorder = Recorder(path, head, tape)
+            recorder = Recorder(path, head_of(setup, world, device), tape)
         self.world: World = world
-        self._state, self._peaks = ConsoleState(self.scene, self.members, self.task, world), peaks
+        self._state, self._peaks = ConsoleState(setup, world), peaks
         self.referee, self.recorder, self.attempt = referee, recorder, attempt
         self._owed, self._rate, self._stopped, self._over = 0.0, 1.0, "", ""
 
     def restart(self, client: str) -> None:
-        """Begin a new attempt: objects, robots and measures are as at the start.
+        """Begin a new attempt, with objects, robots and measures as at the start of the first attempt.
 
         Raises:
             HeldError: another client controls the hands.
@@ -224,9 +208,9 @@ class LiveConsole:
             self._report = self.attempt, Call(self._make_report, *files, nice=_NICE)
 
     def report(self) -> tuple[int, bytes | None, str] | None:
-        """Return the newest report as (attempt, page, ""), (attempt, None, "") while it is made, or with an error.
+        """Return the newest report: (number of the attempt, page as bytes, error); None if there is no report yet.
 
-        None: there is no report yet.
+        While the report is made, page and error are None and ""; after a failure, page is None and error the reason.
         """
         if self._report is None:
             return None
@@ -255,7 +239,7 @@ class LiveConsole:
     def advance(self, passed: float) -> list[str]:
         """Step the World by the real time in s that has passed; return messages for all clients, which are also logged.
 
-        If the machine is too slow, the World runs slower than real time. If the World fails, it stops permanently.
+        If this computer is too slow, the World runs slower than real time. After an error, the World remains stopped.
         """
         if not self._stopped and not self._over and passed > 0:
             self._step(passed)
@@ -326,7 +310,7 @@ class LiveConsole:
             self.device.give(state)
 
     def own(self, client: str) -> None:
-        """Make a client the owner of the hands.
+        """Give a client control of the hands.
 
         Raises:
             HeldError: another client controls the hands.
@@ -338,7 +322,7 @@ class LiveConsole:
 
     @property
     def silent(self) -> bool:
-        """Whether a hand is silent."""
+        """Whether no state of one of the hands has been received for `device.patience` s."""
         return any(self.device.silent(hand, self.world.t) for hand in (0, 1))
 
     def rescale(self, client: str, scale: float) -> None:
@@ -372,11 +356,11 @@ class LiveConsole:
         self.device.set(console_scene.FULCRUM, FULCRUMS.index(fulcrum))
 
     def take_tool(self, client: str, hand: str, tool: str) -> None:
-        """Choose the tool of the instrument that a hand ("right" or "left") controls now.
+        """Choose the tool of the arm that a hand ("right" or "left") controls now.
 
         Raises:
             HeldError: another client controls the hands.
-            TwinError: the scene has no such tool, or this robot cannot carry it.
+            TwinError: the scene has no such tool, or the arm cannot carry it.
         """
         self.require_free(client)
         tools, robot = self.scene.tools, self.arm(hand)
@@ -417,10 +401,10 @@ class LiveConsole:
         return self.machines
 
     def plan(self, client: str, do: PlanStep, hand: str) -> None:
-        """Make a step of planning mode for the arm of a hand ("right" or "left"); every client may cancel.
+        """Do a step of planning mode for the arm of a hand ("right" or "left"); every client may cancel.
 
-        "aim": the hand moves the target. "find": plan a motion to it. "accept": the arm makes this motion. "cancel":
-        end planning mode, or stop the arm where it is.
+        "aim": let the hand move the target of the arm. "find": plan a motion to the target. "accept": let the arm make
+        the planned motion. "cancel": end planning mode; an arm that moves stops where it is.
 
         Raises:
             HeldError: another client controls the hands, or the task has ended.
@@ -436,13 +420,13 @@ class LiveConsole:
         return self.planning.find() if do == "find" else self.planning.accept()
 
     def release(self, client: str) -> None:
-        """End the control by this client's hands, if this client has control."""
+        """End the control of the robots by this client, if this client controls them."""
         if self.owner == client:
             self.owner = None
             self.device.leave()
 
     def require_free(self, client: str) -> None:
-        """Check that no other client controls the hands; a silent client does not count.
+        """Check that no other client controls the hands; control by a client whose hands are silent may be taken over.
 
         Raises:
             HeldError: another client controls the hands.
@@ -485,7 +469,7 @@ class LiveConsole:
         return self.world.signals[f"{self._camera}.view"].reshape(4, 4)
 
     def forces(self) -> dict[str, Array]:
-        """Return, by hand, the largest force (3,) in N since the last call, in the axes of the picture."""
+        """Return the largest force (3,) in N on each hand since the last call, in the axes of the picture {H}."""
         return self._peaks.take()
 
     @property

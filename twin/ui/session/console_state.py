@@ -9,30 +9,29 @@ from typing import Any
 import numpy as np
 
 from twin.core.units import MM
-from twin.model.scene import Scene
-from twin.model.task import Task
 from twin.simulation import console_scene, operating_scene
-from twin.simulation.console_scene import HANDS, PEDALS, Member
+from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS
+from twin.simulation.setup import Setup
 from twin.simulation.world import World
 from twin.ui.session import walls
 
 _STUCK = 30.0
-"""Time in s for which a pedal is pressed before it is reported, because it may be stuck (ASSUMED)."""
+"""Time in s after which a pedal that is still pressed is reported, because it may be stuck (ASSUMED)."""
 
 
 class ConsoleState:
-    """Describes pedals, hands and camera of a World with a console."""
+    """Reader of the state of pedals, hands and camera in a World with a console."""
 
-    def __init__(self, scene: Scene, members: Mapping[str, Member], task: Task | None, world: World) -> None:
-        """Describe a World from its start; `members`: robots by the names of their places."""
-        self._scene, self._table, self._members = scene, console_scene.console_of(scene), members
-        self._procedure = None if task is None else task.procedure
+    def __init__(self, setup: Setup, world: World) -> None:
+        """Describe a World from its start."""
+        self._scene, self._members, self._procedure = setup.scene, setup.members, setup.procedure
+        self._table = console_scene.console_of(setup.scene)
         self._world, self._pressed = world, 0.0
 
     def read(self, arms: Mapping[str, str]) -> dict[str, Any]:
-        """Return the present state; `arms`: the robot that each hand controls."""
+        """Return the present state; `arms` is the name of the robot that each hand controls, by hand."""
         signals, t = self._world.signals, self._world.t
         mode, silent = float(signals["console.mode"][0]), bool(signals[f"{PEDALS}.silent"][0])
         if mode == TOOLS or silent:
@@ -70,7 +69,7 @@ class ConsoleState:
             far = float(np.linalg.norm(signals[f"{arm}.tip"] - port)) / MM
             change = f"at most {self._procedure.change_mm:g} mm from its port, now {far:.0f} mm"
             holds = signals[f"{arm}.holds"][0] >= 0
-            do = "first release what it holds" if holds else f"draw the tip back to {change}"
+            do = "first release the held object" if holds else f"draw the tip back to {change}"
             waits = f"{self._scene.tools[tool].title} is not taken yet: {do}"
         active = bool(signals[f"{arm}.pedal"][0] > 0.5) and self._scene.tools[carries].kind == "cautery"
         opened = bool(signals[f"{arm}.opening"][0] > 0.5)
@@ -78,9 +77,10 @@ class ConsoleState:
 
 
 def log_changes(old: Mapping[str, Any], new: Mapping[str, Any], patience: float) -> list[str]:
-    """Log what is new in a state: silence, a stuck pedal, jumps and limits; return the jumps, which it does not show.
+    """Log what is new in the state `new` compared with `old`: silence, a stuck pedal, jumps and limits.
 
-    `patience` is the time in s without hands that counts as silence.
+    Return the messages about jumps, because the pages do not show jumps otherwise. `patience` is the time in s without
+    a state of the hands that counts as silence.
     """
     log, said = logging.getLogger(__name__), []
     if new["silent"] and not old["silent"] and new["owner"] is not None:  # not after a release

@@ -53,11 +53,12 @@ class Desk:
     """State of a robot that can be moved by its tool, its joints or any point of a link.
 
     Attributes:
-        robot: the robot; `mechanism` and `model` may be of a modified design.
-        kin: equations of the robot; None for a USD stage without robot folder.
+        robot: the robot as it was loaded.
+        mechanism, model: mechanism and its independent model; after `redesign`, those of the modified design.
+        kin: equations of the robot; None for a robot without equations.
         assembly: the present state.
         asked: the last requested tool pose (4, 4); None after a different kind of move.
-        lock: held during a move; readers need no lock, because `assembly` is replaced in one step.
+        lock: lock that is held during a move; readers do not need it, because `assembly` is replaced in one step.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -119,9 +120,10 @@ class Desk:
     # -- moving ---------------------------------------------------------------------------------------
 
     def move_tool(self, T_base_tool: Array) -> Moved:
-        """Move the tool to a pose T_base_tool (4, 4), with the equations if the robot has any.
+        """Move the tool to a pose T_base_tool (4, 4); the equations compute the joint values, if the robot has any.
 
-        If a robot with fewer than six degrees of freedom cannot reach the pose, only the tool's origin follows.
+        If a robot with fewer than six degrees of freedom or with trocars cannot reach the pose, it moves only the
+        tool's origin towards the target.
         """
 
         def go() -> Assembly:
@@ -164,7 +166,7 @@ class Desk:
         return self._led(body, p_body, target)
 
     def let_go(self) -> None:
-        """Clear the message on an unreached target after a release."""
+        """Clear the message about an unreached target, after the user has released the robot."""
         with self.lock:
             self.moved = Moved(True)
 
@@ -181,7 +183,7 @@ class Desk:
         return self._try(lambda: self.model.solve(self.mechanism.posture(posture)))
 
     def keep(self, name: str) -> None:
-        """Store the present joint values under a name, for `go`."""
+        """Store the present joint values under a name, so that `go` can move there."""
         self._kept[name] = self.assembly.q.copy()
 
     def show(self, assembly: Assembly, asked: Array | None = None) -> None:
@@ -196,7 +198,7 @@ class Desk:
 
     @property
     def postures(self) -> tuple[str, ...]:
-        """Names that `go` accepts."""
+        """Names that `go` accepts: the robot's postures, then the states stored by `keep`."""
         return (*self.mechanism.postures, *(n for n in self._kept if n not in self.mechanism.postures))
 
     # -- changes of the robot -------------------------------------------------------------------------
@@ -227,7 +229,7 @@ class Desk:
                 raise
 
     def redesign(self, mechanism: Mechanism) -> None:
-        """Use a different design of the mechanism, at the present joint values.
+        """Replace the mechanism by a different design, at the present joint values.
 
         Raises:
             AssemblyError: the design cannot be assembled at the present joints; nothing is changed.

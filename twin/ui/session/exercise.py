@@ -1,4 +1,4 @@
-"""What a person does at a console, and what is kept of it."""
+"""Data of an exercise at a console: task, condition, session file and report."""
 
 from __future__ import annotations
 
@@ -9,24 +9,28 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from twin.model.task import Task
+    from twin.simulation.condition import Condition
     from twin.simulation.controllers.pivot import Fulcrum
-    from twin.simulation.session.condition import Condition
 
 MakeReport = Callable[[str, str], bytes]
-"""Function at the top level of a module: (session file, scene file) -> page of the report, HTML."""
+"""Function that takes the paths of session file and scene file, and returns the HTML page of the report.
+
+It must be at the top level of a module, because it runs in another process.
+"""
 
 
 @dataclass(frozen=True)
 class Exercise:
-    """A task at a console, its condition, its recording and its report.
+    """An exercise at a console.
 
     Attributes:
-        task: the task; None: no task. If it has rings, the World has movable objects and contact; if it is a procedure,
-            organs, vessels and clips.
-        session: session file; the files of later attempts have its name with a number. None: no file, or a temporary
-            one if a report is made.
-        report: makes the report of an attempt, in another process; None: no reports.
-        condition: condition of the session, with the switch of the forces; None: the default of the scene.
+        task: the task; None: no task. For a task with rings, the World has movable objects and contact; for a
+            procedure, it has organs, vessels and clips.
+        session: session file of the first attempt; a number is appended to the names of later files. None: no file, or
+            a temporary file if a report is made.
+        report: function that makes the report of an attempt, in another process; None: no reports.
+        condition: condition of the experiment, which also states whether the hands feel forces; None: the default of
+            the scene.
         fulcrum: end of the instruments that the hands control at the start: "compensated" the tips, "direct" the outer
             ends (see `twin.simulation.controllers.pivot`).
     """

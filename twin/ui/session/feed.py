@@ -19,7 +19,7 @@ class Surface:
 
     Attributes:
         triangles: (m, 3) indices of vertices, counter-clockwise as seen from outside; both sides are drawn.
-        color: red, green, blue, linear, each 0..1.
+        color: linear red, green and blue, each 0 to 1.
         opacity: 0 (invisible) to 1.
     """
 
@@ -29,7 +29,7 @@ class Surface:
 
 
 class Feed(Protocol):
-    """Deformables as a function of time; the frame of a given time must always be the same.
+    """Source of deformables as a function of time; every call of `at` with the same time must return the same frame.
 
     Attributes:
         surfaces: surfaces by name, as in `Frame.fields`.
@@ -45,21 +45,26 @@ class Feed(Protocol):
 
 @runtime_checkable
 class Follower(Feed, Protocol):
-    """A feed that depends on the displayed robots instead of the time.
+    """Source of deformables that depend on the displayed robots instead of the time.
 
     Attributes:
-        touching: names of the links whose poses it needs, by robot.
+        touching: names of the links whose poses `follow` needs, by robot.
     """
 
     @property
     def touching(self) -> Mapping[str, Sequence[str]]: ...  # noqa: D102
     def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
-        """Move the vertices; return whether they moved. T_world_link (4, 4) by robot and link; time passed in s."""
+        """Update the vertices to the present poses of the links; return whether a vertex has moved.
+
+        Args:
+            links: T_world_link (4, 4) by robot and link.
+            passed: time in s since the last call.
+        """
         ...
 
 
 def vertices_of(frame: Frame, name: str, surface: Surface) -> Array:
-    """Return the vertices (n, 3) in m, world frame, of a surface in a frame.
+    """Return the vertices (n, 3) in m, in the world frame, of the surface `name` in a frame.
 
     Raises:
         TwinError: the vertices are missing or not finite, or a triangle refers to a vertex that does not exist.

@@ -1,4 +1,4 @@
-"""Largest forces on the hands between two pictures of a display: a pulse can be shorter than this time."""
+"""Keep the largest force on each hand between two displayed frames: a pulse of force can be shorter than a frame."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.simulation.world import Block, Signals
 
 
 class ForcePeaks(Block):
-    """Stores the largest `<hand>.force` (3,) in N of all ticks since the last call of `take`; it writes no signal."""
+    """Block of a World that stores the largest `<hand>.force` (3,) in N since the last call of `take`; no output."""
 
     def __init__(self, hands: Sequence[str]) -> None:
         """Watch the forces on the hands with these names."""

@@ -1,6 +1,6 @@
 """Drag a robot: compiled loop equations move the mechanism, then the independent model closes the loops.
 
-The compiled result is only the initial guess; poses, gaps and readings come from the independent model.
+The result of the compiled equations is only the initial guess of the independent model, which computes poses and gaps.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SECONDS = 0.014
 
 
 class Hand:
-    """Solver that moves a mechanism; its functions are compiled at the first use, or by `prepare`.
+    """Solver that moves a mechanism; its loop equations are compiled at the first use, or by `prepare`.
 
     Attributes:
         gaps: (lower joint, upper joint, minimum distance in m) of joints on a common rail.
@@ -37,11 +37,15 @@ class Hand:
 
     @cached_property
     def dragger(self) -> Dragger:
-        """The compiled loop equations, starting at home; `AssemblyError` if the loops cannot be closed there."""
+        """The compiled loop equations, starting at the home state.
+
+        Raises:
+            AssemblyError: the loops cannot be closed at the home state.
+        """
         return Dragger(self.mechanism.with_rest(self.model.home().link_poses), self.bounds)
 
     def prepare(self) -> None:
-        """Compile the functions, so that the first drag does not wait; an error is raised only by the drag."""
+        """Compile the loop equations, so that the first drag does not wait; errors are raised later, by the drag."""
         with contextlib.suppress(AssemblyError, MechanismError):
             dragger, home = self.dragger, self.model.home()
             u = self._unknowns(home)
@@ -52,8 +56,8 @@ class Hand:
     def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Dragged]:
         """Move a point (3,) in m of a body towards a target (3,) in m in the base frame.
 
-        The path starts at the last target if nothing else has moved the robot since the last drag, otherwise at the
-        present position of the point.
+        Return the new assembly and the result of the compiled equations. The path starts at the last target if nothing
+        else has moved the robot since the last drag, otherwise at the present position of the point.
         """
         last, p_body = self._last, np.asarray(p_body, float)
         if last is not None and last[0] is now and last[1] == body and np.array_equal(last[2], p_body):
@@ -66,7 +70,7 @@ class Hand:
         return found, dragged
 
     def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Dragged]:
-        """Move the active joints towards q (n,) in m or rad."""
+        """Move the active joints towards q (n,) in m or rad; return as `point`."""
         dragged = self.dragger.joints(now.q, self._unknowns(now), q, SECONDS)
         return self._closed(now, dragged), dragged
 

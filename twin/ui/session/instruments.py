@@ -1,4 +1,4 @@
-"""Compute the readings of a robot: pose, limits, RCM, loops, singularities, equations compared with mechanism."""
+"""Compute the readings of a robot: pose, limits, trocar errors, loop gap, singularities, error of the equations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.ui.session.trocars import InTrocar, in_trocars
 
 
 class Residual(NamedTuple):
-    """Largest difference between equations and mechanism: size in m (rad if `is_angle`), and name of the quantity."""
+    """Largest difference between equations and mechanism: `size` in m (rad if `is_angle`) of the quantity `what`."""
 
     size: float
     what: str
@@ -26,7 +26,7 @@ class Residual(NamedTuple):
 
 
 AGREE = 1e-6
-"""Difference in m or rad between equations and mechanism above which the readout is red; reports are stricter."""
+"""Difference in m or rad between equations and mechanism above which it is shown red; reports have smaller limits."""
 
 OTHER = "other assembly: equations not comparable"
 BEYOND = "beyond the reach of the equations: not comparable"
@@ -58,16 +58,16 @@ class Reading:
         limits: value and limits of each active joint.
         gap: largest loop gap in m.
         branch: label of the assembly mode, computed by the equations; "" without equations.
-        condition: condition number of the Jacobian, with rotations scaled by the characteristic length; infinite at a
-            singularity; None without equations.
-        singular: (name, "type1" or "type2", absolute value divided by its alarm) of each singularity measure; the robot
-            is too near to a singularity if the value is at most 1.
+        condition: condition number of the Jacobian, whose rotations are scaled by the characteristic length; infinite
+            at a singularity; None without equations.
+        singular: (name, "type1" or "type2", ratio) of each singularity measure; the ratio is the absolute value of the
+            measure divided by its alarm value; the robot is too near to a singularity if the ratio is at most 1.
         trocars: the instruments in their trocars, or the instrument at the RCM of a protocol.
         residual: largest difference between equations and mechanism; None without equations.
-        scope: why equations and mechanism cannot be compared at this state; "" if they can. If the assembly modes
-            differ, the residual is the tool error at the joint values of the equations, in the equations' mode.
+        scope: why equations and mechanism cannot be compared at this state; "" if they can. If their assembly modes
+            differ, the residual is the tool error at the joint values that the equations compute, in their mode.
         points: named points (3,) in m in the base frame, computed by the equations.
-        actual: the same points of the mechanism.
+        actual: the same points (3,) in m in the base frame, computed by the mechanism.
         reason: why the last request was refused; "" if it was not.
     """
 
@@ -86,7 +86,7 @@ class Reading:
 
     @property
     def depth(self) -> float | None:
-        """Insertion depth of the tip beyond its trocar in m; None without a trocar."""
+        """Insertion depth in m: distance from the trocar to the tip of the instrument; None without a trocar."""
         return next((t.depth for t in self.trocars if t.depth is not None), None)
 
     @property
@@ -106,7 +106,7 @@ class Reading:
 
 
 def read(desk: Desk, rcm: Array | None = None) -> Reading:
-    """Return all readings; `rcm` (3,) in m in base is the registered RCM, for mechanisms without trocars."""
+    """Return the readings at the desk's state; `rcm` (3,) in m in base is the RCM, used if there are no trocars."""
     with desk.lock:
         kin, now, T = desk.kin, desk.assembly, desk.assembly.T_base_tool
         asked, joints = desk.asked, desk.joints

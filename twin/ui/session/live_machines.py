@@ -19,10 +19,10 @@ from twin.simulation.world import World
 
 
 class LiveMachines:
-    """Connections to the machines of a scene, for the World of a console; a new attempt has a new World.
+    """Connections to the machines of a scene, which remain while each attempt at a task has a new World.
 
     Attributes:
-        parts: what each machine consists of, by robot; see `Machines`.
+        parts: parts of each machine, by robot; see `Machines`.
         exchange: connection of the present World with the machines.
     """
 
@@ -34,7 +34,10 @@ class LiveMachines:
         self.parts, self._asked = machines.parts, 0
 
     def connect(self) -> tuple[list[MachineStates], Outbox]:
-        """Return the devices of a new World that receive the states of the machines, and its block of packets."""
+        """Connect a new World to the machines; return the devices and the block that this World needs.
+
+        The devices receive the states of the machines; the block sends packets to the machines.
+        """
         states, outbox = {n: MachineStates(n, p.home) for n, p in self.parts.items()}, Outbox(self.parts)
         self.exchange = Exchange(self._machines.links, states, outbox)
         return [*states.values()], outbox
@@ -54,9 +57,10 @@ class LiveMachines:
             link.reader.press(button)
 
     def state(self, world: World) -> dict[str, Any] | None:
-        """Return view ("real" or "virtual"), requested mode, and the state of each machine; None without a trainer.
+        """Return the state of the trainer and of each machine as plain data; None without a trainer.
 
-        The state of a machine is its run level, phase, reason of the trainer, and problem.
+        "view" is "real" if the machines are drawn solid, "virtual" if the models are; "mode" is the requested mode.
+        The state of a machine consists of its run level, its phase, the trainer's reason for it, and its problem.
         """
         if self._trainer is None:
             return None
@@ -74,7 +78,11 @@ class LiveMachines:
         return {"view": view, "mode": mode_of(signals[MODE][0]).name.lower(), "robots": out}
 
     def deviations(self, world: World) -> dict[str, dict[str, Any]]:
-        """Return, by machine: distance in m of its tip from the model's, joint differences in rad or m, cue in N."""
+        """Return, for each machine, its deviation from its model.
+
+        "tip" is the distance in m between the tips of machine and model, "joints" the joint differences (n,) in rad or
+        m, "cue" the force in N that reports the deviation to the hand.
+        """
         return {
             name: {
                 "tip": float(world.signals[f"{name}.deviation"][0]),

@@ -1,4 +1,4 @@
-"""A scene with everything that a page shows of it."""
+"""A scene with the robots, props, deformables and machines that a page shows."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class LoadedScene:
     Attributes:
         scene: the scene.
         robots: robots by the names of their places.
-        props: mechanism of the props; None: no props. A task with rings and the forces of contacts require it.
-        feed: deformables that are shown but not simulated; None: none.
+        props: mechanism of the props; None: no props. It is required for a task with rings and for contact forces.
+        feed: source of deformables that are shown but not simulated by the World; None: no deformables.
         organs: the organs of the scene; only needed for a procedure, whose World has them.
         machines: connections to the machines of the scene, which the console ends; None: the scene has no machines.
     """

@@ -78,7 +78,8 @@ class Mirror:
     def step(self) -> None:
         """Move the robot to the measured joints of the machine's newest state, and the ghost to the desired joints.
 
-        If the machine does not answer, or its joint values are impossible, both stay; `problem` gives the reason.
+        If the machine does not answer, or its joint values are impossible, robot and ghost do not move, and `problem`
+        is the reason.
         """
         state = self._source.newest
         if not self._source.answers:
@@ -96,7 +97,7 @@ class Mirror:
 
     @property
     def deviation(self) -> dict[str, Any]:
-        """Distance in m of the tips of robot and ghost (`tip`), and desired minus measured q (n,) in SI (`joints`)."""
+        """Distance in m between the tips of robot and ghost ("tip"), and desired minus measured q (n,) ("joints")."""
         body, T = self._tool
         tips = [(self.links[n][body] @ T)[:3, 3] for n in (self.name, self.ghost)]
         return {"tip": float(np.linalg.norm(tips[1] - tips[0])), "joints": self.world.signals[f"{self.name}.apart"]}

@@ -25,7 +25,7 @@ thus counts as having jumped into it, and does not touch it until it is outside.
 
 
 class OrganFeed:
-    """A feed whose vertices follow the links; time does not move them.
+    """Source of the vertices of organs, which move only when links touch the organs, not with time.
 
     Attributes:
         surfaces: triangles and colours by organ.
@@ -45,7 +45,7 @@ class OrganFeed:
         self._fields = {t.name: t.surface.vertices for t in tissues}
 
     def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
-        """Move the organs; return whether one has moved.
+        """Deform the organs by the links that touch them; return whether an organ has moved.
 
         `links` contains T_world_link (4, 4) by robot and link, at least for all links that touch organs; `passed` is
         the time in s since the last call.

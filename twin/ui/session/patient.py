@@ -23,14 +23,14 @@ from twin.planning.protocol import Protocol
 from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
 
 _ROUND, _HIGH = 40, 20
-"""Number of facets of an ellipsoid around its axis, and from pole to pole."""
+"""Numbers of facets of an ellipsoid: around its axis, and from pole to pole."""
 
 
 class PartTable(Table):
     """A part of a patient: an ellipsoid, a dome (the upper half of an ellipsoid) or a box.
 
-    `size_mm` is its extent along its own axes. If `floor` is true, a box is extended down to the floor, and a dome is
-    placed on the floor. A part with a `port` exists only if this port is used.
+    `size_mm` is the extent along the axes of the part. If `floor` is true, a box is extended down to the floor, and a
+    dome is placed on the floor. A part with a `port` is omitted if the protocol uses another port.
     """
 
     name: Identifier
@@ -68,13 +68,13 @@ class Patient:
     """A placed patient, for a robot and a protocol.
 
     Attributes:
-        mechanism: the parts as fixed bodies, each with its mesh in m in the base frame; named as in the file.
+        mechanism: a fixed body for each part, with its name in the file, and with a mesh in m in the base frame.
         port: position (3,) of the port, which is the RCM, in m in the base frame.
         port_radius: radius of the port in m.
         opens: names of parts that inserted instruments may penetrate at the port.
-        access: names of parts of the port; instruments may be inside these parts before insertion.
+        access: names of the parts that belong to the port; instruments may be inside these parts before insertion.
         replaces: links of the robot that are hidden while the patient is shown.
-        assumed: text on the assumptions about the patient.
+        assumed: text on origin and assumptions of the patient's shape and place.
     """
 
     mechanism: Mechanism
@@ -92,10 +92,10 @@ class Patient:
 
 
 def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None:
-    """Return the patient of a protocol; None without a patient; `floor` is the height in m of the floor in base.
+    """Return the patient of a protocol; None if it has none. `floor` is the height in m of the floor in base.
 
     Raises:
-        TwinError: the patient, port or link does not exist, or the protocol has no RCM.
+        TwinError: the patient, port, trocar or a replaced link does not exist, or the protocol has no RCM.
     """
     place = protocol.patient
     if place is None:
@@ -137,7 +137,7 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
 
 
 def none_there(robot: Robot, protocol: Protocol) -> str:
-    """Return a text on why a protocol has no patient, with the robot's protocols that have one."""
+    """Return a text that says why a protocol has no patient, and which protocols of the robot have one."""
     why = protocol.no_patient or "its file has no section [patient]"
     out = f"{protocol.name}: no patient: {why}"
     names = [] if robot.files is None else [n for n in robot.files.protocols() if robot.protocol(n).patient is not None]

@@ -1,8 +1,8 @@
-"""Two handles that a page moves by gizmos and sliders; they are the hands of a `LiveConsole`.
+"""Two handles that a page moves by gizmos and sliders; a `LiveConsole` uses them as its hands.
 
 The pose of a handle is in {H}, the axes of the endoscope's picture. A page requests a displacement of the tool, an
-opening of the gripper, or a position of the camera. This module converts requests to motions of the handles that the
-console accepts: the steps are too small to count as jumps, and a handle moves only when its tool follows.
+opening of the gripper, or a position of the camera. This module converts these requests to motions of the handles that
+the console accepts: the steps are too small to count as jumps, and a handle moves only when its tool follows.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.plan_view import RESTS
 
 STEP, TURN = 0.02, 0.3
-"""Largest motion of a handle in one call of `say`, in m and rad; larger motions in one tick could count as a jump."""
+"""Largest motions of a handle in one call of `say`, in m and rad; the console could ignore a larger one as a jump."""
 
 SQUEEZE = 4.0
-"""Largest rate of a gripper in rad/s."""
+"""Largest angular speed of a gripper in rad/s."""
 
 ROLL = 5 * DEG
-"""Rotation of a handle about its axis that shows that a person holds it; the start condition requires 4 deg."""
+"""Rotation in rad of a handle about its axis, which shows the console that a person holds it; it requires 4 deg."""
 
 IDLE = 5.0
-"""Time in s without use after which the hands are released for other clients."""
+"""Time in s without a request after which a client's hands are released for other clients."""
 
 
 @dataclass
@@ -43,9 +43,9 @@ class Pen:
     Attributes:
         p, R: requested position (3,) in m and attitude (3, 3) in {H}.
         grip: requested angle of the gripper in rad.
-        at, turned, gripped: position, attitude and angle that were last sent to the console.
-        used: whether the handle was moved since the client took the hands.
-        rolled: sequence number of the state that shows that a person holds the handle.
+        at, turned, gripped: position (3,) in m, attitude (3, 3) and gripper angle in rad last sent to the console.
+        used: whether a request has moved the handle since the client took the hands.
+        rolled: number of the last state in which the handle was rotated by `ROLL`; -1: it was not.
     """
 
     p: Array
@@ -62,15 +62,18 @@ class Pen:
 
     @property
     def arrived(self) -> bool:
-        """Whether the complete requested motion was sent to the console."""
+        """Whether the requested motion of this handle has been sent to the console completely."""
         return bool((self.p == self.at).all() and (self.turned == self.R).all() and self.grip == self.gripped)
 
     def rest(self) -> None:
-        """Cancel the requested motion that was not yet sent."""
+        """Cancel the part of the requested motion that has not been sent to the console."""
         self.p, self.R, self.grip = self.at.copy(), self.turned.copy(), self.gripped
 
     def next(self, seconds: float) -> None:
-        """Move towards the requested state by at most `STEP`, `TURN` and, for an elapsed time in s, `SQUEEZE`."""
+        """Compute the next state to send, after an elapsed time in s.
+
+        It is nearer to the requested state by at most `STEP` in m, `TURN` in rad, and `SQUEEZE` times the elapsed time.
+        """
         way = self.p - self.at
         length = float(np.linalg.norm(way))
         self.at = self.p.copy() if length <= STEP else self.at + way * (STEP / length)
@@ -95,9 +98,9 @@ class Pens:
     """Both handles and the pedals of one page.
 
     Attributes:
-        clutch, camera: whether the pedals are pressed.
-        client: identifier of the client who uses the hands; None: no client.
-        pens: handles by hand.
+        clutch, camera: whether each pedal is pressed.
+        client: identifier of the client that uses the handles; None: no client.
+        pens: handle of each hand, by hand.
     """
 
     def __init__(self, console: LiveConsole) -> None:
@@ -114,7 +117,7 @@ class Pens:
     # -- requests of clients --------------------------------------------------------------------------
 
     def use(self, client: str) -> None:
-        """Take the hands for a client, or keep them.
+        """Give the handles to a client if they are free, and restart the time until they are released.
 
         Raises:
             HeldError: another client controls the hands.
@@ -130,20 +133,20 @@ class Pens:
         self._idle = 0.0
 
     def release(self) -> None:
-        """Release the hands and the pedals; cancel motion that was not yet sent to the console."""
+        """Release the hands and the pedals; cancel motions that have not been sent to the console."""
         if self.client is not None:
             self.console.release(self.client)
         self.client, self.clutch, self.camera = None, False, False
         self.rest()
 
     def rest(self) -> None:
-        """Cancel motion that was not yet sent to the console."""
+        """Cancel the motions of both handles and of the camera that have not been sent to the console."""
         self._aim = None
         for pen in self.pens.values():
             pen.rest()
 
     def press(self, client: str, *, clutch: bool | None = None, camera: bool | None = None) -> None:
-        """Press or release pedals; None: unchanged.
+        """Press (True) or release (False) the pedals; None: the pedal is unchanged.
 
         Raises:
             HeldError: another client controls the hands.
@@ -176,9 +179,9 @@ class Pens:
         pen.used, pen.grip = True, Grip().travel * float(np.clip(part, 0, 1))
 
     def aim(self, client: str, coordinate: int, value: float) -> None:
-        """Move one coordinate of the camera to a value within its limits, by both hands; the others are unchanged.
+        """Move one coordinate of the camera by both hands; its other coordinates do not change.
 
-        `coordinate` is 0 pan, 1 tilt, 2 depth or 3 roll; `value` is in rad or m.
+        `coordinate` is 0 pan, 1 tilt, 2 depth or 3 roll; `value` is in rad or m and is clipped to the limits.
 
         Raises:
             HeldError: another client controls the hands.
@@ -197,13 +200,13 @@ class Pens:
 
     @property
     def settled(self) -> bool:
-        """Whether all requested motion was sent to the console."""
+        """Whether all requested motions of handles and camera have been sent to the console."""
         return self._aim is None and all(p.arrived for p in self.pens.values())
 
     def say(self, passed: float) -> None:
         """Send the state of hands and pedals to the console; `passed` is the time in s since the last call.
 
-        After `IDLE` without use, and without a pressed pedal, the hands are released.
+        The hands are released `IDLE` s after the last request, unless a pedal is pressed.
         """
         if self.client is None:
             return
@@ -237,9 +240,9 @@ class Pens:
             self.release()
 
     def settle(self, hand: str) -> None:
-        """Move a hand back to its tool if the arm cannot reach the goal, so that the tool follows the next motion.
+        """Move a handle back to its tool if the arm cannot reach the goal, so that the tool follows the next motion.
 
-        In planning mode, the arm rests, and nothing is moved.
+        In planning mode nothing is moved, because the arm is at rest.
         """
         if self.client is None or self.console.planning.phase != "off":
             return

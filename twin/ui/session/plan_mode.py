@@ -1,11 +1,11 @@
-"""Planning mode of a console: the hand moves a target, a motion of the arm to it is planned, shown, and made.
+"""Planning mode of a console: a hand moves a target; a motion of its arm to the target is planned, shown and made.
 
     off -> aim -> plan -> preview -> run -> off
 
 In `aim`, the hand moves the target, which may pass through anything; all arms are at rest. In `plan`, another process
-searches a motion; the search begins as soon as the target rests, so that a user who pauses before releasing the pedal
-waits less. `preview` shows the motion until it is accepted. In `run`, the arm follows the motion; its poses are inputs
-of the World and are recorded.
+searches for a motion. This search begins already in `aim`, when the target has been at rest for a moment, so that the
+user waits less. `preview` shows the motion until it is accepted. In `run`, the arm follows the motion, whose poses are
+inputs of the World and are recorded.
 """
 
 from __future__ import annotations
@@ -24,40 +24,41 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Joint
 from twin.model.scene import Scene
-from twin.simulation.console_scene import PEDALS, Member
+from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.planned import OFF
 from twin.simulation.controllers.trainer import Phase as TrainerPhase
 from twin.simulation.devices.plans import PlannedArm, Plans
+from twin.simulation.setup import Member
 from twin.simulation.world import World
 from twin.ui.session.plan_work import Check, Checked, Clear, Found, Plan, Proven, Room, work
 
 Phase = Literal["off", "aim", "plan", "preview", "run"]
 
 _SPEED, _TURN = 60 * MM, 45 * DEG
-"""Largest speed of a tool in m/s and rad/s on a planned motion (ASSUMED: well below the limits of the joints)."""
+"""Largest speeds of a tool in m/s and rad/s in a planned motion (ASSUMED: well below the limits of the joints)."""
 
 _SHARE = 0.75
-"""Part of the speeds of a machine's packets that a plan uses, so that the packets follow it closely."""
+"""Speed limits of a machine's plan, as a fraction of those of its packets, so that the packets follow it closely."""
 
 _MOVED = 1e-3
-"""Joint difference in rad or m above which an arm counts as moved since the plan."""
+"""Joint difference in rad or m above which an arm has moved since the plan was made."""
 
 _SAID = 6.0
 """Time in s for which the message about the end of a motion is shown."""
 
 _SAME = 1e-4
-"""Joint difference in rad or m below which the target counts as being at the arm, if it holds for all joints."""
+"""Largest joint difference in rad or m between arm and target below which the target is the arm's present pose."""
 
 _NEAR = 0.1 * MM, 0.1 * DEG
-"""Motion of the target in m and rad that the ghost does not follow: it is too small to be seen, and smaller than an
-arm's deviation at the end of a motion. A trembling hand thus counts as at rest, and its target is tested and planned
-for only once."""
+"""Largest motion of the target in m and rad that the ghost does not follow. Such a motion is too small to be seen, and
+smaller than an arm's deviation at the end of a motion. A trembling hand thus counts as at rest, and its target is
+tested and planned for only once."""
 
 _AWAY = 1 * MM, 1 * DEG
 """Motion of the target in m and rad after which an error is no longer shown (ASSUMED)."""
 
 _REST = 0.15
-"""Time in s for which a free target must rest before the search begins, while the pedal is still pressed."""
+"""Time in s for which a free target must be at rest before the search begins in the phase "aim"."""
 
 
 @dataclass
@@ -77,7 +78,7 @@ class _Ahead:
 
 @dataclass
 class Preview:
-    """What is known of a planned motion: the motion, its clearance so far, and the proven bound when it is known."""
+    """A planned motion: the motion, the clearances computed so far, and the proven bound (None: not yet known)."""
 
     found: Found
     clear: list[Clear] = field(default_factory=list)
@@ -88,23 +89,23 @@ class PlanMode:
     """Planning mode of the arms of a console.
 
     Attributes:
-        plans: the input device of the World.
-        phase: see the module.
-        hand, robot: the hand and its arm; "" if `phase` is "off".
+        plans: the input device of the World that receives targets and motions.
+        phase: "off", "aim" (a hand moves the target), "plan", "preview" or "run" (the arm follows the motion).
+        hand, robot: the hand that moves the target, and its arm; "" if `phase` is "off".
         said: message for the user; "" if there is none.
         bad: whether `said` is an error.
-        blocked: why the target is not free; "" if it is free, or if this is not known yet.
-        done: fraction, 0 to 1, of the search or of the motion that is done.
+        blocked: why the arm cannot be at the target; "" if it can, or if the target has not been tested yet.
+        done: completed fraction, 0 to 1, of the search or of the motion.
         ready: whether the geometry is loaded.
         preview: the planned motion; None before it is found.
-        ghost: T_base_body (4, 4) of the arm at the target, by body; empty: there is none.
-        changes: number of changes of `ghost` and `preview`; a stream sends them again if it has changed.
+        ghost: T_base_body (4, 4) of the arm at the target, by body; empty: no ghost.
+        changes: number of changes of `ghost` and `preview`; when it increases, a stream sends both again.
     """
 
-    def __init__(self, scene: Scene, members: Mapping[str, Member], world: Callable[[], World], source: str) -> None:
-        """Prepare for a scene with a console; `source` is the name or file of the scene for another process."""
+    def __init__(self, scene: Scene, members: Mapping[str, Member], world: Callable[[], World]) -> None:
+        """Prepare for a scene with a console."""
         assert scene.console is not None
-        self._scene, self._members, self._world, self._source = scene, members, world, source
+        self._scene, self._members, self._world = scene, members, world
         self._table, self._machines = scene.console, set(scene.trainer.robots) if scene.trainer else set()
         self._stream: Stream[Any] = Stream(work, nice=0)  # the user waits for it
         arms = {n: PlannedArm(members[n].kin, n in self._machines) for n in (*self._table.right, *self._table.left)}
@@ -134,7 +135,7 @@ class PlanMode:
         """Let a hand move the target of its arm; in a preview, move the same target again.
 
         Raises:
-            TwinError: another arm is planned for, an arm moves, or this arm cannot be planned for.
+            TwinError: planning mode is on for another arm, an arm follows a plan, or no plan is possible for this arm.
         """
         if self.phase == "run" or robot != self.robot:
             self.require_off()
@@ -170,7 +171,7 @@ class PlanMode:
         """Plan a motion from the arm to the target.
 
         Raises:
-            TwinError: there is no target, or it is where the arm is.
+            TwinError: there is no target, or the arm is already at the target.
         """
         if self.phase != "aim":
             raise TwinError("there is no target yet: press Plan, and move the target")
@@ -196,7 +197,7 @@ class PlanMode:
         """Let the arm make the planned motion.
 
         Raises:
-            TwinError: there is no plan, or an arm has moved since.
+            TwinError: there is no plan, or an arm has moved since the plan was made.
         """
         if self.phase != "preview" or self.preview is None:
             raise TwinError("there is no plan to accept: press Plan, and move the target")
@@ -225,7 +226,7 @@ class PlanMode:
             self._tell(why or "Cancelled: the arm stays where it is.", bool(why))
 
     def reset(self, why: str = "") -> None:
-        """End planning mode, and delete the message about the last motion, for the end of a World or a new World."""
+        """End planning mode, and delete the message about the last motion; called when a World ends or begins."""
         self._stream.cancel()
         self.plans.stop(why)
         self._clear()
@@ -248,7 +249,10 @@ class PlanMode:
     # -- time -----------------------------------------------------------------------------------------
 
     def poll(self, arm: str) -> None:
-        """Take the results of the other process, and follow the target; `arm` is the arm that `hand` controls now."""
+        """Take the results of the other process, and move the ghost to the target.
+
+        `arm` is the arm that the attribute `hand` controls now; if it is another arm, planning mode ends.
+        """
         if self.phase == "off":
             return
         pieces, end = self._stream.poll()
@@ -390,7 +394,7 @@ class PlanMode:
         self._stands = others
         links = self._world().link_poses()
         poses = {n: dict(links[n]) for n in others}
-        self._room, self.ready = Room(next(self._numbers), self._source, self.robot, poses), False
+        self._room, self.ready = Room(next(self._numbers), str(self._scene.file), self.robot, poses), False
 
     def _require_room(self) -> Room:
         assert self._room is not None
@@ -405,7 +409,7 @@ class PlanMode:
     # -- state ----------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any] | None:
-        """Return the state for displays; None if there is nothing to show."""
+        """Return the state of planning mode as plain data for displays; None if there is nothing to show."""
         if self.phase == "off" and (not self.said or self._world().t - self._told > _SAID):
             return None
         out: dict[str, Any] = {"phase": self.phase, "hand": self.hand, "robot": self.robot}

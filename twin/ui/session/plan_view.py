@@ -1,4 +1,4 @@
-"""What a page shows of planning mode: its status as text, the clearance of a preview, and the poses of the ghost."""
+"""Data of planning mode for a page: status as text, clearance of the planned motion, and link poses of the ghost."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from twin.ui.session.plan_mode import Phase, PlanMode, Preview
 from twin.ui.session.plan_work import SHOWN
 
 RESTS: tuple[Phase, ...] = ("plan", "preview", "run")
-"""Phases in which no hand moves anything."""
+"""Phases of planning mode in which the hands move neither an arm nor the target."""
 
 _PAUSE = 0.6
-"""Time in s for which the ghost of a preview stays at the end of the motion."""
+"""Time in s for which the ghost stays at the end of a previewed motion before it repeats the motion."""
 
 
 def status(state: Mapping[str, Any] | None, preview: Preview | None) -> tuple[str, str] | None:
-    """Return (tone, text) of planning mode: "good", "warn" or "bad"; None if there is nothing to say.
+    """Return (tone, text) on planning mode; the tone is "good", "warn" or "bad". None if there is nothing to say.
 
     Args:
         state: the state of planning mode, as `PlanMode.state` returns it.
-        preview: the planned motion; None before.
+        preview: the planned motion; None before it is found.
     """
     if state is None:
         return None
@@ -35,7 +35,8 @@ def status(state: Mapping[str, Any] | None, preview: Preview | None) -> tuple[st
         return "warn", f"Target of {robot} (red): {state['blocked']}."
     if phase == "aim":
         loads = "" if state["ready"] else " The geometry is being loaded."
-        text = f"Move the target of {robot}: it may pass through anything, and the arm rests. Then plan a motion."
+        where = "the target may pass through anything, and the arm is at rest"
+        text = f"Move the target of {robot}; {where}. Then plan a motion."
         return "good", text + loads
     if phase == "plan":
         return "good", f"Planning a motion of {robot}: {100 * state['done']:.0f} %"
@@ -48,21 +49,21 @@ def status(state: Mapping[str, Any] | None, preview: Preview | None) -> tuple[st
 
 
 def clearance(preview: Preview) -> str:
-    """Return the smallest clearance of a planned motion and its proven bound as text."""
+    """Return a text on the smallest clearance of a planned motion, and on the proven lower bound of the clearance."""
     if (seen := preview.proven) is None:
         return "The clearance is being computed."
     bodies = f" ({' and '.join(seen.bodies)})" if all(seen.bodies) else ""
-    return f"Minimum clearance {seen.found / MM:.1f} mm{bodies}, proven {seen.proven / MM:.1f} mm."
+    return f"Minimum clearance {seen.found / MM:.1f} mm{bodies}, proven to be at least {seen.proven / MM:.1f} mm."
 
 
 def curve(preview: Preview) -> tuple[Array, Array]:
-    """Return times (k,) in s, and the minimum clearances (k,) in m of a planned motion that are known so far."""
+    """Return the clearances computed so far of a planned motion: times (k,) in s, minimum distances (k,) in m."""
     t, distance = ([getattr(c, name) for c in preview.clear] for name in ("t", "distance"))
     return np.concatenate([*t, np.zeros(0)]), np.concatenate([*distance, np.zeros(0)])
 
 
 def ghost(mode: PlanMode, t: float) -> Mapping[str, Array]:
-    """Return T_base_body (4, 4) of the ghost by body; empty if there is none.
+    """Return the poses T_base_body (4, 4) of the ghost, by body; empty without a ghost.
 
     Before a preview, the ghost is at the target. In a preview, which began `t` s ago, the ghost repeats the motion.
     While the arm follows the motion, the ghost is at the end of the motion.

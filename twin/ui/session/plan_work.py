@@ -1,8 +1,8 @@
-"""Work of planning mode in another process: tests of the target, the plan with its timing and preview, its clearance.
+"""Jobs of planning mode in another process: test the target, plan and time a motion, compute its clearance.
 
-The process keeps the obstacles of the last room of each robot, so that tests take milliseconds. A plan runs in a
-thread, and the generator yields its progress. If the generator is closed, the plan ends at its next check for
-cancellation.
+The process keeps the obstacles in the last surroundings of each robot, so that a test takes milliseconds. A motion is
+planned in a thread, while the generator `work` yields the progress. If the generator is closed, the search ends at its
+next check for cancellation.
 """
 
 from __future__ import annotations
@@ -25,20 +25,21 @@ DT = 1e-3
 """Time in s between two poses of a plan: a tick of the World."""
 
 SHOWN = 33 * DT
-"""Time in s between two pictures of a preview, a whole number of ticks."""
+"""Time in s between two poses of the arm in a preview, a whole number of ticks."""
 
 _EVERY = 0.05
 """Time in s between two reports of progress."""
 
 _PLACES = 64
-"""Number of places along a path at which the clearance is shown."""
+"""Number of points along a motion at which the clearance is computed."""
 
 _CLEARANCE = 2 * MM
-"""Minimum clearance of a plan in m: with less, a search takes seconds, and arms do not follow paths more closely."""
+"""Minimum clearance of a plan in m. With a smaller one, a search would take seconds, and an arm that follows the plan
+could deviate from it by more than the clearance."""
 
 _SPEED, _RISE = (0.1, 1.0), 0.25
-"""Speed (m/s, rad/s) of a joint without a limit of speed; time in s to reach the speed for a joint without a limit of
-acceleration (both ASSUMED)."""
+"""Speed limits in m/s and rad/s for joints without a speed limit; time in s in which a joint without an acceleration
+limit reaches its largest speed (both ASSUMED)."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Room:
     """Surroundings in which an arm moves.
 
     Attributes:
-        number: a different number for each state of the other robots.
+        number: number that is different for each state of the other robots.
         scene: the scene file.
         robot: the name of the arm's place.
         poses: T_world_body (4, 4) of the bodies of the other robots, by place and body.
@@ -60,7 +61,7 @@ class Room:
 
 @dataclass(frozen=True)
 class Check:
-    """Job: check whether joint values q (n,) are free, and yield a `Checked`; q None: only load the geometry."""
+    """Job: check whether the arm can be at q (n,), and yield a `Checked`; q None: only load the geometry."""
 
     room: Room
     q: Array | None = None
@@ -68,16 +69,17 @@ class Check:
 
 @dataclass(frozen=True)
 class Checked:
-    """Why the joint values of a `Check` are not free; "" if they are."""
+    """Result of a `Check`: why the arm cannot be at the joint values (contact, limit); "" if it can."""
 
     why: str
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Job: a motion from start (n,) to goal (n,); yields the part done (float), then `Found`, `Clear`s and `Proven`.
+    """Job: plan a motion from joint values start (n,) to goal (n,).
 
-    `speed` in m/s and `turn` in rad/s limit the motion of the tool.
+    The job yields the completed fraction of the search (a float) repeatedly, then one `Found`, several `Clear` and one
+    `Proven`. `speed` in m/s and `turn` in rad/s are the largest speeds of the tool.
     """
 
     room: Room
@@ -93,10 +95,11 @@ class Found:
     """A timed motion.
 
     Attributes:
-        Ts: (k, 4, 4) poses of the tool in base, every `DT`.
-        shown: (pictures, links, 4, 4) poses of the links in base, every `SHOWN`.
-        links: names of these links.
-        tree: (edges, 2, 3) tips in base at both ends of each connection of the search; none for a straight path.
+        Ts: (k, 4, 4) poses of the tool in base, one every `DT` s.
+        shown: (m, links, 4, 4) poses of the links in base, one every `SHOWN` s.
+        links: names of the links in `shown`.
+        tree: (edges, 2, 3) positions of the tip in m in base at both ends of each edge of the search tree; no edges if
+            the path is straight.
     """
 
     Ts: Array
@@ -112,7 +115,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Clear:
-    """Smallest distances (k,) in m at times (k,) in s of a motion, by exact geometry."""
+    """Smallest distances (k,) in m of the arm from other bodies at times (k,) in s of a motion, by exact geometry."""
 
     t: Array
     distance: Array
@@ -120,7 +123,7 @@ class Clear:
 
 @dataclass(frozen=True)
 class Proven:
-    """Proven lower bound in m of the distance along the whole motion, smallest distance found, and its bodies."""
+    """Clearance of a whole motion: proven lower bound in m, smallest computed distance in m, and its two bodies."""
 
     proven: float
     found: float
@@ -181,10 +184,10 @@ def _beside(job: Plan) -> Iterator[Any]:
 def plan(
     job: Plan, report: Callable[[float], None] = lambda fraction: None, cancelled: Callable[[], bool] = lambda: False
 ) -> Iterator[Found | Clear | Proven]:
-    """Yield the results of a plan; `report` is called with the part of the search that is done.
+    """Yield the results of a plan; `report` is called with the completed fraction of the search.
 
     Raises:
-        CancelledError: `cancelled` was true.
+        CancelledError: the function `cancelled` has returned True.
         TwinError: there is no plan; the message has the reason.
     """
     from twin.planning.around import NoPathError, around

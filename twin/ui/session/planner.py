@@ -8,7 +8,7 @@ from twin.ui.session.timeline import Playback, prepare
 
 
 class Planner:
-    """Planning of a protocol; when `done`, `answer` is the playback or an error text."""
+    """Planning of a protocol in a separate process; `answer` is the playback or an error text once `done` is True."""
 
     def __init__(self, robot: str, protocol: str | None) -> None:
         self._call = Call(prepare, robot, protocol, nice=5)
@@ -20,7 +20,7 @@ class Planner:
 
     @property
     def answer(self) -> Playback | str | None:
-        """The playback or the error text; None until `done`."""
+        """The playback or the error text; None while the protocol is being planned."""
         if not self._call.done:
             return None
         try:

@@ -28,11 +28,11 @@ class Recorder:
 
     @property
     def running(self) -> bool:
-        """Whether further ticks are written: the file is not closed, full or broken."""
+        """Whether ticks are still written: the file is not closed, is not full, and no write has failed."""
         return self._writer is not None
 
     def write(self, ticks: int) -> None:
-        """Write the content of the tape, up to `ticks` completed ticks; an error ends only the recording."""
+        """Write the ticks on the tape, up to the number `ticks`; an error ends the recording, but not the World."""
         writer, rows = self._writer, self._tape.take()
         if writer is None:
             return
@@ -51,7 +51,7 @@ class Recorder:
             logging.getLogger(__name__).error("the session is no longer recorded: %s", error)
 
     def close(self, ticks: int) -> None:
-        """Write the rest, and complete the file."""
+        """Write the remaining ticks, up to the number `ticks`, and complete the file."""
         self.write(ticks)
         writer, self._writer = self._writer, None
         try:

@@ -20,15 +20,15 @@ from twin.schema import Identifier, Table
 from twin.schema.lines import spell
 
 MOST = 20_000
-"""Maximum number of moments (recorded states) in a session: five minutes of continuous motion."""
+"""Maximum number of moments (recorded states) in a session, enough for five minutes of continuous motion."""
 
 _COMMAS, _KEYS = 64 * MOST, 16
-"""Maximum number of values in a session file, and of keys in one object, because the file is untrusted."""
+"""Maximum numbers of values in a session file, and of keys in one of its objects, because the file is untrusted."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """A recorded state: `time` in s, `q` (n,) in m or rad, `T_base_tool` (4, 4), and a note `label`."""
+    """A recorded state: `time` in s, active joints `q` (n,) in m or rad, `T_base_tool` (4, 4), and a note `label`."""
 
     time: float
     q: Array
@@ -59,7 +59,7 @@ class Session:
         return cls(mechanism.name, tuple(j.name for j in active), tuple("rad" if j.is_angle else "m" for j in active))
 
     def add(self, time: float, q: Array, T_base_tool: Array, label: str = "") -> None:
-        """Add a state: `time` in s, q (n,) in m or rad, T_base_tool (4, 4).
+        """Append a state: `time` in s, active joints q (n,) in m or rad, T_base_tool (4, 4).
 
         Raises:
             TwinError: the time is not after the last state, q does not match the joints, or the pose is not rigid.
@@ -81,7 +81,7 @@ class Session:
         return self.moments[-1].time - self.moments[0].time if self.moments else 0.0
 
     def at(self, t: float) -> Array:
-        """Return q (n,) at time t in s: linear between states, constant before the first and after the last state.
+        """Return q (n,) at time t in s, interpolated linearly; before the first and after the last state q is constant.
 
         Raises:
             TwinError: the session has no states.

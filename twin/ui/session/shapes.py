@@ -1,4 +1,4 @@
-"""Prepare meshes for display: smooth shading, sharp edges, optional section."""
+"""Prepare meshes for display: merge them by colour, keep sharp edges sharp, cut them by a section plane."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CREASE = np.radians(35)
 """Angle in rad between faces above which an edge is drawn sharp."""
 
 Look = tuple[Array, np.ndarray, tuple[int, int, int], float]
-"""A mesh: vertices (n, 3) in m in the body's frame, triangles (m, 3), colour (sRGB 0..255), opacity (0..1)."""
+"""A mesh: vertices (n, 3) in m in the body's frame, triangles (m, 3), colour (sRGB, 0 to 255), opacity (0 to 1)."""
 
 
 def looks(body: Body) -> list[Look]:
@@ -31,7 +31,7 @@ def looks(body: Body) -> list[Look]:
 
 
 def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Return (vertices, triangles) with vertices duplicated along sharp edges, so that renderers do not smooth them."""
+    """Return (vertices, triangles) with duplicated vertices along sharp edges, so that the edges are drawn sharp."""
     f = np.asarray(triangles, np.int64)
     a, b, c = (vertices[f[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
@@ -59,7 +59,10 @@ def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def behind(vertices: Array, triangles: np.ndarray, point: Array, normal: Array) -> tuple[Array, np.ndarray]:
-    """Return (vertices, triangles) of the part of a surface behind a plane (on the side opposite to its normal)."""
+    """Return (vertices, triangles) of the part of a surface behind a plane: on the side opposite to the normal.
+
+    `point` (3,) is a point of the plane, `normal` (3,) its normal.
+    """
     d = (vertices - point) @ normal
     f = np.asarray(triangles)
     inside = d[f] <= 0

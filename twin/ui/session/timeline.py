@@ -22,10 +22,11 @@ class Playback:
     Attributes:
         protocol, title: name and title of the protocol.
         t: times (k,) in s.
-        x: configurations (k, nq) of the independent model, with its nq coordinates.
-        q, qd, qdd: positions, speeds and accelerations (k, n) of the active joints, in m or rad, and s.
+        x: configurations (k, nq) of the independent model, which has nq coordinates.
+        q, qd, qdd: positions (m or rad), speeds (m/s or rad/s) and accelerations (m/s2 or rad/s2) (k, n) of the active
+            joints.
         Ts_base_tool: planned tool poses (k, 4, 4).
-        tip: origin (k, 3) of the moved frame in m in the base frame.
+        tip: origin (k, 3) of the frame that the protocol moves, in m in the base frame.
         shaft: unit vectors (k, 3) along the shaft towards the tip, in the base frame.
         rcm: RCM (k, 3) in m in the base frame; NaN while no RCM is registered.
         rcm_error: distance (k,) in m of the shaft axis from the RCM; NaN while no RCM is registered.
@@ -59,9 +60,9 @@ class Playback:
 
 
 def prepare(robot: str, protocol: str | None) -> Playback:
-    """Plan a protocol of a robot, and solve the mechanism for each sample.
+    """Plan a protocol of a robot, and solve the mechanism for each sample; None: the robot's default protocol.
 
-    This takes several seconds and should run in a separate process.
+    This function takes several seconds and should run in a separate process.
 
     Raises:
         TwinError: the protocol does not exist or cannot be planned, or the mechanism cannot follow it.
@@ -111,17 +112,17 @@ class Clock:
         self.loop, self.playing = True, False
 
     def play(self) -> None:
-        """Start the clock; at the end it restarts from the beginning."""
+        """Start the clock; if it is at the end of the playback, it starts from 0."""
         if self.time >= self.duration:
             self.time = 0.0
         self.playing = self.duration > 0
 
     def seek(self, t: float) -> None:
-        """Set the time in s, clamped to 0..duration."""
+        """Set the time in s; a time outside 0 to `duration` is clipped."""
         self.time = float(np.clip(t, 0.0, self.duration))
 
     def advance(self, seconds: float) -> bool:
-        """Advance the clock by an elapsed real time in s; return whether the clock's time has changed."""
+        """Advance the clock by an elapsed real time in s; return whether the clock was running."""
         if not self.playing or self.duration <= 0:
             return False
         ahead = self.time + seconds * self.speed

@@ -1,4 +1,4 @@
-"""Compute the position of each trocar, and the trocar error and insertion depth of its instrument."""
+"""Compute the position of each trocar, and the trocar error and insertion depth of the instrument in it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ class InTrocar:
         error: trocar error: distance in m from the trocar to the shaft axis.
         axis: unit vector (3,) along the shaft in the base frame; towards the tip, if `tip` is not None.
         tip: the protocol's tip (3,) in m in the base frame; None if the tip belongs to another instrument.
-        depth: insertion depth: distance in m from the trocar to the tip; None without a tip.
+        depth: insertion depth: distance in m from the trocar to the tip (for an RCM, along the shaft); None without a
+            tip.
     """
 
     name: str
@@ -34,7 +35,10 @@ class InTrocar:
 
 
 def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
-    """Return the instruments in their trocars; without trocars, the instrument at `rcm` (3,) in m in base, if given."""
+    """Return the instruments in their trocars; if the mechanism has no trocars, the instrument at the RCM, if any.
+
+    `rcm` is the RCM (3,) in m in the base frame; None: no RCM.
+    """
     tip, axis = desk.shaft()
     mechanism, now = desk.mechanism, desk.assembly
     if not mechanism.trocars:
@@ -58,7 +62,7 @@ def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
 
 
 def rcm_at(playback: Playback | None, time: float) -> Array | None:
-    """Return the RCM (3,) in m in base registered at a time in s of a protocol; None if no RCM is registered."""
+    """Return the RCM (3,) in m in base at a time in s of a protocol; None if no RCM is registered at this time."""
     if playback is None:
         return None
     k = int(np.clip(np.searchsorted(playback.t, time), 0, len(playback.t) - 1))

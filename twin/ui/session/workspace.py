@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from twin.kinematics import Kinematics
 
 CHUNK = 20_000
-"""Number of poses between two checks for cancellation: less than half a second of computation."""
+"""Number of poses between two checks for cancellation; they are computed in less than half a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,10 @@ class Job:
     Attributes:
         robot, variants, parameters: arguments of `twin.load`.
         limits: limits (n, 2) of the active joints, in rad or m; infinite without a limit.
-        T_base_tool: present tool pose (4, 4): orientation of all poses, and centre of the searched box.
-        reach: half the edge length of the box in m.
+        T_base_tool: present tool pose (4, 4), which is the orientation of all poses and the centre of the searched box.
+        reach: half the edge length of the searched box in m.
         count: total number of poses.
-        bounds: limits of joints, of motors, and of distances between carriages on a rail.
+        bounds: limits of joints, of motors, and of the distances between two carriages on a rail.
     """
 
     robot: str
@@ -50,13 +50,13 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """New results since the last poll.
+    """Results of a job that are new since the last call of `Cloud.poll`.
 
     Attributes:
         points: reachable tool positions (m, 3), float32, in m in the base frame.
         condition: condition numbers (m,), float32, at these positions; infinite at a singularity.
-        evaluated: number of poses evaluated so far, reachable or not; 0 with an error.
-        count: total number of poses; 0 with an error.
+        evaluated: number of poses evaluated so far, reachable or not; 0 after an error.
+        count: total number of poses; 0 after an error.
         error: why the job ended early or found no position; "" without an error.
     """
 
@@ -70,8 +70,8 @@ class Chunk:
 def poses(job: Job, first: int, last: int) -> Array:
     """Return the poses (last - first, 4, 4) of a job with indices `first` to `last` - 1, in the order of evaluation.
 
-    Pose 0 is the present pose. The positions are a low-discrepancy sequence (additive recurrence), so that the first n
-    poses cover the box evenly for every n.
+    Pose 0 is the present pose. The positions are a low-discrepancy sequence (additive recurrence): for every n, the
+    first n poses cover the searched box evenly.
     """
     i = np.arange(first, last)[:, None]
     Ts = np.tile(job.T_base_tool, (last - first, 1, 1))
@@ -116,7 +116,10 @@ def _check(kin: Kinematics, job: Job) -> None:
             f"{name}: its equations have no closed-form inverse; a numerical solution for each pose takes too long."
         )
     if np.shape(job.limits) != (n, 2) or job.count < 1:
-        raise KinematicsError(f"{name}: limits {np.shape(job.limits)} must be ({n}, 2), count {job.count} at least 1.")
+        raise KinematicsError(
+            f"{name}: the shape of the limits is {np.shape(job.limits)} (required ({n}, 2)), the number of poses "
+            f"{job.count} (minimum 1)."
+        )
     if n < 6:
         held = np.isfinite(kin.inverse_many(poses(replace(job, reach=1e-2 * job.reach), 0, 1000))[:, 0])
         if held[0] and held.mean() < 0.01:  # the reachable poses form a surface, as thick as the equations' tolerance

@@ -1,4 +1,4 @@
-"""The deformables of a World in the pages: organs and vessels of a procedure, at the vertices computed by the World."""
+"""Feed the pages with the deformables of a procedure (organs and vessels), whose vertices the World computes."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ _BALL = 2.5 * MM * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0
 """Corners (6, 3) in m of the octahedron that marks a cell of the bed, relative to the cell."""
 
 _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
-"""Triangles of this octahedron, counter-clockwise as seen from outside."""
+"""Triangles of the octahedron that marks a cell, counter-clockwise as seen from outside."""
 
 _BED = (0.9, 0.75, 0.35)
-"""Colour of the marks, linear."""
+"""Linear red, green and blue of the octahedra that mark the cells of the bed."""
 
 
 class WorldFeed:
-    """A feed of the vertices of a World; after a restart, the new World has the same deformables.
+    """Source of the deformables of a World; a World that is started again must have the same deformables.
 
-    `<organ>_bed` marks the attached cells of an organ of a procedure; detached cells have no mark.
+    The surface `<organ>_bed` marks the cells of an organ that are still attached to its bed.
 
     Attributes:
         surfaces: triangles and colours by name.
-        duration: 0, because nothing is played.
-        touching: no links, because the World moves its deformables by itself.
+        duration: 0, because no protocol is played.
+        touching: no links, because the World computes which links touch its deformables.
     """
 
     duration = 0.0

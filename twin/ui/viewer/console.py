@@ -42,31 +42,32 @@ from twin.ui.viewer.score import ScorePanel
 from twin.ui.viewer.trainer import TrainerPanel
 
 ARROWS = 90.0
-"""Size in pixels of the arrows at a tool, independent of the distance."""
+"""Size in pixels of the arrows at a tool, independent of their distance from the camera."""
 
 CLOSE = np.array([0.15, -0.26, 0.2])
-"""Vector (3,) in m from the mean of the tools to the camera in the view "close"."""
+"""Vector (3,) in m from the mean position of the tools to the camera in the view "close"."""
 
 AWAY = 0.7
-"""Factor on the usual camera distance of the views from outside, because the scene is wide and low."""
+"""Factor on the usual distance of the camera in the views from outside, below 1 because the scene is wide and low."""
 
 FAR, CAVITY = 100.0, 0.4
 """Maximum drawn distance in m: in views of the room, and in the endoscope's view, which shows only the cavity."""
 
 BEFORE_LENS, THICK = 0.01, 0.006
-"""Distance in m of the line of a camera task from the lens; its thickness divided by the height of the picture."""
+"""Distance in m from the lens to the target line of a camera task; thickness of this line, divided by the height of the
+picture."""
 
 _FELT = 0.05
-"""Forces on a hand below this value in N are not shown."""
+"""Smallest force on a hand in N that is shown."""
 
 STILL = 1e-9
-"""Joint motion in rad or m that counts as rest; an arm at a limit may move by rounding errors."""
+"""Largest joint motion in rad or m between two frames that counts as rest; at a limit, rounding errors move an arm."""
 
 RESTS = 0.2
-"""Time in s without motion after which arrows and hands are moved to the tools."""
+"""Time in s without motion after which handles are moved back to tools that could not reach their goals."""
 
 TOUCHED = 0.7
-"""Time in s after a user's change in which a control is not set to the value in the World."""
+"""Time in s after a user's change of a control during which the control is not set to the value in the World."""
 
 _CAMERA = (("pan [°]", DEG, 0.5), ("tilt [°]", DEG, 0.5), ("depth [mm]", MM, 0.5), ("roll [°]", DEG, 0.5))
 _TONES = {"good": "#1f8a55", "warn": "#c77700", "bad": "#d62f2f", "plain": "inherit"}
@@ -78,10 +79,10 @@ class ConsoleFront(Loop):
     """The page of a scene with a console.
 
     Attributes:
-        console: the World and its hands.
+        console: the scene's World and its console.
         pens: the handles that this page moves.
         nodes: scene nodes of each robot and each movable object.
-        arrows: transform controls at the tool of each hand.
+        arrows: transform controls at the tool of each hand, by hand.
     """
 
     def __init__(
@@ -306,8 +307,8 @@ class ConsoleFront(Loop):
         views = gui.add_button_group("look", ("close", "endoscope", *OUTSIDE))
         views.on_click(lambda e: e.client and self.look(views.value, e.client))
         with gui.add_folder("Pedals"):
-            self._clutch = gui.add_checkbox("clutch", False, hint="Pressed until you click again")
-            self._pedal = gui.add_checkbox("camera", False, hint="Pressed until you click again")
+            self._clutch = gui.add_checkbox("clutch", False, hint="The pedal stays pressed until you click again")
+            self._pedal = gui.add_checkbox("camera", False, hint="The pedal stays pressed until you click again")
             self._on(self._clutch, "clutch", lambda client, v: pens.press(client, clutch=v))
             self._on(self._pedal, "camera pedal", lambda client, v: pens.press(client, camera=v))
         self._planning = PlanningPanel(self.server, self.console, pens, self._on_click)
@@ -332,7 +333,7 @@ class ConsoleFront(Loop):
             for k, (slider, (_, unit, _)) in enumerate(zip(self._camera, _CAMERA, strict=True)):
                 self._on(slider, f"aim {k}", lambda client, v, k=k, unit=unit: pens.aim(client, k, v * unit))
         let_go = gui.add_button(
-            "Release the hands", hint="Other clients can then use the hands; automatic after 5 s without use"
+            "Release the hands", hint="Let other clients use the hands; also happens after 5 s without use"
         )
         let_go.on_click(lambda _: self.ask("let go", pens.release))
         if self.props is not None:
@@ -350,7 +351,9 @@ class ConsoleFront(Loop):
             self._tools[hand] = choice
         self._direct = None
         if (fulcrum := self.console.reading["fulcrum"]) is not None:
-            self._direct = gui.add_checkbox("direct fulcrum", fulcrum == "direct", hint="The hands move the outer ends")
+            self._direct = gui.add_checkbox(
+                "direct fulcrum", fulcrum == "direct", hint="The hands move the outer ends of the instruments"
+            )
             self._on(self._direct, "fulcrum", lambda c, v: self.console.choose_fulcrum(c, FULCRUMS[int(v)]))
 
     def _tool(self, hand: str) -> str:
@@ -461,7 +464,8 @@ def _name(client: viser.ClientHandle) -> str:
 def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -> tuple[str, str]:
     """Return (tone, text) with the most important information on the state of a `LiveConsole`.
 
-    `planned` is the status of planning mode; None if there is nothing to say.
+    The tone is "good", "warn", "bad" or "plain". `planned` is the status (tone, text) of planning mode, None if there
+    is nothing to say about planning mode.
     """
     moved = [h["robot"] for h in reading["hands"].values() if h["follows"]]
     walls = [f"{h['robot']}: {h['wall']}" for h in reading["hands"].values() if h["wall"]]

@@ -1,7 +1,7 @@
-"""Change the distance of two joints on one body without changing the CAD.
+"""Change the distance between two joints of one body without changing the CAD.
 
-This module moves joint frames that were measured on the CAD (`twin.cad.lengths` measures faces). The meshes stay as in
-the CAD and are displayed as a ghost for comparison.
+This module moves joint frames that were measured on the CAD (`twin.cad.lengths` measures faces). The meshes are not
+changed. For comparison, the mechanism with the distances of the CAD is displayed as a ghost.
 """
 
 from __future__ import annotations
@@ -32,7 +32,10 @@ class Distance:
 
 
 def distances(mechanism: Mechanism) -> list[Distance]:
-    """Return the distances that `with_distance` can change: one for each pair of joints of a body, in file order."""
+    """Return the distances that `with_distance` can change: one for each pair of joints that share exactly one body.
+
+    The distances have the order of the joints in the mechanism.
+    """
     out = []
     for a, b in combinations(mechanism.joints, 2):
         shared = _shared(a, b)
@@ -46,10 +49,10 @@ def distances(mechanism: Mechanism) -> list[Distance]:
 def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float) -> Mechanism:
     """Return the mechanism with one joint frame moved on its body, and all other data unchanged.
 
-    The frame of `joint` on the body of both joints is moved, without rotation, along the line through both origins,
-    until the distance of the origins is `distance`. If the line is oblique to the joint axes (two bores at different
-    heights), the shift has a component along the axes, which opens a planar loop (`Assembly.worst_gap`). A shift along
-    the axis of a slide changes only its zero position.
+    The frame of `joint` on the body that both joints share is moved, without rotation, along the line through the
+    origins of both frames, until the origins are `distance` (m) apart. If this line is oblique to the joint axes (two
+    bores at different heights), the shift has a component along the axes, which opens a planar loop
+    (`Assembly.worst_gap`). A shift along the axis of a prismatic joint changes only the zero position of this joint.
 
     Raises:
         MechanismError: a joint is unknown, the joints share no body or two bodies, their origins coincide, or the

@@ -1,4 +1,4 @@
-"""The design panel: parameters and variants of the equations, distances in the mechanism, two designs, workspace."""
+"""The design panel: change equations and distances in the mechanism, compare two designs, compute the workspace."""
 
 from __future__ import annotations
 
@@ -207,7 +207,10 @@ class DesignPanel:
             self._other_nodes.place(aside @ a.T_world_base, a.scale)
 
     def other_poses(self, a: Actor) -> dict[str, Array] | None:
-        """Return the link poses of the original mechanism at the present joint values; None if it is not edited."""
+        """Return the link poses of the unedited mechanism at the present joint values, for a ghost.
+
+        None if the mechanism is not edited, or if the unedited one cannot be assembled at these values.
+        """
         if a.desk.mechanism is a.desk.robot.mechanism:
             return None
         try:
@@ -304,7 +307,7 @@ class DesignPanel:
 
 
 def differs(reading: Reading) -> str:
-    """Return a text on the largest difference between equations and mechanism, with unit and name."""
+    """Return a text on the largest difference between equations and mechanism: value, unit, name of the quantity."""
     if reading.residual is None:
         return "-"
     if not reading.comparable:
@@ -322,7 +325,7 @@ def refused(moved: Moved) -> str:
 
 
 def conditioned(condition: np.ndarray) -> np.ndarray:
-    """Return colours (m, 3) 0..255 of condition numbers (m,): logarithmic scale from green (3) to red (100)."""
+    """Return colours (m, 3), 0 to 255, for condition numbers (m,): green up to 3, red from 100, logarithmic between."""
     s = np.clip((np.log10(np.maximum(condition, 1e-9)) - np.log10(3)) / (2 - np.log10(3)), 0, 1)[:, None]
     low, middle, high = np.array([[31, 138, 85], [235, 190, 50], [214, 47, 47]], float)
     color = np.where(s < 0.5, low + 2 * s * (middle - low), middle + (2 * s - 1) * (high - middle))

@@ -12,21 +12,22 @@ from twin.core.units import DEG, MM
 from twin.model.joint import Joint
 
 _SECONDS, _EVERY = 12.0, 0.1
-"""Duration in s of the curve, and time between two of its points."""
+"""Time span in s that the curve shows, and time in s between two of its points."""
 
 _COLORS = ("#0a66c2", "#c7741b")
 
 
 class DeviationCurve:
-    """Plot of the distances in mm over the last seconds, one line for each machine, with a dashed line at the limit."""
+    """Plot of the tip distance in mm of each machine over the last `_SECONDS` s, with a dashed line at the limit."""
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str], limit: float | None = None) -> None:
-        """Add an empty curve; the limit is in m."""
+        """Add an empty plot for the machines `names`; `limit` in m is the deviation at which the force cue begins."""
         self._limit = None if limit is None else limit / MM
         self._rows: list[list[float]] = []
         lines: list[Any] = [{"label": n, "stroke": _COLORS[i % 2], "width": 2} for i, n in enumerate(names)]
         if limit is not None:
-            lines.append({"label": f"cue above {limit / MM:g} mm", "stroke": "#d62f2f", "dash": [4, 3], "width": 1})
+            label = f"force cue above {limit / MM:g} mm"
+            lines.append({"label": label, "stroke": "#d62f2f", "dash": [4, 3], "width": 1})
         self._curve = gui.add_uplot(
             tuple(np.zeros((len(lines) + 1, 1))),
             ({"label": "s"}, *lines),
@@ -36,11 +37,11 @@ class DeviationCurve:
         )
 
     def due(self, t: float) -> bool:
-        """Return whether the next point is due at t in s."""
+        """Return whether the next point is due at time t in s."""
         return not self._rows or t >= self._rows[-1][0] + _EVERY
 
     def add(self, t: float, tips: Iterable[float]) -> None:
-        """Add the distances in m at t in s."""
+        """Add the distance in m between the tips of each machine and its model, at time t in s."""
         row = [t, *(tip / MM for tip in tips)]
         self._rows.append(row if self._limit is None else [*row, self._limit])
         self._rows = [r for r in self._rows if r[0] > t - _SECONDS]

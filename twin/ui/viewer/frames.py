@@ -29,21 +29,21 @@ class _Node:
 
     @property
     def position(self) -> Array:
-        """Position (3,) in m that was last sent to the clients."""
+        """Position (3,) in m that was last queued for the clients."""
         return self._state.position
 
     @property
     def wxyz(self) -> Array:
-        """Quaternion (4,), w first, that was last sent to the clients."""
+        """Quaternion (4,), w first, that was last queued for the clients."""
         return self._state.wxyz
 
     def move(self, position: Array) -> None:
-        """Queue a position (3,) in m; the handle keeps a reference to the array."""
+        """Queue a position (3,) in m for the clients; the handle keeps a reference to the array."""
         self._state.position = position
         self._queue(messages.SetPositionMessage(self._state.name, tuple(position.tolist())))
 
     def turn(self, wxyz: Array) -> None:
-        """Queue a quaternion (4,), w first; the handle keeps a reference to the array."""
+        """Queue a quaternion (4,), w first, for the clients; the handle keeps a reference to the array."""
         self._state.wxyz = wxyz
         self._queue(messages.SetOrientationMessage(self._state.name, tuple(wxyz.tolist())))
 
@@ -62,7 +62,7 @@ class FrameWriter:
     def write(self, positions: Array, wxyzs: Array) -> None:
         """Send positions (n, 3) in m and unit quaternions (n, 4), w first, in the frames of the parent nodes.
 
-        Values that are bit-identical to the values last sent are not sent again.
+        A position or quaternion that is bit-identical to the last one of the same node is not sent again.
         """
         n = len(self._nodes)
         positions, wxyzs = np.array(positions, float), np.array(wxyzs, float)  # copied, as handles keep references

@@ -24,10 +24,11 @@ from twin.ui.viewer.loop import Loop
 from twin.ui.viewer.nodes import BLUE, RobotNodes
 
 _READ = 0.1
-"""Time in s between two readings; each reading redraws the panels."""
+"""Minimum time in s between two updates of the readings; each update redraws the panels."""
 
 _DRAWN, _NOBODY = 1.5, 4.0
-"""Time in s in which a browser draws its first picture, and maximum waiting time in s without a browser."""
+"""Times in s after which protocols are planned: since a browser has connected (it then has drawn its first picture),
+and since the start if no browser has connected."""
 
 
 @dataclass
@@ -36,7 +37,7 @@ class Actor:
 
     Attributes:
         name: displayed name.
-        source: argument of `twin.load`, for processes that load the robot again.
+        source: argument of `twin.load`, with which other processes load the robot.
         desk: state of the robot.
         T_world_base: pose (4, 4) of the base in the scene.
         protocol: the initial protocol; None: the robot's default protocol.
@@ -61,7 +62,7 @@ class Terminal(Protocol):
 
 
 class Scenery(Protocol):
-    """Interface of the surroundings of the robots that `Front` uses; implemented by `scenery.Scenery`."""
+    """Interface through which `Front` uses the surroundings of the robots; implemented by `scenery.Scenery`."""
 
     def panel(self) -> None: ...  # noqa: D102
     def trail(self, visible: bool) -> None: ...  # noqa: D102
@@ -71,10 +72,10 @@ class Scenery(Protocol):
 
 
 class Panels(Protocol):
-    """Interface of the controls and displays that `Front` uses; implemented by `panels.Panels`.
+    """Interface through which `Front` uses the controls and displays; implemented by `panels.Panels`.
 
     Attributes:
-        why: reason of the last failure; "" without a failure.
+        why: why the last planning of a protocol failed; "" if none has failed.
     """
 
     why: str
@@ -95,12 +96,13 @@ class Front(Loop):
     """The page with one active robot and possibly further robots; created by `page.open_page`.
 
     Attributes:
-        actors: the robots in the given order; `hand` is the active robot, to which gizmo, sliders and readings refer.
-        local: whether only this machine can open the page; only then sessions may be saved to disk.
-        terminal: terminal for confirmations; without a terminal, a robot's files are never changed.
+        actors: the robots in the given order.
+        hand: the active robot, to which gizmo, sliders and readings refer.
+        local: whether only this machine can open the page; only such a page may write files.
+        terminal: terminal that asks for confirmations; None: the page never changes a robot's files.
         clock: clock of the protocols.
         feed: deformables; None: no deformables.
-        nodes, ghosts: scene nodes of each actor, and of its ghost.
+        nodes, ghosts: scene nodes of each robot, and of each ghost that has been drawn, by name of the robot.
     """
 
     def __init__(
@@ -160,7 +162,7 @@ class Front(Loop):
             self.refresh()
 
     def close(self) -> None:
-        """Release processes, threads and the port."""
+        """End processes and threads, and release the port."""
         self.panels.close()
         for planner in self._plans.values():
             planner.close()
@@ -168,7 +170,7 @@ class Front(Loop):
         super().close()
 
     def go_on(self, kind: str, move: Callable[[], Moved]) -> None:
-        """Store a request for a move, which continues in the next frame if it exceeds its time limit."""
+        """Store a request for a move; a move that exceeds its time limit is continued in the next frame."""
         self.repeat(kind, lambda: move().more)
 
     # -- robots ---------------------------------------------------------------------------------------
@@ -204,7 +206,7 @@ class Front(Loop):
         self.scenery.update()
 
     def stand(self) -> None:
-        """Move every robot to the pose of its protocol at the clock's time."""
+        """Move every robot that has a planned protocol to its pose in the protocol at the clock's time."""
         for a in self.actors:
             if a.playback is None:
                 continue
@@ -249,7 +251,7 @@ class Front(Loop):
     # -- protocols ------------------------------------------------------------------------------------
 
     def load_soon(self) -> None:
-        """Start planning the protocols after the first picture is shown, because planning uses a processor core."""
+        """Plan the protocols after a browser has drawn its first picture, which planning would delay."""
         begin = self.now
 
         def wait() -> None:

@@ -27,11 +27,11 @@ from twin.ui.session.session import Session as Session
 from twin.ui.viewer.rewrite import rewrite
 
 _DIGITS = {"mm": 6, "deg": 8}
-"""Number of decimals in mm and deg, for a resolution of 1 nm, also at the end of an arm of 5 m."""
+"""Number of decimals of values in mm and deg: a resolution of 1 nm, for angles at the end of an arm of 5 m."""
 
 
 def identifier(name: str) -> str:
-    """Return a name if it is a valid identifier for a posture or a phase.
+    """Return `name` if it is a valid identifier for a posture or a phase.
 
     Raises:
         TwinError: the name is invalid.
@@ -74,7 +74,7 @@ def save_posture(description: Path, name: str, values: Mapping[str, float], *, r
 def append_phase(
     protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Array, *, note: str = "chosen by hand in the viewer"
 ) -> None:
-    """Add a waypoint to a protocol, and a final phase of type "positioning" that moves there; both are named `name`.
+    """Add a waypoint and a last phase of type "positioning", which moves there, to a protocol; both are named `name`.
 
     Args:
         protocol: trajectories/<robot>/<protocol>.toml.

@@ -1,8 +1,8 @@
 """Validate messages from a page before they are passed to viser, which does not validate messages.
 
 A valid message has one of a few types, its fields have the types that viser declares, its numbers are finite, and its
-value is possible for the page element. Files are accepted one at a time, with their parts in order, up to a maximum
-size. Invalid messages are dropped.
+value is possible for the page element. Only one file at a time is accepted, up to a maximum size, with its parts in
+order. Invalid messages are dropped.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from viser import _messages as said
 from twin.core.errors import TwinError
 
 ORDINARY = 16 * 1024
-"""Maximum size in bytes of a message without a file or picture."""
+"""Maximum size in bytes of a message that contains neither a part of a file nor a picture."""
 
 LONGEST = 8 * 2**20
-"""Maximum size in bytes of any message; requested pictures are the largest messages."""
+"""Maximum size in bytes of any message; the largest messages contain pictures that the server has requested."""
 
 UPLOAD = 16 * 2**20
 """Maximum size in bytes of an uploaded file (a recorded session)."""
@@ -35,7 +35,7 @@ _TEXT = 200
 """Maximum number of characters in a text field."""
 
 _FAR = 1e9
-"""Maximum absolute value of numbers in a message."""
+"""Maximum absolute value of the numbers in a message."""
 
 _QUIET = 2.0
 """Minimum time in s between two notices about files."""
@@ -104,10 +104,10 @@ def _default(f: Field) -> Any:
 
 
 class Letters:
-    """Filter of the messages to one server.
+    """Filter of the messages that a server receives from its pages.
 
     Attributes:
-        notify: function that shows the users a notice.
+        notify: function that shows a notice to the users.
         read: number of accepted messages.
         dropped: number of dropped messages.
     """
@@ -121,7 +121,7 @@ class Letters:
         self._decoders = {False: _decoder(_ORDINARY), True: _decoder(_LONG)}
 
     def belong_to(self, server: viser.ViserServer) -> None:
-        """Set the server whose page elements messages may refer to; before this call, all messages are dropped.
+        """Set the server; messages may refer to its page elements. Before this call, all messages are dropped.
 
         Raises:
             TwinError: this version of viser stores the elements differently.

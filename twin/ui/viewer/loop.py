@@ -21,14 +21,14 @@ FRAME = 1 / 60
 """Duration in s of a display frame."""
 
 AGAIN = 3.0
-"""Time in s before the same notice is shown again, because a refused drag causes a notice in every frame."""
+"""Minimum time in s before a notice is repeated, because a refused drag causes the same notice in every frame."""
 
 
 class Loop(ABC):
     """A page with its loop.
 
     Attributes:
-        stopping: set when the loop shall end.
+        stopping: event that ends the loop when it is set.
         now: time in s of the present frame on the clock of `time.perf_counter`.
     """
 
@@ -44,7 +44,9 @@ class Loop(ABC):
     def frame(self, passed: float, wished: bool) -> None:
         """Draw one frame.
 
-        `passed` is the time in s since the last frame; `wished`: whether a request was handled since then.
+        Args:
+            passed: time in s since the last frame.
+            wished: whether a request was handled since the last frame.
         """
 
     def ask(self, kind: str, wish: Callable[[], object]) -> None:
@@ -54,7 +56,10 @@ class Loop(ABC):
             self._wishes[kind] = wish
 
     def repeat(self, kind: str, more: Callable[[], bool]) -> None:
-        """Store a request that is repeated in the next frame if it returns True and no new one of its kind arrived."""
+        """Store a request `more`, which is repeated in the next frame if it returns True, unless a new request came.
+
+        Only a new request of the same kind ends the repetition.
+        """
 
         def wish() -> None:
             if more():
@@ -64,7 +69,7 @@ class Loop(ABC):
         self.ask(kind, wish)
 
     def wished(self, kind: str) -> bool:
-        """Return whether a request of this kind is waiting; if so, the slider of the request must not be changed."""
+        """Return whether a request waits whose kind begins with `kind`; its control must not be changed meanwhile."""
         with self._lock:
             return any(k.startswith(kind) for k in self._wishes)
 
@@ -104,7 +109,7 @@ class Loop(ABC):
         stop(self.server)
 
     def say(self, text: str, bad: bool = False) -> None:
-        """Show a notice in every browser; the same notice is not repeated within `AGAIN`."""
+        """Show a notice in every browser; a repetition of the last notice is not shown within `AGAIN` s."""
         if self._told[0] != text or self.now - self._told[1] > AGAIN:
             self._told = text, self.now
             tell(self.server, self.title, text, bad)

@@ -45,7 +45,7 @@ class MirrorFront(Loop):
         self._curve, self._begin = DeviationCurve(server.gui, ["deviation of the tips [mm]"]), self.now
 
     def frame(self, passed: float, wished: bool) -> None:
-        """Show the newest state and the curve."""
+        """Show the newest state of the machine, and add a point to the curve if it is due."""
         mirror = self.mirror
         mirror.step()
         for name, node in self.nodes.items():

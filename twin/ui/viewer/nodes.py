@@ -19,7 +19,7 @@ _GHOST_OPACITY = 0.28
 
 
 class RobotNodes:
-    """Scene nodes of a robot, below a root node with its place and scale; child nodes are in m in its base frame.
+    """Scene nodes of a robot; the root node has the robot's place and scale, its children are in m in the base frame.
 
     Attributes:
         root: node of the base frame in the world.
@@ -79,7 +79,7 @@ class RobotNodes:
         self._writer.write(Ts[:, :3, 3], np.array([spatial.quat_from_matrix_wxyz(T[:3, :3]) for T in Ts]))
 
     def place(self, T_world_base: Array, scale: float) -> None:
-        """Set pose and display scale of the whole robot; child nodes are still in m."""
+        """Set pose and display scale of the whole robot; child nodes remain in m."""
         self.root.position, self.root.scale = T_world_base[:3, 3], scale
         self.root.wxyz = spatial.quat_from_matrix_wxyz(T_world_base[:3, :3])
 
@@ -142,12 +142,15 @@ class RobotNodes:
     def equations(
         self, points: Mapping[str, Array], actual: Mapping[str, Array], agrees: bool, exaggerated: float
     ) -> None:
-        """Draw the points that the robot's equations compute; lines connect points of the same body.
+        """Draw lines between the points of the same body, at the positions that the robot's equations compute.
 
-        `points` (from the equations) and `actual` (from the mechanism) are positions (3,) in m in the base frame, by
-        name. The lines are green if the equations agree with the mechanism (`agrees`), otherwise red. The distance of
-        each point from its actual position is drawn `exaggerated` times as large. If no body has two points, nothing is
-        drawn.
+        If no body has two points, nothing is drawn.
+
+        Args:
+            points: positions (3,) in m in the base frame, computed by the equations, by name.
+            actual: positions (3,) in m in the base frame of the same points of the mechanism, by name.
+            agrees: whether equations and mechanism agree; the lines are then green, otherwise red.
+            exaggerated: factor by which the differences between `points` and `actual` are drawn larger.
         """
         owner = {p.name: p.body for p in self._mechanism.points}
         known = [n for n in points if n in owner and n in actual and np.isfinite(points[n]).all()]
@@ -169,7 +172,11 @@ class RobotNodes:
         self._equations.visible = True
 
     def section(self, poses: Mapping[str, Array], point: Array | None, normal: Array) -> None:
-        """Hide the part of the robot in front of a plane (point and normal in base); without a point, all is shown."""
+        """Hide the part of the robot in front of a plane, on the side of the normal.
+
+        `poses` are the link poses T_base_body (4, 4), `point` (3,) in m and `normal` (3,) are in the base frame; if
+        `point` is None, the whole robot is shown.
+        """
         for (body, (vertices, triangles, *_)), (_, handle) in zip(self._looks, self.meshes, strict=True):
             shown, faces = vertices, triangles
             if point is not None:

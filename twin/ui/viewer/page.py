@@ -17,8 +17,12 @@ def open_page(
 ) -> Front:
     """Return the front end of a page, ready to run.
 
-    The first actor is active. Without props, table and patient of the protocol can be shown. `more` are further
-    arguments of `Front`.
+    Args:
+        title: title of the page.
+        actors: the robots; the first is active.
+        props: props of the scene; None: the user can show table and patient of the protocol instead.
+        server: the server of viser.
+        more: further arguments of `Front`.
     """
     front = Front(title, actors, server, **more)
     front.furnish(lambda f: Scenery(f, props), Panels)

@@ -1,4 +1,4 @@
-"""The panels of the page: play, move, scene, readings, curves; the design panel is in `design_panel`."""
+"""The panels of the page: play, move, scene, readings and curves; `design_panel` contains the design panel."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from twin.ui.viewer.record_panel import RecordPanel
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
 MOST_POSTURES = 64
-"""Maximum number of postures in the list; at the maximum, `keep here` only says so."""
+"""Maximum number of postures in the list; when it is reached, the button "keep here" adds no posture."""
 
 CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
 _POINTS = 400
@@ -90,7 +90,7 @@ class Panels:
         self._ghost = gui.add_checkbox(
             "ghost of the mechanism",
             False,
-            hint="The mechanism at the requested tool pose, according to the independent model",
+            hint="Show the mechanism at the requested tool pose, as solved by the independent model",
         )
         self._equations = gui.add_checkbox(
             "points of the equations",
@@ -100,7 +100,7 @@ class Panels:
 
         self._times = gui.add_dropdown(
             "error magnification", ("1 x", "10 x", "30 x"), initial_value="10 x",
-            hint="Magnification of the distance from the mechanism's points",
+            hint="Factor by which the errors of the points of the equations are drawn larger",
         )  # fmt: skip
 
         def planned(_: object) -> None:
@@ -126,17 +126,17 @@ class Panels:
             clock.play()
 
     def preparing(self, a: Actor, protocol: str | None) -> None:
-        """Show that a protocol is being planned."""
+        """Show that a protocol of a robot is being planned; None: its default protocol."""
         self._run.disabled = True
         self._state.content = f"planning **{protocol or 'the default protocol'}** of {a.name} …"
 
     def failed(self, a: Actor, error: str) -> None:
-        """Show why a protocol cannot be played."""
+        """Show why the protocol of a robot cannot be played."""
         self.why = error
         self._state.content = f"<span style='color:#d62f2f'>{a.name}: {escape(error)}</span>"
 
     def ready(self, a: Actor) -> None:
-        """Show the timeline of the prepared protocol."""
+        """Show the timeline of the planned protocol of a robot."""
         front = self.front
         if a is front.hand and a.playback is not None:
             if self._time is not None:
@@ -186,7 +186,7 @@ class Panels:
         with self._move_tab:
             note = gui.add_markdown(
                 "Drag the **arrows** at the tool; **shift-drag** any link; or set a joint. "
-                "For an unreachable target the robot stays and the reason is shown."
+                "If the target cannot be reached, the robot stops and the reason is shown."
             )
             postures = gui.add_dropdown("posture", a.desk.postures or ("drawn",))
             go = gui.add_button_group(" ", ("go", "keep here"))
@@ -217,7 +217,7 @@ class Panels:
                 front.say(f"not stored: the list has {MOST_POSTURES} postures, which is the maximum")
 
         go.on_click(posture)
-        self.record = RecordPanel(front, a, self._move_tab, self._sliders, lambda: postures.value)
+        self.record = RecordPanel(front, a, self._move_tab, self._sliders)
 
     def _mover(self, i: int, scale: float, slider: viser.GuiSliderHandle) -> Callable[[viser.GuiEvent], None]:
         front = self.front
@@ -243,11 +243,15 @@ class Panels:
         self.front.show_ghost(visible)
 
     def exaggeration(self) -> float:
-        """Return the magnification of the errors of the equations' points."""
+        """Return the factor by which the errors of the points of the equations are drawn larger."""
         return float(self._times.value.split()[0])
 
     def ghost_poses(self, a: Actor) -> dict[str, Array] | None:
-        """Return the link poses of the ghost: the mechanism at the requested tool pose, or the original design."""
+        """Return the link poses T_base_body (4, 4) of the ghost of a robot; None if they cannot be computed.
+
+        If the mechanism is edited, the ghost is the unedited mechanism at the same joint values, otherwise the
+        mechanism at the requested tool pose.
+        """
         other = self.design.other_poses(a)
         if other is not None:
             return other
@@ -260,7 +264,7 @@ class Panels:
             return None
 
     def show(self, reading: Reading) -> None:
-        """Show the readings."""
+        """Show the readings of the active robot, the time, and the curves."""
         front = self.front
         desk = front.hand.desk
         variants = ""
@@ -326,14 +330,17 @@ class Panels:
 
 
 LEAST_SPAN = 0.01
-"""Minimum range of an axis: its ten labels, with three decimals, must differ."""
+"""Minimum range of the y axis of a plot, so that ten labels with three decimals are all different."""
 
 _SMALL = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12))
-"""(Name, size in m) of the units for distances from rounding errors to centimetres."""
+"""(Name, size in m) of the units of a distance, which may be a rounding error or some centimetres."""
 
 
 def curves(playback: Playback, what: str, joints: list[str], angles: list[bool]) -> tuple[list[str], Array]:
-    """Return (names with units, values (m, k)) of the m curves to draw."""
+    """Return (names with units, values (m, k)) of the m curves of a playback with k samples; `what`: see `CURVES`.
+
+    `joints` are the names of the active joints, `angles` states for each of them whether it is an angle.
+    """
     if what == "tip":
         return [f"{a} [mm]" for a in "xyz"], playback.tip.T / MM
     if what == "RCM error":

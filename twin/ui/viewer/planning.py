@@ -1,6 +1,6 @@
-"""Planning mode in the page of a console: its buttons, the ghost, the planned motion, and its clearance.
+"""Planning mode in the page of a console: buttons, ghost, planned motion, and clearance of the motion.
 
-The mode itself is that of `twin.ui.session.plan_mode`, as in the page of `twin serve`.
+Both this page and the page of `twin serve` use the planning mode of `twin.ui.session.plan_mode`.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _TREE = (123, 135, 148)
 _BOUND = "#d81b2a"
 
 _OPACITY = 0.5
-"""Opacity of the ghost: it is seen inside of props and beside the solid arm."""
+"""Opacity of the ghost, which must be visible inside props and beside the solid arm."""
 
 _POINTS = 200
-"""Largest number of points of the drawn path of a tip."""
+"""Maximum number of points in the drawn path of the tip."""
 
 Ask = Callable[[Any, str, Callable[[str], object]], None]
 
@@ -43,11 +43,11 @@ class PlanningPanel:
             self._aim = gui.add_button_group(
                 "move a target",
                 [f"{hand} hand" for hand in HANDS],
-                hint="Move a target with the arrows of a hand; it may pass through anything, and all arms rest",
+                hint="Move a target with the arrows of a hand; the target may pass through anything, and no arm moves",
             )
             self._find = gui.add_button("Plan a motion", hint="Plan a motion of the arm to the target")
-            self._accept = gui.add_button("Accept", color="green", hint="The arm makes the planned motion")
-            self._cancel = gui.add_button("Cancel", hint="The arm stays where it is")
+            self._accept = gui.add_button("Accept", color="green", hint="Let the arm make the planned motion")
+            self._cancel = gui.add_button("Cancel", hint="End planning; the arm stays where it is")
             self._plot = gui.add_uplot(
                 (np.zeros(1), np.zeros(1), np.zeros(1)),
                 (
@@ -89,7 +89,7 @@ class PlanningPanel:
     # -- display --------------------------------------------------------------------------------------
 
     def show(self, now: float) -> None:
-        """Show the mode at `now` in s; keep the hands active while arms rest or follow a plan."""
+        """Show the state of planning mode at the time `now` in s; keep the hands active while they move nothing."""
         mode = self._console.planning
         if self._pens.client is not None and mode.phase in plan_view.RESTS:
             self._pens.use(self._pens.client)

@@ -17,14 +17,9 @@ from twin.ui.viewer.keep import append_phase, identifier, save_posture
 
 
 class RecordPanel:
-    """Controls below the joint sliders: record, replay, save and load a session; save a posture or a phase.
+    """Controls below the joint sliders: record, replay, save and load a session; save a posture or a phase."""
 
-    `posture` is a function that returns the name of the selected posture.
-    """
-
-    def __init__(
-        self, front: Front, a: Actor, tab: viser.GuiTabHandle, handles: list, posture: Callable[[], str]
-    ) -> None:
+    def __init__(self, front: Front, a: Actor, tab: viser.GuiTabHandle, handles: list) -> None:
         self.front, self.actor = front, a
         self.session: Session | None = None
         self._began = 0.0
@@ -61,7 +56,7 @@ class RecordPanel:
         gui.add_button("as the protocol's last phase").on_click(lambda _: front.ask("save", self._save_phase))
 
     def close(self) -> None:
-        """Detach the panel from the robot."""
+        """End recording and replay; the controls are removed with the list `handles`."""
         self.front.after_frame.remove(self._tick)
 
     def _toggle(self) -> None:
@@ -140,4 +135,4 @@ class RecordPanel:
             )
 
         front.terminal.ask(f"The page wants to write {what} into {path}. Write it?", then)
-        front.say(f"{what}: answer in the terminal")
+        front.say(f"{what}: confirm or decline in the terminal")

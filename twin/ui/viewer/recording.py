@@ -13,7 +13,7 @@ from twin.core.errors import TwinError
 from twin.ui.viewer.front import Front
 
 TURN = 36
-"""Number of pictures in one revolution of a turntable."""
+"""Number of pictures in a turntable, which is one revolution of the camera."""
 
 RATE = 30.0
 """Frames per second of a recording."""
@@ -22,7 +22,7 @@ Progress = Callable[[float], object]
 
 
 def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
-    """Make a browser download its present view as PNG; return the PNG."""
+    """Make a browser download its present view as a PNG file; return the content of the file."""
     client = _one(client)
     png = _png(_render(client, 1080, 1920))
     progress(1.0)
@@ -31,7 +31,7 @@ def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress
 
 
 def turntable(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
-    """Make a browser download a GIF of one camera revolution about its view target; return the GIF."""
+    """Make a browser download a GIF of one revolution of its camera about the point it looks at; return the content."""
     from PIL import Image
 
     client = _one(client)
@@ -90,7 +90,7 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
 
 def _one(client: viser.ClientHandle | None) -> viser.ClientHandle:
     if client is None:
-        raise TwinError("a picture requires a browser that shows the page")
+        raise TwinError("no browser shows the page: open the page to make a picture")
     return client
 
 

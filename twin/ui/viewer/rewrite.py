@@ -17,7 +17,8 @@ from twin.core.assets import atomic_folder
 from twin.core.errors import DescriptionError, OutputError, TwinError
 
 Entry = tuple[str, str | None, dict[str, Any]]
-"""(Table, key in the table or None to append to a list of tables, values) of an entry to add."""
+"""(Table, key, values) of an entry to add. The values become the table `table.key` or, if the key is None, the last
+element of the list `table`."""
 
 
 def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> None:
@@ -99,5 +100,5 @@ def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) 
 def _layout(path: Path, entries: list[Entry]) -> DescriptionError:
     names = ", ".join(f"[{table}.{key}]" if key else f"[[{table}]]" for table, key, _ in entries)
     return DescriptionError(
-        f"{path}: cannot add {names} in this layout: write the other tables with [table.name] headers"
+        f"{path}: cannot add {names} in this layout: write the existing tables of this kind with such headers, too"
     )

@@ -9,7 +9,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 
 FIRST = 40
-"""Angle of view in deg of the views from outside."""
+"""Vertical angle of view in deg of the camera in the views from outside."""
 
 OUTSIDE = {
     "overview": np.array([1.0, -1.35, 0.6]),
@@ -20,14 +20,18 @@ OUTSIDE = {
 
 
 def corners(box: Array) -> Array:
-    """Return the corners (8, 3) of a box (2, 3)."""
+    """Return the corners (8, 3) of a box (2, 3), given by its lowest and highest corner."""
     return np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 def furnish(server: viser.ViserServer, middle: Array, size: float, floor: float) -> viser.GridHandle:
     """Add light and floor, and set the first view; return the floor.
 
-    `middle` (3,), `size` (diagonal) and `floor` (height) of the scene are in m.
+    Args:
+        server: the server of viser.
+        middle: middle (3,) of the scene in m in the world frame.
+        size: diagonal of the scene in m.
+        floor: height of the floor in m.
     """
     scene = server.scene
     scene.set_up_direction("+z")

@@ -22,7 +22,7 @@ from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 
 VIEWS = (*OUTSIDE, "along the shaft", "endoscope", "microscope")
 ENDOSCOPE = 70
-"""Angle of view in deg of the endoscope view (a common laparoscope)."""
+"""Vertical angle of view in deg of the camera in the endoscope view, as of a common laparoscope."""
 
 _CUTS = ("none", "x", "y", "z")
 
@@ -57,7 +57,7 @@ class Scenery:
     # -- the instrument -------------------------------------------------------------------------------
 
     def trail(self, visible: bool) -> None:
-        """Show the tip path of every protocol."""
+        """Show or hide the tip path of each robot's protocol, and trocars and shafts."""
         self._trail_shown = visible
         for a in self.front.actors:
             for handle in self._trail.pop(a.name, []):
@@ -72,7 +72,7 @@ class Scenery:
             self._trail[a.name] = [line]
 
     def follow(self) -> None:
-        """Move trocars and shafts to the robots' present poses; a shaft that visibly misses its trocar is not drawn."""
+        """Draw trocars and shafts at the robots' present poses; a shaft that misses its trocar by 2 mm is not drawn."""
         shown = set()
         for a in self.front.actors if self._trail_shown else ():
             size = self.front.nodes[a.name].size
@@ -100,7 +100,7 @@ class Scenery:
     # -- the panel ------------------------------------------------------------------------------------
 
     def panel(self) -> None:
-        """Create the panel."""
+        """Create the controls for the surroundings in the panel of the page."""
         gui, front = self.front.server.gui, self.front
         views = gui.add_dropdown("camera", VIEWS)
         look = gui.add_button("Look from there")
@@ -133,7 +133,7 @@ class Scenery:
             axis.on_update(cut)
             part.on_update(cut)
         with gui.add_folder("Size and place", expand_by_default=False):
-            gui.add_markdown("Changes only the display size; all numbers are unscaled.")
+            gui.add_markdown("These controls change only the display; no reading depends on them.")
             scale = gui.add_slider("size", 0.1, 10.0, 0.1, 1.0)
             place = gui.add_vector3("place [mm]", (0.0, 0.0, 0.0), step=10.0)
             yaw = gui.add_slider("turn [°]", -180, 180, 1, 0)
@@ -206,7 +206,10 @@ class Scenery:
             handle.opacity = 0.3 if on else None
 
     def patient(self, visible: bool) -> None:
-        """Show or hide patient and table of the present protocols; without a patient, name protocols that have one."""
+        """Show or hide patient and table of the present protocols.
+
+        For a protocol without a patient, a notice names the protocols that have one.
+        """
         self._patient_shown = visible
         missing = []
         for a in self.front.actors:
@@ -254,7 +257,7 @@ class Scenery:
             node.section(a.desk.assembly.link_poses, point, normal)
 
     def look(self, view: str, client: viser.ClientHandle | None) -> None:
-        """Move the camera of a browser to a preset view; without a client, move the cameras of all browsers."""
+        """Move the camera of a browser to a preset view; if `client` is None, move the cameras of all browsers."""
         clients = [client] if client is not None else list(self.front.server.get_clients().values())
         eye, at, up = self.camera(view)
         inside = view == "endoscope"

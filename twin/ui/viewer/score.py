@@ -33,7 +33,7 @@ class ScorePanel:
         self._end.on_click(_asking(end))
         self._again.on_click(_asking(restart))
         self._save = gui.add_button(
-            "Save the report", visible=False, hint="A page with the measures and plots of the session"
+            "Save the report", visible=False, hint="Download a page with the measures and plots of the session"
         )
         self._save.on_click(self._send)
         self._window: viser.GuiModalHandle | None = None
@@ -60,7 +60,7 @@ class ScorePanel:
             return
         made = task["report"]
         if not made or made["attempt"] != task["attempt"]:
-            text = "No report is made."
+            text = "This attempt has no report."
         elif made["problem"]:
             text = f"There is no report: {made['problem']}"
         elif made["ready"]:

@@ -35,7 +35,7 @@ CLIENTS, CLIENTS_OF_ONE = 16, 8
 """Maximum number of simultaneous WebSockets: in total, and from one address."""
 
 BYTES = (8e6, 40e6)
-"""Limit of bytes from one page: (per second, burst); a turntable has 36 pictures."""
+"""Limit of bytes from one page: (per second, burst); the page sends the 36 pictures of a turntable."""
 
 FRAMES = (600.0, 1200.0)
 """Limit of WebSocket frames from one page: (per second, burst)."""
@@ -84,7 +84,7 @@ class PageConnection(Connection):
             return raw
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Remove the connection from the counts, and cancel its upload."""
+        """Remove the connection from the counts, and cancel an upload of this connection."""
         self.letters.forget(self)
         super().connection_lost(exc)
 
@@ -112,7 +112,7 @@ class Door:
         select_subprotocol: Callable[..., Any],
         **ours: Any,
     ) -> Any:
-        """Open the socket for `websockets.serve`, with viser's handler and subprotocol and the limits defined here."""
+        """Replace `websockets.serve`: open the socket with viser's handler and subprotocol, and with these limits."""
         self.stands = True
         return listen(
             handler,
@@ -140,8 +140,12 @@ class Door:
 def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.ViserServer:
     """Start a server and return it.
 
-    Port 0 is any free port. `gate` has the access rules. None: the server accepts requests that name `host` or this
-    machine, from its own page or from programs that are not browsers.
+    Args:
+        title: title of the page.
+        host: address to listen on.
+        port: port to listen on; 0: any free port.
+        gate: access rules. None: the server accepts requests whose Host header names `host` or this machine, from its
+            own page or from programs that are not browsers.
 
     Raises:
         TwinError: this version of viser opens its socket differently.
@@ -164,7 +168,7 @@ def tell(server: viser.ViserServer, title: str, text: str, bad: bool = False) ->
 
 
 def stop(server: viser.ViserServer) -> None:
-    """Stop a server, without printed messages."""
+    """Stop a server, and suppress the messages that viser prints."""
     with contextlib.redirect_stdout(io.StringIO()):
         server.stop()
 

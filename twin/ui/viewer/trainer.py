@@ -1,4 +1,4 @@
-"""The panel of machines beside their models: levels, deviation, and the trainer's buttons."""
+"""The panel of machines and their models: run levels, deviation, and buttons of the trainer."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from twin.ui.session.pens import Pens
 from twin.ui.viewer.deviation import DeviationCurve, largest
 
 _MODES = (
-    (Mode.TELEOPERATE, "Engage", "The hand moves the machine and its model"),
-    (Mode.REHEARSE, "Rehearse", "Disengage the machine; the hand moves the model, and the motion is recorded"),
-    (Mode.JUDGE, "Judge", "End the rehearsal, and judge its speed and reach"),
-    (Mode.REPLAY, "Run", "Re-engage the machine: it repeats the record, with checks of speed and deviation"),
+    (Mode.TELEOPERATE, "Engage", "Let the hand move the machine and its model"),
+    (Mode.REHEARSE, "Rehearse", "Disengage the machine: the hand moves only the model, and the motion is recorded"),
+    (Mode.JUDGE, "Judge", "End the rehearsal, and check speed and reach of the recorded motion"),
+    (Mode.REPLAY, "Run", "Engage the machine: it repeats the recorded motion; speed and deviation are checked"),
 )
-"""Buttons of the trainer: mode, label, hint; as in the page of `twin serve`."""
+"""(Mode, label, hint) of each button of the trainer; the page of `twin serve` has the same buttons."""
 
 _BAD = "#d62f2f"
 
 
 class TrainerPanel:
-    """Levels, curve and buttons; the console receives the same requests as from the page of `twin serve`."""
+    """Run levels, deviation and buttons; the console receives the same requests as from the page of `twin serve`."""
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class TrainerPanel:
                 on_click(made, button, lambda client, button=button: console.press(client, button))
 
     def show(self, now: float) -> None:
-        """Show levels and deviation at `now` in s.
+        """Show run levels and deviation at the time `now` in s.
 
         During a replay, keep the hands active, because silent hands would stop the replay.
         """

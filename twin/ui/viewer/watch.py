@@ -22,7 +22,7 @@ from twin.ui.viewer.room import OUTSIDE, corners, furnish
 
 
 class Stream(Protocol):
-    """Interface for the data of a running server that a page shows.
+    """Interface of the source from which a page reads the data of a running server.
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
@@ -35,9 +35,9 @@ class Stream(Protocol):
     problem: str
 
     def take(self) -> tuple[Mapping[str, Mapping[str, Array]], Mapping[str, Array]] | None:
-        """Return link poses and vertices of the newest frame; None if no frame has arrived since the last call.
+        """Return (link poses, vertices) of the newest frame; None if no frame has arrived since the last call.
 
-        Poses are T_base_link (4, 4) by robot and link. Vertices are (n, 3) in m in the World, by deformable.
+        Poses are T_base_link (4, 4), by robot and link; vertices are (n, 3) in m in the World, by deformable.
         """
         ...
 

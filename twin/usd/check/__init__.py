@@ -37,8 +37,8 @@ _UNCHECKED = Kind("stage.unchecked", "error", "repair the transform ops first")
 def check_stage(path: str | Path) -> list[Finding]:
     """Return the findings on a stage, the most severe first.
 
-    A finding has a code "stage.<name>", the prim path in `where`, the time code in `when`, and, if a value was
-    measured, its size, unit and limit.
+    A finding has a code "stage.<name>", the prim path in `where`, the time code in `when`, and, if it is about a
+    measured value, the value, its unit and its limit.
 
     Raises:
         StageError: the file is missing or not USD, or one of its layers cannot be found.

@@ -11,7 +11,7 @@ import numpy as np
 from pxr import Usd, UsdPhysics
 
 from twin.core import spatial
-from twin.core.findings import Finding, Kind, disagreement, warning
+from twin.core.findings import Finding, Kind, disagreement
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -64,8 +64,8 @@ def coordinate(joint: RawJoint, A: Array) -> Array:
 def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -> Iterator[Finding]:
     """Yield findings on a revolute or prismatic joint.
 
-    `q` (k + 1,) is its coordinate at rest and at the k samples of the timeline, in degrees or metres. Limits are
-    checked only if they are `ordered`: the lower limit is at most the upper limit.
+    `q` (k + 1,) is the joint's coordinate at rest and at the k samples of the timeline, in degrees or metres. The
+    limits are checked only if `ordered` is True: the lower limit is at most the upper limit.
     """
     if joint.limits and ordered:
         yield from _check_limits(joint, line, q)
@@ -154,10 +154,6 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     yield _STATE(joint.path, text, Quantity(off[worst], unit), STATE_TOL, when=line.labels[worst])
 
 
-FOLDER = "; in a robot folder: add a [[drive]] to its TOML file"
-"""Second way to add a drive, for the owner of a folder that the stage was made from."""
-
-
 def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     kinds = [k for k in joint.prim.GetAppliedSchemas() if k.startswith("PhysicsDriveAPI:")]
     wrong = [k.partition(":")[2] for k in kinds if k.partition(":")[2] != joint.instance]
@@ -168,16 +164,6 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
         )
         yield disagreement("stage.drive_axis", joint.path, text, suggestion=f"apply PhysicsDriveAPI:{joint.instance}")
     drive = UsdPhysics.DriveAPI(joint.prim, joint.instance) if len(kinds) > len(wrong) else None
-    gains = 0.0 if drive is None else drive.GetStiffnessAttr().Get() + drive.GetDampingAttr().Get()
-    active = joint.prim.GetAttribute("twin:active")
-    if active and active.Get() and not gains > 0:
-        yield warning(
-            "stage.drive_missing",
-            joint.path,
-            f"joint {joint.path} is active, but {'its drive has no gains' if drive else 'has no drive'}: it moves "
-            "freely in a simulator",
-            suggestion=f"apply PhysicsDriveAPI:{joint.instance} with stiffness and damping{FOLDER}",
-        )
     if drive is None:
         return
     unit, shown = _unit(joint)

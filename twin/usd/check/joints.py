@@ -1,7 +1,7 @@
 """Check that the two frames of a joint coincide in its locked directions, at rest and at every time sample.
 
 UsdPhysics stores redundant data: body poses, joint frames, joint states, limits. Public validators check each of these
-separately; this module compares them with each other.
+data separately; `check_joints` compares the data with each other.
 """
 
 from __future__ import annotations
@@ -51,7 +51,10 @@ _JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:coll
 
 
 def deviation(kind: str, A: Array) -> tuple[Array, Array]:
-    """Return (offset (k,) in m, angle (k,) in rad) of poses A (k, 4, 4) in the locked directions of a joint type."""
+    """Return (distances (k,) in m, angles (k,) in rad) between the two frames of a joint in its locked directions.
+
+    A (k, 4, 4) has the pose of one frame in the other; `kind` is the joint type.
+    """
     p = A[:, :3, 3]
     offset = np.linalg.norm(p, axis=1)
     across = np.hypot(p[:, 0], p[:, 1])

@@ -6,12 +6,10 @@ from collections.abc import Iterator
 
 from pxr import UsdPhysics
 
-from twin.core.findings import Finding, Kind, disagreement
-from twin.usd.check.coordinates import FOLDER
+from twin.core.findings import Finding, Kind, disagreement, warning
 from twin.usd.scan import RawJoint, Scene
 
 _EMPTY = Kind("stage.empty", "error", "apply PhysicsRigidBodyAPI to the links and join them")
-_DRIVE_MISSING = Kind("stage.drive_missing", "warning", f"apply PhysicsDriveAPI to the actuated joints{FOLDER}")
 _FLOATING = Kind("stage.floating", "info", "fix the base with a PhysicsFixedJoint, unless the robot walks or flies")
 _LOOP = Kind(
     "stage.loop", "disagreement", "author physics:excludeFromArticulation = true on the joint that closes the loop"
@@ -24,17 +22,46 @@ _SELF_COLLISION = Kind(
 )
 _DISCONNECTED = Kind("stage.disconnected", "disagreement", "exclude one joint of each loop, not more")
 
+_FOLDER = "; in a robot folder: add a [[drive]] to its TOML file"
+"""Second way to add a drive, for the owner of a folder that the stage was made from."""
+
 
 def check_structure(scene: Scene) -> Iterator[Finding]:
-    """Yield findings on loops, unconnected bodies, a base that is not fixed, articulation roots and missing drives."""
+    """Yield findings on loops, unconnected bodies, articulation roots, missing drives and a base that is not fixed."""
     joints = [j for j in scene.joints if j.enabled and not any(e.problem for e in j.ends)]
     if not scene.bodies or not joints:
         yield _EMPTY("/", f"there is no mechanism to check: {len(scene.bodies)} rigid bodies, {len(joints)} joints")
         return
     yield from _check_tree(scene, joints)
     yield from _check_articulation(scene, joints)
+    yield from _check_drives(joints)
+
+
+def _check_drives(joints: list[RawJoint]) -> Iterator[Finding]:
+    """Yield a finding if no joint has a drive, otherwise one for each active joint without a drive or without gains."""
+    code, active = "stage.drive_missing", [j for j in joints if _is_active(j)]
     if not any(j.prim.HasAPI(UsdPhysics.DriveAPI) for j in joints):
-        yield _DRIVE_MISSING("/", "no joint has a drive: in a simulator the robot collapses")
+        text = "no joint has a drive: in a simulator the robot collapses"
+        text += f"; active joints: {', '.join(j.path for j in active)}" if active else ""
+        yield warning(code, "/", text, suggestion=f"apply PhysicsDriveAPI to the actuated joints{_FOLDER}")
+        return
+    for joint in active:
+        has = joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance)
+        drive = UsdPhysics.DriveAPI(joint.prim, joint.instance)
+        if has and drive.GetStiffnessAttr().Get() + drive.GetDampingAttr().Get() > 0:
+            continue
+        yield warning(
+            code,
+            joint.path,
+            f"joint {joint.path} is active, but {'its drive has no gains' if has else 'has no drive'}: it moves "
+            "freely in a simulator",
+            suggestion=f"apply PhysicsDriveAPI:{joint.instance} with stiffness and damping{_FOLDER}",
+        )
+
+
+def _is_active(joint: RawJoint) -> bool:
+    active = joint.prim.GetAttribute("twin:active")
+    return bool(joint.instance and active and active.Get())
 
 
 def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:

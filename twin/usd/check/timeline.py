@@ -18,7 +18,7 @@ class Timeline:
     Attributes:
         poses: T_world_body (k + 1, 4, 4) by body; the first pose is the pose at rest.
         codes: time codes (k,) of the samples.
-        labels: text for findings on each of the k + 1 poses.
+        labels: names of the k + 1 poses in findings: "at rest", then the time code and time of each sample.
         times_s: times (k,) of the samples in s.
     """
 

@@ -13,7 +13,7 @@ _SEVERITY: dict[str, Severity] = {"Error": "disagreement", "Warn": "warning", "I
 
 
 def run_usd_validators(path: str | Path) -> list[Finding]:
-    """Return the findings of all registered UsdValidation validators; the code is usd.<validator>.<error>.
+    """Run all registered UsdValidation validators and return their findings, with codes usd.<validator>.<error>.
 
     Raises:
         StageError: if the stage cannot be opened.

@@ -52,11 +52,11 @@ def read_stage(path: str | Path, root: str | None = None) -> Mechanism:
 def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism, list[Finding]]:
     """Return (mechanism of a stage, findings on renamed, guessed and omitted data).
 
-    Any up axis and unit are converted to world z up, metres and kilograms. Joint frames with axis X or Y are rotated so
-    that z is the axis. Bodies may be nested; a joint side without body, or on a prim that is not a body, is fixed to
-    the world. Joints excluded from the articulation are last, so that they close the loops; in a stage written by twin,
-    the order is unchanged. Rest poses are those at the default time, relative to the base; positions have double
-    precision, rotations the precision of the orient op.
+    Every up axis and unit is converted to z up, metres and kilograms. Joint frames with axis X or Y are rotated so that
+    z is the axis. Bodies may be nested. A side of a joint that names no body, or a prim that is not a body, is on the
+    world. Joints excluded from the articulation come last, so that they close the loops; in a stage written by twin,
+    the order of joints is unchanged. Rest poses are those at the default time, relative to the base; positions have
+    double precision, rotations the precision of the orient op.
 
     The base is the first of these that exists: the body named by `twin:base`; the body fixed to the world; an added
     body "world", if joints connect to the world; the articulation root; the only body that is never a child. `root` is

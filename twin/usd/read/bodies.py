@@ -17,7 +17,7 @@ from twin.usd.scan import SCALE_TOL, Scene, rigid
 
 
 def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
-    """Report the scale of a uniformly scaled body; its lengths are read at the scaled size.
+    """Add a note to `notes` if a body is uniformly scaled; the lengths of the body are read at the scaled size.
 
     Raises:
         StageError: the body or an ancestor is mirrored or scaled non-uniformly, so that frames and masses are
@@ -187,7 +187,7 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
 
 
 def read_marks(scene: Scene, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:
-    """Yield (kind, name, T_body_mark (4, 4) in m) of each named frame and point of a body."""
+    """Yield (kind, name, T_body_mark (4, 4) in m) for each named frame and named point of a body."""
     for prim in below(scene, body):
         kind = prim.GetAttribute("twin:kind")
         if kind and kind.Get() in ("frame", "point"):

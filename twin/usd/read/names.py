@@ -20,7 +20,7 @@ def identifier(name: str) -> str:
 def unique(wanted: Iterable[tuple[str, str]]) -> dict[str, str]:
     """Return a unique identifier for each key; equal identifiers are numbered in order (arm, arm_2, ...).
 
-    `wanted` has (key, name) of each object; keys are unique, such as prim paths.
+    `wanted` has (key, name) of each object; no two objects have the same key, for instance a prim path.
     """
     out: dict[str, str] = {}
     taken: set[str] = set()

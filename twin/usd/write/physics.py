@@ -61,7 +61,7 @@ MIMIC_AXIS = "rotZ"
 
 
 def drive_kind(joint: Joint) -> str:
-    """Return "angular" or "linear", the UsdPhysics instance name for a joint with one coordinate."""
+    """Return the UsdPhysics instance name of the drive of a joint with one coordinate: "angular" or "linear"."""
     return "angular" if joint.is_angle else "linear"
 
 
@@ -77,11 +77,11 @@ def write_physics(
     q_full: Mapping[str, float],
     efforts: Mapping[str, float],
 ) -> Path:
-    """Write the physics layer.
+    """Write the physics layer and return its path.
 
-    `link_poses` has T_world_body (4, 4) by body; the base is fixed to the root prim of the robot at its pose. At these
-    poses, `q_full` has the coordinate in m or rad of each joint with a single coordinate. `efforts` has the static
-    effort in N or N m of driven joints; joints that are not listed have none.
+    `link_poses` has T_world_body (4, 4) by body; the base is fixed to the root prim of the robot at its pose in
+    `link_poses`. `q_full` has, at the same poses, the coordinate in m or rad of each joint with a single coordinate.
+    `efforts` has the static effort in N or N m of driven joints; the effort of other joints is 0.
 
     Raises:
         StageError: UsdPhysics cannot hold the data of a joint, or a joint of the tree has no coordinate in `q_full`

@@ -59,7 +59,7 @@ class Candidate:
 
     @property
     def rank(self) -> tuple[int, int, int, int]:
-        """Sort key among candidates that fix the same rows; smaller is better."""
+        """Sort key for candidates that fix the same rows; the best candidate has the smallest key."""
         kinds = [_ORDER.index(e.kind) if e.kind in _ORDER else len(_ORDER) for e in self.edits]
         new_argument = sum(e.define is not None and not e.define[1] for e in self.edits)
         length = sum(abs(len(e.new) - len(e.old)) + len(e.new) + len(e.old) for e in self.edits)

@@ -176,7 +176,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
                 shown = (
                     f"{np.degrees(middle):.6g}°" if truth.kinds[place.symbol] == "angle" else f"{middle * 1e3:.6g} mm"
                 )
-                zero = f"its zero position differs by {shown} from the mechanism's"
+                zero = f"its zero position differs by {shown} from the zero position in the mechanism"
             message = " and ".join(x for x in (text, zero) if x)
             if message:
                 groups.setdefault(message, []).append((place, float(left)))
@@ -320,7 +320,10 @@ def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
 
 
 def dh_form(function: FunctionType) -> tuple[str, tuple[int, ...]] | None:
-    """Return ("standard" or "modified", positions of alpha, a, theta, d) if a function is a DH row; else None."""
+    """Return ("standard" or "modified", positions of the arguments alpha, a, theta, d) of a Denavit-Hartenberg row.
+
+    None if the function does not compute such a row.
+    """
     if function.__code__.co_argcount != 4:
         return None
     probe = (0.3, 0.7, 1.1, 0.45)

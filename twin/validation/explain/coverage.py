@@ -59,7 +59,7 @@ def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
             if k in unjudged:
                 why = f"{unjudged[k].name}: {unjudged[k].why}"
             elif step is None:
-                why = "its source cannot be split into rows"
+                why = "the source of the equation cannot be split into rows"
             elif step.missing:
                 why = f"{step.missing} is unknown"
             else:

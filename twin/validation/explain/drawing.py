@@ -75,7 +75,7 @@ class _Tried:
 
     @property
     def rank(self) -> tuple[int, bool, bool, int]:
-        """Sort key of this combination, larger is better; evidence in the CAD has priority over the rows."""
+        """Sort key of this combination; the best one has the largest key. Evidence in the CAD comes before the rows."""
         off = len(self.judge.failing()) if self.judge is not None else 10**6
         return sum(s.score for s in self.chosen), self.closes, self.agrees, -off
 
@@ -136,7 +136,7 @@ def _part(
     where = ", ".join(dict.fromkeys(f.where for f in sizes))
     head = f"joint{'s' if len(fault.joints) > 1 else ''} {where}, {much}"
     if chosen is None:
-        text = f"{head}: no single faulty part explains this"
+        text = f"{head}: no single faulty part explains these gaps"
         return PartOff(fault.joints, "", (), "", (), (), text)
     others = [s for s in fault.suspects if s is not chosen]
     by, why, rest = _decide(chosen, others, top, tried)
@@ -155,7 +155,7 @@ def _decide(
     """Return (kind of evidence as in `PartOff.told_by`, evidence as text, alternative parts)."""
     why = [*chosen.for_it, *(text for s in others for text in s.against_it)]
     if not others:
-        return "joints", [*why, "the second part fits at its other joints, so this part is wrong"], []
+        return "joints", [*why, "the other part of the joint has no gaps at further joints"], []
     if all(s.score < chosen.score for s in others) and top.agrees >= any(t.agrees for t in tried):
         return "drawing", why, []
     same = {s: [t for t in tried if s in t.chosen] for s in others}

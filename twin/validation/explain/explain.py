@@ -374,11 +374,12 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
         )
     runner = ""
     if f.runner_up is not None:
-        runner = f"{' and '.join(_phrase(e) for e in f.runner_up.edits)} leaves {_size(judge, f.rows, f.next)}"
+        phrases = " and ".join(_phrase(e) for e in f.runner_up.edits)
+        runner = f"with {phrases}, the largest difference is {_size(judge, f.rows, f.next)}"
     note = ""
     if not f.cures:
         tried = "" if f.complete else " among those tried"
-        nearest = f"; the best: {runner}" if runner else ""
+        nearest = f"; the best one: {runner}" if runner else ""
         note = f"no edit and no pair of edits{tried} makes the rows agree{nearest}"
     return Repair(
         tuple(f"{k[0]}.{_symbol(judge, k)}" for k in f.rows),
@@ -407,7 +408,7 @@ def _told(way: list[Candidate]) -> list[Candidate]:
 
 def _size(judge: Judge, rows: list[Key], score: float) -> str:
     if not np.isfinite(score):
-        return "no value"
+        return "not a number"
     name, scale = _unit(judge, _symbol(judge, rows[0]))
     return f"{score * scale:.3g} {name}"
 

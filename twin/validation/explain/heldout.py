@@ -14,11 +14,11 @@ from twin.validation.explain.truth import gather, sample
 _STATES, _SEED = 12, 101
 
 _ROUNDING = 10
-"""Largest residual of a correct repair at fresh states, in units of the tolerance; wrong repairs exceed it by far."""
+"""Largest residual of a correct repair at new states, in units of the tolerance; wrong repairs exceed it by far."""
 
 
 def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:
-    """Return (search results without the repairs that fail at fresh states, rows without a repair).
+    """Return (search results without the repairs that fail at new states, rows without a repair).
 
     A row may agree at all states of the search but disagree at other states. The agreement is then a coincidence.
     """

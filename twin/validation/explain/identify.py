@@ -39,8 +39,10 @@ class Fit:
 class Numbers:
     """Residuals of the used rows as functions of the parameters.
 
-    Helper rows are used only if all printed rows agree. Rows with a residual that is not finite are not used;
-    `complete`: whether all wrong rows have finite residuals.
+    Helper rows are used only if all printed rows agree. Rows with a residual that is not finite are not used.
+
+    Attributes:
+        complete: whether all wrong rows have finite residuals.
     """
 
     def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0) -> None:

@@ -24,7 +24,7 @@ _LOOP = Kind("invariant.loop", "disagreement", word="tolerance")
 
 
 def said(judge: Judge) -> dict[str, Any]:
-    """Return the formula's values of the symbols that the mechanism also has, computed from the mechanism's values."""
+    """Return the values that the formula computes, from the mechanism's values, for symbols that the mechanism has."""
     truth, out = judge.truth, {}
     units = {"length": judge.tolerance.length, "angle": judge.tolerance.angle}
     for place, r in judge.residuals.items():
@@ -209,13 +209,16 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
             det = np.linalg.det(R)
             if off > 1e-9 or det.min() < 0:
                 left = off <= 1e-9
-                what = "left-handed (its determinant is -1)" if left else f"not orthogonal (off by {off:.2g})"
+                what = "left-handed (its determinant is -1)" if left else f"not orthogonal (R^T R - I is {off:.2g})"
                 where, text = f"{step.equation.name}.{name}", f"rotation {name} of {step.equation.name} is {what}"
                 yield disagreement("invariant.rotation", where, text, Quantity(off), 1e-9, word="")
 
 
 def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return the outputs of an equation, by name, without comparison; `given` replaces inputs. Empty after an error."""
+    """Return the outputs of an equation by name, without comparing them; the result is empty after an error.
+
+    `given` are values that replace inputs, by name.
+    """
     step = judge.step(equation)
     if step.missing or not step.before:
         return {}
@@ -281,5 +284,5 @@ def _scaled(judge: Judge) -> Truth:
 
 
 def unit(kind: str) -> tuple[str, float]:
-    """Return (unit, scale in SI) in which residuals of a kind are displayed."""
+    """Return (display unit for residuals of a kind, size of this unit in SI)."""
     return ("deg", DEG) if kind == "angle" else ("mm", MM)

@@ -227,12 +227,12 @@ class Judge:
         return out
 
     def difference(self, name: str, value: Any) -> Array:
-        """Return the difference of a value from the mechanism's, (k, entries) in units of the tolerance."""
+        """Return a value minus the mechanism's value of the symbol `name`, (k, entries) in units of the tolerance."""
         true, kind = self.truth.symbols[name], self.truth.kinds[name]
         if value is true:
             return self._zeros.setdefault(name, np.zeros_like(to_array(true, self.truth.k)))
         if isinstance(true, Matrix) and (not isinstance(value, Matrix) or value.shape != true.shape):
-            raise ValueError(f"{name} differs in shape from the mechanism's")
+            raise ValueError(f"{name} does not have the shape of its value in the mechanism")
         if not isinstance(true, Matrix) and isinstance(value, Matrix):
             raise ValueError(f"{name} is a matrix")
         d = to_array(value, self.truth.k) - to_array(true, self.truth.k)
@@ -247,7 +247,7 @@ class Judge:
     # -- trials of edits ----------------------------------------------------------------------------------------
 
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
-        """Return the residuals of the rows that edits change; call this method with NumPy's warnings disabled.
+        """Return the residuals of the rows that the edits change; call this method with NumPy's warnings disabled.
 
         The edits change statements of the step, or of one helper function. `extra` gives the values of names that the
         edits define.

@@ -54,7 +54,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         return Matrix(np.swapaxes(self.a, 1, 2))
 
     def numel(self) -> int:
-        """Return the number of entries of one sample."""
+        """Return the number of entries of each matrix."""
         return self.a.shape[1] * self.a.shape[2]
 
     def __getitem__(self, key: Any) -> Any:
@@ -114,7 +114,7 @@ def _column(x: Any) -> Array:
 def _columns(a: Any, b: Any) -> tuple[Array, Array]:
     u, v = _column(a), _column(b)
     if u.shape[1] != v.shape[1]:  # numpy would repeat a scalar; CasADi raises an error
-        raise ValueError(f"vectors have {u.shape[1]} and {v.shape[1]} entries; the numbers must be equal")
+        raise ValueError(f"vectors have {u.shape[1]} and {v.shape[1]} entries; both need the same number")
     return u, v
 
 

@@ -1,6 +1,6 @@
-"""Find joint offsets that are missing in a formula whose tool pose differs from the mechanism's.
+"""Find joint offsets that are missing in a formula whose tool pose disagrees with the mechanism.
 
-With these offsets, and with constant rotations of base and tool, the pose agrees.
+With the missing offsets, and with constant rotations of base and tool, the pose agrees.
 
 A Denavit-Hartenberg table without joint offsets cannot be corrected by an edit of one row. An offset of the first or
 last angle is equivalent to a rotation of base or tool. For the other angles, quarter turns of up to three angles are

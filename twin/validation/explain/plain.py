@@ -47,12 +47,12 @@ def leave(x: Any) -> Any:
 
 
 def inside(row: PlainRows | None, x: Any) -> Any:
-    """Convert a value from the judge's form to the form used inside a function."""
+    """Convert a value from the form that the judge uses to the form that the function `row` uses."""
     return x if row is None or row.casadi else enter(x)
 
 
 def outside(row: PlainRows | None, x: Any) -> Any:
-    """Convert a value from the form used inside a function to the judge's form."""
+    """Convert a value from the form that the function `row` uses to the form that the judge uses."""
     return x if row is None or row.casadi else leave(x)
 
 

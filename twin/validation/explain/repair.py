@@ -1,4 +1,4 @@
-"""Search the smallest edits of the source after which the rows agree, and determine how unique they are."""
+"""Search the smallest edits of the source after which the rows agree, and check whether other edits fit as well."""
 
 from __future__ import annotations
 
@@ -172,7 +172,10 @@ class Search:
     # -- groups ---------------------------------------------------------------------------------------------
 
     def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
-        """Search repairs with a time limit in s for pairs; return (results by group of rows, rows without a repair)."""
+        """Search repairs; return (results by group of rows, rows without a repair).
+
+        `budget` is the time limit in s of the search for pairs of edits.
+        """
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter(
                 "ignore", SyntaxWarning

@@ -109,7 +109,7 @@ class Moved:
     """A parameter whose changed value explains the differences.
 
     Attributes:
-        name, unit: name of the parameter, and unit of the values below.
+        name, unit: name of the parameter, and unit of its values.
         formula, fitted, sigma: value in the formula, value fitted to the mechanism, and its standard deviation.
         note: probable mistake, such as "looks like metres instead of millimetres", or "".
     """
@@ -170,9 +170,9 @@ class PartOff:
     Attributes:
         joints: names of the joints whose parts do not meet.
         part, features: the faulty part and its features; "" if no single part causes all the gaps.
-        told_by: kind of evidence that this part is faulty. "drawing": lengths or identical parts; "joints": the second
-            part of the joint fits at its other joints; "loops": the loops close only with this part corrected; "rows":
-            the rows agree only with this part corrected; "": undecided between this part and `others`.
+        told_by: kind of evidence that this part is faulty. "drawing": lengths or identical parts; "joints": the other
+            part of the joint has no gaps at further joints; "loops": the loops close only with this part corrected;
+            "rows": the rows agree only with this part corrected; "": undecided between this part and `others`.
         why: the evidence, as text.
         others: alternative parts.
         message: the result in one sentence.
@@ -232,7 +232,7 @@ class Explanation(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """The outcome."""
+        """The verdict, from `outcome`."""
         return self.outcome
 
     @property
@@ -241,7 +241,7 @@ class Explanation(Result):
         return (*self.drawing, *self.invariants)
 
     def content(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the explanation as plain data."""
         out = asdict(self)
         del out["outcome"]
         return out
@@ -342,7 +342,7 @@ def _reading(r: Reading, mark: str) -> Iterator[Line]:
         if not line.startswith(("---", "+++")):
             yield Line(f"        {line}", {"-": "red", "+": "green"}.get(line[0], "dim"))
     if r.dropped:
-        yield Line(f"        the row then no longer depends on {', '.join(r.dropped)}", "dim")
+        yield Line(f"        with this fix, the row no longer depends on {', '.join(r.dropped)}", "dim")
     if r.note:
         yield Line(f"        {r.note}", "dim")
 
@@ -358,11 +358,13 @@ def _identified(x: Identified) -> Iterator[Part]:
     if not x.moved:
         yield Line(f"  no values of {', '.join(x.names)} make the rows agree", "red")
     elif x.alternatives:
-        yield Line("  each of these alone makes every row agree; the rows do not determine which:", "yellow")
+        yield Line(
+            "  each of these changes alone makes every row agree; the rows do not determine the true one:", "yellow"
+        )
     for m in x.moved:
         note = f"  ({m.note})" if m.note else ""
         n = decimals(abs(m.fitted - m.formula))
         fitted = f"{m.fitted:.{n}f} ± {m.sigma:.1g} {m.unit} in the CAD"
         yield Line(f"  {m.name}: {m.formula:.{n}f} {m.unit} in the formula, {fitted}{note}", "green")
     for b in x.blind:
-        yield Line(f"  no row depends on this combined change: {b}", "dim")
+        yield Line(f"  a combined change that has no effect on any row: {b}", "dim")

@@ -77,7 +77,7 @@ class Step:
     free: dict[str, Any] = field(default_factory=dict)
 
     def place(self, statement: int, position: int, symbol: str, line: int) -> Place:
-        """Return the `Place` of the row of this equation at a statement and a position in its outputs."""
+        """Return the `Place` of a row of this equation; `position` is the position of `symbol` in the statement."""
         k = (statement, position, symbol)
         if k not in self.places:
             self.places[k] = Place(self.equation.name, self.variant, statement, position, symbol, line)
@@ -85,7 +85,7 @@ class Step:
 
     @property
     def stage(self) -> Stage:
-        """The stage of the equation."""
+        """Stage of the equation: "inverse", "forward" or "helper"."""
         return self.equation.stage
 
 

@@ -17,7 +17,7 @@ from twin.formula.loader import text_of
 from twin.validation.explain.tidy import tidy
 from twin.validation.explain.tokens import line_starts, span
 
-_BRANCHES = "it returns from within a branch or a loop"
+_BRANCHES = "the function returns from within a branch or a loop"
 
 OUT = "_out_"
 """Name under which an executed function stores its return value."""
@@ -120,7 +120,9 @@ class Source:
         inner = [n for row in body[:-1] for n in ast.walk(row.node) if isinstance(n, ast.Return)]
         self.plain = bool(body) and isinstance(body[-1].node, ast.Return) and not inner
         defined = [n for row in body for n in ast.walk(row.node) if isinstance(n, ast.FunctionDef)]
-        self.why = f"it defines the function {defined[0].name} inside; define it outside" if defined else _BRANCHES
+        self.why = _BRANCHES
+        if defined:
+            self.why = f"the function defines {defined[0].name}() inside; define {defined[0].name}() outside"
 
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
         """Return (names with a value before a statement, subset of these names that the statement can use).
@@ -163,7 +165,7 @@ class Source:
         return int(self.data.count(b"\n", 0, offset)) + 1
 
     def text(self, start: int, end: int) -> str:
-        """Return the text of a range of bytes."""
+        """Return the bytes `start` to `end` of the file as text."""
         return self.data[start:end].decode()
 
     def edited(self, statement: Statement, edits: Iterable[Edit] = ()) -> str:

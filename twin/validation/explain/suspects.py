@@ -17,7 +17,7 @@ def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
 
 
 def shared(judge: Judge, places: Sequence[Place]) -> bool:
-    """Return whether all given rows use a common statement or function, which alone could be wrong."""
+    """Return whether all given rows use a common statement or function, so that one fault could explain them all."""
     every = [suspects(judge, place) for place in places]
     statements = [{(equation, i) for equation, indices in s.items() for i in indices} for s in every]
     called = [{h.source.name for equation in s for h in judge.helpers(judge.step(equation))} for s in every]

@@ -19,10 +19,10 @@ _STEP = 1e-6
 
 
 def fitted(rows: Callable[[Array], Mapping[Place, Array]], states: int) -> Array:
-    """Return the angles (states,) in rad that minimise the residuals of `rows` in each state.
+    """Return the swivel angles (states,) in rad that minimise the residuals of `rows` in each state.
 
-    A pose determines a redundant mechanism except for this angle, and the mechanism does not define its zero. Rows are
-    therefore judged with the best angle.
+    A pose determines a redundant mechanism except for the swivel angle, and the mechanism does not define where this
+    angle is zero. Rows are therefore judged with the best angle.
     """
 
     def residuals(angle: Array) -> Array:

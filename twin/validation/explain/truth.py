@@ -42,7 +42,7 @@ class Truth:
         Ts: (k, 4, 4) tool poses in base.
         run: states of the mechanism; None if there are none.
         coordinates: names and units of the pose coordinates, for messages.
-        borrowed: named point by symbol, for symbols that equal a named point because a helper returns it unchanged.
+        borrowed: symbols whose value is a named point, because a helper returns the point unchanged: {symbol: point}.
         free: name of the free parameter (swivel) of a redundant mechanism, or "". Its value in each state is fitted to
             the rows that use it.
     """

@@ -29,7 +29,10 @@ def unvalued(judge: Judge) -> list[Finding]:
         fits = [p for p in waiting if _holds(judge, name, p.name, equations)]
         if fits:
             p = fits[0]
-            way = f"replace {name} by {p.name} = {p.shown:g} {p.unit}: then every row of {where} that uses it agrees"
+            way = (
+                f"replace {name} by {p.name} = {p.shown:g} {p.unit}: then every row of {where} that uses "
+                f"{p.name} agrees"
+            )
         elif waiting:
             names = ", ".join(p.name for p in waiting)
             way = f"give {name} a value, or replace it by a parameter that is not used: {names}"

@@ -52,7 +52,7 @@ class Second(Table):
 
 
 class Repair(Table):
-    """A repaired table cell: the number as printed, without its decimal mark."""
+    """A repaired table cell: its name, its number as printed (without decimal mark), and the label printed there."""
 
     cell: Cell
     printed: str
@@ -90,8 +90,8 @@ class Row:
 
     Attributes:
         definite: whether J is positive definite with the products as printed and with the products negated.
-        slack: sum of the two smaller principal moments minus the largest, in kg m2, for the sign of the products with
-            the smaller value; negative values violate the triangle inequality.
+        slack: sum of the two smaller principal moments minus the largest, in kg m2; it is negative if the triangle
+            inequality is violated. It is computed for both signs of the products; the smaller value is given.
         mass_printed: minimum mass in kg with the products as printed; infinite if no mass is possible.
         mass_negated: minimum mass in kg with the products negated; infinite if no mass is possible.
         repaired: names of the misprinted cells that were repaired.
@@ -105,7 +105,7 @@ class Row:
     repaired: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the row as plain data."""
         return asdict(self)
 
 
@@ -163,7 +163,7 @@ def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
                 exhibit.title,
                 "minimum masses decrease from row to row: each row seems to combine a link with all links that "
                 "it carries, so the rows must not be used as inertias of single links",
-                suggestion="this is an inference: masses are not published, and other explanations are possible",
+                suggestion="no masses are published, so the conclusion is not certain: other explanations are possible",
             )
         )
     return rows, found

@@ -41,7 +41,7 @@ class Source:
 
 
 def of_mechanism(mechanism: Mechanism, title: str) -> Source:
-    """Judge the bodies of a mechanism with masses, computed from the CAD or read from a file."""
+    """Judge the bodies of a mechanism that have a mass; the masses are computed from the CAD or read from a file."""
     bodies, without = [], []
     for body in mechanism.bodies:
         if body.inertia is None:
@@ -93,9 +93,10 @@ def of_exhibit(path: Path) -> Source:
 
 
 def of_moments(title: str, rows: list[tuple[str, Array, Array, Array]]) -> Source:
-    """Judge rows without masses: (name, first moments (3,) in kg m, [xx, yy, zz] and [xy, xz, yz] in kg m2).
+    """Judge rows of tables without masses.
 
-    The products are used as printed or negated, whichever requires less mass.
+    Each row is (name, first moments (3,) in kg m, second moments [xx, yy, zz] and products [xy, xz, yz] in kg m2). The
+    products of all rows are used as printed or negated, whichever requires less mass.
     """
     least = {sign: [least_mass(_tensor(m, sign * p), h) for _, h, m, p in rows] for sign in (1, -1)}
     total = {sign: sum(values) for sign, values in least.items()}

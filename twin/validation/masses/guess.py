@@ -28,7 +28,7 @@ SIGN = 0.04
 """Relative size of the products of inertia below which their sign cannot be determined."""
 
 CLEAR = 2.0
-"""Misfit of the second-best explanation divided by that of the best; below this ratio, the message names both."""
+"""Misfit of the second-best explanation / misfit of the best explanation; below this ratio, the message names both."""
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -102,7 +102,7 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
                 tensor[np.ix_(order, order)],
             )
     for power in (-3, -2, -1, 1, 2, 3):
-        words = f"the whole tensor seems to be {10.0**-power:g} times its value (a lost decimal mark, or a wrong unit)"
+        words = f"the tensor seems to be {10.0**-power:g} times its correct value (lost decimal mark, or wrong unit)"
         yield "decimal", words, tensor * 10.0**power
     for (i, j), entry in zip(_PLACES, _NAMES, strict=True):
         for power in (-2, -1, 1, 2):

@@ -83,7 +83,7 @@ class Judged:
     findings: tuple[Finding, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the derived quantities and findings as plain data."""
         return {**vars(self), "findings": [f.as_dict() for f in self.findings]}
 
 

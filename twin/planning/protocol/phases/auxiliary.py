@@ -11,7 +11,10 @@ from twin.planning.protocol.waypoint import joint_values
 
 
 class AuxiliaryTable(PhaseTable):
-    """Move auxiliary joints (such as a jaw), which do not move the tool, to values `joints`: NAME_deg or NAME_mm."""
+    """Move auxiliary joints (such as a jaw), which do not move the tool, to the values in `joints`.
+
+    Keys of `joints` are NAME_deg or NAME_mm.
+    """
 
     type: Literal["auxiliary"]
     joints: dict[JointValue, float]
@@ -24,7 +27,7 @@ class AuxiliaryTable(PhaseTable):
         walk.stays = True
 
     def phase(self, walk: Walk) -> Auxiliary:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Auxiliary(self.name, *joint_values(self.joints))
 
 

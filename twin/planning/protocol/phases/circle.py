@@ -45,7 +45,7 @@ class CircleTable(PhaseTable):
         walk.stays = True
 
     def phase(self, walk: Walk) -> Circle:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         normal = np.array(self.normal, float)
         centre = np.array(self.centre_mm) * MM
         return Circle(self.name, centre, normal / np.linalg.norm(normal), self.turns, self.trocar or "")
@@ -67,9 +67,9 @@ class Circle(Phase):
     has_length: ClassVar[bool] = False
 
     def end_after(self, at: Begin) -> End:
-        """Return the state at the end, which is the state at the start."""
+        """Return the state at the end of the phase, which is the state at its start."""
         if np.linalg.norm(np.cross(at.tip - self.centre, self.normal)) < _NO_RADIUS:
-            raise at.refuse("it begins on the axis of the circle: the radius is 0; change centre_mm or the start")
+            raise at.refuse("the tip begins on the axis of the circle: the radius is 0; change centre_mm or the start")
         if at.rcm is None:
             return End(at.angles, at.tip, None)
         missed = spatial.point_to_line(at.rcm, at.tip, at.shaft)
@@ -78,7 +78,7 @@ class Circle(Phase):
         return End(at.angles, at.tip, at.rcm, None, "enforced", at.depth)
 
     def motion(self, course: Course, s: Array) -> Motion:
-        """Return the motion at s (k,): the shaft is rotated from its first direction by the smallest rotation."""
+        """Return the motion at s (k,): the smallest rotation takes the shaft from its direction at the start."""
         R0 = rotation(course.angles0, course.order)
         out = course.tip0 - self.centre
         out, along = out - (out @ self.normal) * self.normal, (out @ self.normal) * self.normal
@@ -108,13 +108,13 @@ class Circle(Phase):
         return course.moved(R, p, p1, p2, w1, w2)
 
     def depth_at(self, course: Course, s: float) -> float:
-        """Return the depth in m at s; NaN without RCM."""
+        """Return the insertion depth in m at the path parameter s; NaN if no RCM is registered."""
         if course.rcm is None:
             return course.depth0
         return float(np.linalg.norm(self.motion(course, np.array([s])).p[0] - course.rcm))
 
     def parameters(self) -> Iterator[Parameter]:
-        """Yield the coordinates of the centre."""
+        """Yield the three coordinates of the circle's centre, with their provenance."""
         for label, p in zip("xyz", self.centre, strict=True):
-            note = "centre of the circle; see the file"
+            note = "centre of the circle; see the protocol file"
             yield Parameter(f"{self.name}_centre_{label}", float(p), "mm", float(p) / MM, "ASSUMED", note)

@@ -39,19 +39,19 @@ class FreeTable(PhaseTable):
         Field(
             ge=0,
             le=100_000,
-            description="number of samples up to which the first path found is improved; 0: it is not improved",
+            description="the first path found is improved with at most this number of samples; 0: it is not improved",
         ),
     ] = 0
 
     rank: ClassVar[int] = 8
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered, and end at the waypoint."""
+        """Check that no RCM is registered, and set the waypoint `to` as the end of the phase."""
         walk.outside(self.type)
         walk.go(self.to, "a free motion", "position_mm", "joints")
 
     def phase(self, walk: Walk) -> Free:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Free(self.name, self.to, self.clearance_mm * MM, self.seed, self.scene or "", self.cost, self.samples)
 
 
@@ -74,10 +74,10 @@ class Free(Phase):
     by_joints: ClassVar[bool] = True
 
     def end_after(self, at: Begin) -> End:
-        """Return the state at the end: the waypoint."""
+        """Return the state at the end of the phase: the robot is at the waypoint `to`."""
         return End(*at.pose(self.to), at.rcm, self.to)
 
     def parameters(self) -> Iterator[Parameter]:
-        """Yield the clearance."""
-        shown, note = self.clearance / MM, "minimum distance of the robot's bodies; see the file"
+        """Yield the required clearance, with its provenance."""
+        shown, note = self.clearance / MM, "minimum distance of the robot's bodies; see the protocol file"
         yield Parameter(f"{self.name}_clearance", self.clearance, "mm", shown, "ASSUMED", note)

@@ -1,4 +1,4 @@
-"""home: move to the home waypoint, straight or, if the waypoint has joint values, by the driven joints."""
+"""home: move to the home waypoint on a straight line, or by the driven joints if the waypoint has joint values."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ class HomeTable(PhaseTable):
     rank: ClassVar[int] = 7
 
     def follow(self, walk: Walk) -> None:
-        """End at the home waypoint."""
+        """Set the home waypoint as the end of the phase."""
         walk.outside(self.type)
         walk.go(walk.home, "home", key="type")
 
     def phase(self, walk: Walk) -> Home:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Home(self.name, walk.home)
 
 
 @dataclass(frozen=True)
 class Home(Phase):
-    """Move to the home waypoint `to`, straight or, if the waypoint has joint values, by the driven joints."""
+    """Move to the home waypoint `to` on a straight line, or by the driven joints if the waypoint has joint values."""
 
     to: str
     type: ClassVar[str] = "home"
@@ -35,5 +35,5 @@ class Home(Phase):
     by_joints: ClassVar[bool] = True
 
     def end_after(self, at: Begin) -> End:
-        """Return the state at the end: the waypoint."""
+        """Return the state at the end of the phase: the robot is at the waypoint `to`."""
         return End(*at.pose(self.to), at.rcm, self.to)

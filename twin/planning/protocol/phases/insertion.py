@@ -22,7 +22,7 @@ class InsertionTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered, register one, and end at the waypoint, if there is one."""
+        """Check that no RCM is registered, register one, and set the waypoint `to`, if given, as the end."""
         walk.outside(self.type)
         if self.trocar is None and len(walk.trocars) > 1:
             text = f"[trocars_mm] has {', '.join(walk.trocars)}: name the trocar of this insertion"
@@ -33,7 +33,7 @@ class InsertionTable(PhaseTable):
             walk.go(self.to, "an insertion", "position_mm")
 
     def phase(self, walk: Walk) -> Insertion:
-        """Return the phase in SI; if it names no trocar and there is only one, this trocar is used."""
+        """Return the phase in SI; if the table names no trocar and the protocol has only one, that one is used."""
         only = walk.trocars[0] if len(walk.trocars) == 1 else ""
         return Insertion(self.name, self.depth_mm * MM, self.to, self.trocar or only)
 

@@ -18,12 +18,12 @@ class JointsTable(PhaseTable):
     rank: ClassVar[int] = 1
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered, and end at a waypoint with joint values."""
+        """Check that no RCM is registered and that `to` has joint values, and set it as the end of the phase."""
         walk.outside(self.type)
         walk.go(self.to, "a motion by the joints", "joints")
 
     def phase(self, walk: Walk) -> Joints:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Joints(self.name, self.to)
 
 

@@ -29,9 +29,10 @@ class PivotTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Register the trocar as the RCM, if the phase names one, and end the phase at the waypoint.
+        """Register the trocar that the phase names, if any, as the RCM, and set `to` as the end of the phase.
 
-        If no RCM is registered then, or the waypoint lacks its depth or position, the protocol is refused.
+        The protocol is refused if then no RCM is registered, or if the waypoint `to` has no depth (RCM "enforced") or
+        no position (RCM "monitored").
         """
         walk.through(self.trocar)
         walk.registered(self.type)
@@ -39,7 +40,7 @@ class PivotTable(PhaseTable):
         walk.go(self.to, f"a pivot with {'an' if self.rcm == 'enforced' else 'a'} {self.rcm} RCM", need)
 
     def phase(self, walk: Walk) -> Pivot:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Pivot(self.name, self.to, self.rcm, self.trocar or "")
 
 
@@ -55,7 +56,7 @@ class Pivot(Phase):
     def end_after(self, at: Begin) -> End:
         """Return the state at the end: the pose of the waypoint, or its angles and depth about the RCM."""
         if at.rcm is None:
-            raise at.refuse("no RCM is registered yet; add an insertion before it")
+            raise at.refuse("no RCM is registered yet; add an insertion before this pivot")
         if self.rcm == "monitored":
             angles, tip = at.pose(self.to)
             depth = float((tip - at.rcm) @ rotation(angles, at.order) @ at.n_tool_shaft)
@@ -65,8 +66,8 @@ class Pivot(Phase):
             raise at.refuse(f"waypoint '{self.to}' has no depth")
         if at.mode == "monitored" and (missed := spatial.point_to_line(at.rcm, at.tip, at.shaft)) > at.tolerance:
             raise at.refuse(
-                f"it must keep the RCM, but after a monitored pivot its shaft begins {missed / MM:.3f} mm beside the "
-                f"RCM (allowed: {at.tolerance / MM:g} mm)"
+                f"the shaft must pass through the RCM, but after a monitored pivot the shaft is {missed / MM:.3f} mm "
+                f"beside the RCM (allowed: {at.tolerance / MM:g} mm)"
             )
         tip = at.rcm + depth * (rotation(angles, at.order) @ at.n_tool_shaft)
         return End(angles, tip, at.rcm, self.to, self.rcm, depth)

@@ -18,12 +18,12 @@ class PositioningTable(PhaseTable):
     rank: ClassVar[int] = 0
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered, and end at a waypoint with a position."""
+        """Check that no RCM is registered and that `to` has a position, and set it as the end of the phase."""
         walk.outside(self.type)
         walk.go(self.to, "a positioning", "position_mm")
 
     def phase(self, walk: Walk) -> Positioning:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Positioning(self.name, self.to)
 
 
@@ -36,5 +36,5 @@ class Positioning(Phase):
     places: ClassVar[bool] = True
 
     def end_after(self, at: Begin) -> End:
-        """Return the state at the end: the waypoint."""
+        """Return the state at the end of the phase: the robot is at the waypoint `to`."""
         return End(*at.pose(self.to), at.rcm, self.to)

@@ -30,7 +30,7 @@ class RetractionTable(PhaseTable):
         walk.inside = self.depth_mm > 0
 
     def phase(self, walk: Walk) -> Retraction:
-        """Return the phase in SI."""
+        """Return the phase that this table describes, in SI units."""
         return Retraction(self.name, self.depth_mm * MM, self.trocar or "")
 
     def leaves(self) -> bool:
@@ -52,9 +52,9 @@ class Retraction(Phase):
         If the shaft misses the RCM at the start, the RCM mode is "monitored", otherwise "enforced".
         """
         if at.rcm is None:
-            raise at.refuse("no RCM is registered yet; add an insertion before it")
+            raise at.refuse("no RCM is registered yet; add an insertion before this retraction")
         if self.depth > at.depth + _DEEPER:
-            text = f"it should end at depth {self.depth / MM:.3f} mm, but begins at {at.depth / MM:.3f} mm"
+            text = f"the phase should end at depth {self.depth / MM:.3f} mm, but begins at {at.depth / MM:.3f} mm"
             raise at.refuse(f"{text}; use an insertion to move deeper")
         kept = spatial.point_to_line(at.rcm, at.tip, at.shaft) <= at.tolerance
         tip = at.tip + (self.depth - at.depth) * at.shaft

@@ -145,8 +145,8 @@ export class Console {
   /** Return a text on the end of the instruments that the hands move. */
   fulcrumText(): string {
     return this.app.model.console?.fulcrum === 'direct'
-      ? 'Fulcrum direct: the tip goes the other way'
-      : 'Fulcrum compensated: the tip goes with the hand';
+      ? 'Fulcrum direct: the tip moves against the hand'
+      : 'Fulcrum compensated: the tip moves with the hand';
   }
 
   takeTool(side: Side, name: string): void {

@@ -13,10 +13,10 @@ const DEG = Math.PI / 180;
 
 const PHASES: Record<MachineState['phase'], string> = {
   teleoperate: 'The hand moves machine and model.',
-  rehearse: 'The hand moves the model; the machine holds.',
-  judged: 'The record has passed its check: run it on the machine.',
-  replay: 'The machine and the model repeat the record.',
-  done: 'The machine has repeated the record.',
+  rehearse: 'The hand moves the model; the machine is at rest.',
+  judged: 'The recorded motion has passed its check: run it on the machine.',
+  replay: 'The machine and the model repeat the recorded motion.',
+  done: 'The machine has repeated the recorded motion.',
   stopped: 'Stopped.',
   follow: 'Solid: the machine’s measured joints. Ghost: its desired joints.',
 };
@@ -24,9 +24,9 @@ const PHASES: Record<MachineState['phase'], string> = {
 /** Buttons of the trainer: mode, label, hint. */
 const MODES = [
   ['teleoperate', 'Engage', 'The hand moves the machine and its model'],
-  ['rehearse', 'Rehearse', 'Disengage the machine; the hand moves the model, and the motion is recorded'],
-  ['judge', 'Judge', 'End the rehearsal, and judge its speed and reach'],
-  ['replay', 'Run', 'Re-engage the machine: it repeats the record, with checks of speed and deviation'],
+  ['rehearse', 'Rehearse', 'Disengage the machine: the hand moves only the model, and the motion is recorded'],
+  ['judge', 'Judge', 'End the rehearsal, and check speed and reach of the recorded motion'],
+  ['replay', 'Run', 'Engage the machine: it repeats the recorded motion; speed and deviation are checked'],
 ] as const;
 
 const make = <K extends keyof HTMLElementTagNameMap>(tag: K, id = '', text = ''): HTMLElementTagNameMap[K] => {
@@ -65,7 +65,7 @@ export class Machines {
     this.curve.height = 2 * HIGH;
     this.curve.setAttribute('role', 'img');
     this.curve.setAttribute('aria-label', 'Distance of the tips of machine and model over time');
-    if (info.trains) this.view.title = 'Tap the camera pedal to swap which one is solid';
+    if (info.trains) this.view.title = 'Tap the camera pedal to swap machine and model: one is drawn solid, the other as a ghost';
     this.board.append(this.title, this.level, this.view, this.curve, this.apart, this.off, this.said);
     if (info.trains) this.board.append(this.row());
     parent.append(this.board);
@@ -106,7 +106,7 @@ export class Machines {
     while (this.points.length && (this.points[0] as { t: number }).t < message.time - SECONDS) this.points.shift();
     const { limit } = this.info;
     const tips = this.names.map((n) => `${(1000 * (message.robots[n]?.tip ?? 0)).toFixed(2)} mm`).join(', ');
-    this.apart.textContent = `Deviation of the tips: ${tips} (last ${SECONDS} s${limit ? `; red: cue above ${(1000 * limit).toFixed(0)} mm` : ''})`;
+    this.apart.textContent = `Deviation of the tips: ${tips} (last ${SECONDS} s${limit ? `; red: force cue above ${(1000 * limit).toFixed(0)} mm` : ''})`;
     const off = this.names.map((n) => `${n}: ${this.largest(n, message.robots[n]?.joints ?? [])}`);
     this.off.textContent = ['Largest joint differences:', ...off].join('\n');
   }

@@ -114,8 +114,8 @@ export class Planning {
       shown: () => this.phase !== 'off',
       items: [
         button('plan-find', () => (this.phase === 'preview' ? 'Change the target' : 'Plan a motion'), () => (this.phase === 'preview' ? this.aim() : this.ask('find')), () => this.phase !== 'aim' && this.phase !== 'preview', 'Plan a motion of the arm to the target (release P)'),
-        button('plan-accept', () => 'Accept', () => this.accept(), () => this.phase !== 'preview', 'The arm makes the planned motion (Enter)'),
-        button('plan-cancel', () => (this.phase === 'run' ? 'Stop' : 'Cancel'), () => this.cancel(), () => false, 'The arm stays where it is (Escape)'),
+        button('plan-accept', () => 'Accept', () => this.accept(), () => this.phase !== 'preview', 'Let the arm make the planned motion (Enter)'),
+        button('plan-cancel', () => (this.phase === 'run' ? 'Stop' : 'Cancel'), () => this.cancel(), () => false, 'End planning; the arm stays where it is (Escape)'),
       ],
     };
   }
@@ -130,7 +130,7 @@ export class Planning {
     if (state.phase === 'aim') {
       if (blocked) return { tone: 'warn', text: `Target of ${robot} (red): ${blocked}.` };
       const loads = state.ready ? '' : ' The geometry is being loaded.';
-      return { tone: 'good', text: `Move the target of ${robot}: it may pass through anything, and the arm rests. Then plan a motion.${loads}` };
+      return { tone: 'good', text: `Move the target of ${robot}; the target may pass through anything, and the arm is at rest. Then plan a motion.${loads}` };
     }
     if (state.phase === 'plan') return { tone: 'good', text: `Planning a motion of ${robot}: ${percent(state.done)}` };
     if (state.phase === 'run') return { tone: 'good', text: `${robot} follows the plan: ${percent(state.done)}` };
@@ -142,7 +142,7 @@ export class Planning {
     if (!clearance || clearance.proven === null) return 'The clearance is being computed. ';
     const [a, b] = clearance.bodies;
     const bodies = a && b ? ` (${a}, ${b})` : '';
-    return `Minimum clearance ${mm(clearance.found ?? 0)}${bodies}, proven ${mm(clearance.proven)}. `;
+    return `Minimum clearance ${mm(clearance.found ?? 0)}${bodies}, proven to be at least ${mm(clearance.proven)}. `;
   }
 
   // -- what the server sends ----------------------------------------------------------------------------

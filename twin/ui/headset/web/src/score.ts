@@ -103,7 +103,7 @@ export class Score {
 
   private report(task: TaskState): HTMLElement {
     const { report } = task;
-    if (!report || report.attempt !== task.attempt) return make('p', '', 'No report is made.');
+    if (!report || report.attempt !== task.attempt) return make('p', '', 'This attempt has no report.');
     if (report.problem) return make('p', 'wrong', `There is no report: ${report.problem}`);
     if (!report.ready) return make('p', '', 'The report is being made: the session is replayed and measured …');
     const link = make('a', '', 'Open the report');
@@ -225,7 +225,7 @@ export function taskControls(app: App): Control[] {
           id: 'task-restart',
           label: () => 'Restart',
           press: () => app.ask('task', { do: 'restart' }),
-          hint: 'Begin again: instruments, objects and measures are as at the start',
+          hint: 'Begin a new attempt, with instruments, objects and measures as at the start',
         },
       ],
     },

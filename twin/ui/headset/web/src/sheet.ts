@@ -73,7 +73,7 @@ function transport(app: App): Control[] {
           label: () => `${s().speed}×`,
           off: none,
           press: () => app.ask('speed', { value: 1 }),
-          hint: 'Back to real time',
+          hint: 'Play in real time',
         },
         {
           kind: 'button',

@@ -45,8 +45,8 @@ export function pedals(console: Console): Control {
   return {
     kind: 'row',
     items: [
-      pedal('clutch', 'Clutch', 'While it is on, the hands move freely and the instruments are at rest'),
-      pedal('camera', 'Camera', 'While it is on, the hands move the camera'),
+      pedal('clutch', 'Clutch', 'While the clutch pedal is pressed, the hands move freely and the instruments are at rest'),
+      pedal('camera', 'Camera', 'While the camera pedal is pressed, the hands move the camera'),
       {
         kind: 'button',
         id: 'plan',
@@ -147,7 +147,7 @@ export function atConsole(app: App, console: Console): Tab {
       text: () =>
         console.pad.name
           ? PAD.map(([what, how]) => `${what}: ${how}`).join('\n')
-          : 'None. Connect one and press a button on it.',
+          : 'No gamepad. Connect one, and press one of its buttons.',
     },
     { kind: 'head', text: 'Headset' },
     list('headset', TRACKED, desk),
@@ -174,7 +174,7 @@ function tools(app: App, console: Console): Control[] {
     label: () => console.fulcrumText(),
     on: () => app.model.console?.fulcrum === 'direct',
     press: () => console.toggleFulcrum(),
-    hint: 'Whether the hand moves the tip, or the outer end of the instrument, which pivots in its port',
+    hint: 'Choose whether the hands move the tips or the outer ends of the instruments, which pivot in their ports',
   };
   return [...out, { kind: 'row', items: [button] }];
 }

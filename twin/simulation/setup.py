@@ -1,0 +1,78 @@
+"""What a session is about: a scene with its robots, the task, and what this task requires of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from twin.core.spatial import Array
+from twin.kinematics import Kinematics
+from twin.model.mechanism import Mechanism
+from twin.model.movable import Movable
+from twin.model.procedure import ProcedureTable
+from twin.model.scene import Place, Scene
+from twin.model.task import Task
+from twin.model.tissue import Tissue
+from twin.simulation.condition import Condition
+
+
+@dataclass(frozen=True)
+class Member:
+    """A robot of the scene, with its mechanism and its equations; for `links`, see `twin.simulation.world.Placed`."""
+
+    mechanism: Mechanism
+    kin: Kinematics
+    links: Callable[[Array], Mapping[str, Array]] | None = None
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The inputs of a World at a console or of a procedure; a session file has their hash.
+
+    Attributes:
+        scene: the scene.
+        members: robots by the names of their places.
+        task: a task; None: no task. If it has rings, the instruments touch objects and the solid bodies of the props.
+            In a procedure, the grippers of the hands close the jaws of tools, which act on the organs.
+        props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.
+        condition: condition of the session; None: the World has no forces on the hands. With them, the instruments
+            touch the solid bodies and each other in every task.
+        organs: the organs of the scene; only needed for a procedure.
+    """
+
+    scene: Scene
+    members: Mapping[str, Member]
+    task: Task | None = None
+    props: Mechanism | None = None
+    condition: Condition | None = None
+    organs: Sequence[Tissue] = ()
+
+    @property
+    def places(self) -> dict[str, Place]:
+        """The places of the robots, by name."""
+        return {p.name: p for p in self.scene.places}
+
+    @property
+    def objects(self) -> Sequence[Movable]:
+        """The movable objects of the task."""
+        return self.scene.objects if self.task is not None and self.task.grasps else ()
+
+    @property
+    def label(self) -> str:
+        """File of the scene and name of the task, for messages."""
+        return f"{self.scene.file}: task '{'' if self.task is None else self.task.name}'"
+
+    @property
+    def procedure(self) -> ProcedureTable | None:
+        """The procedure; None: the task is not a procedure."""
+        return None if self.task is None else self.task.procedure
+
+    @property
+    def haptics(self) -> bool | None:
+        """Whether the forces on the hands are on at the start; None: there are none."""
+        return None if self.condition is None else self.condition.haptics
+
+    @property
+    def felt(self) -> bool:
+        """Whether the forces on the hands include those of contacts."""
+        return self.condition is not None and self.scene.contact is not None and self.props is not None
