@@ -207,6 +207,12 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         '# provenance = "ASSUMED"',
         '# note = "where the density comes from"',
         *DRIVE,
+        "",
+        "# [[limit]]",
+        '# joints = ["NAME"]',
+        "# limits_deg = [-90, 90] # of a slide: limits_mm",
+        '# provenance = "ASSUMED"',
+        '# note = "where the limits come from"',
     ]
     for body in s.parts:
         lines += table(f"[body.{body}]", node=s.nodes[body] if s.nodes[body] != body else None)
@@ -235,7 +241,7 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         f"body = {toml(s.tool)}",
         f"at = {{ position_mm = {toml(round(float(v), 3) for v in centre)}, angles_deg = [0, 0, 0] }}",
         "",
-        "[posture.home]",
+        "[posture.home] # a value for each driven joint, such as NAME_deg = 0 or NAME_mm = 0 for the drawn state",
     ]
     return "\n".join(lines) + "\n"
 
