@@ -56,8 +56,8 @@ class Operation(LiveConsole):
     Attributes:
         device: the input device, which receives the hands of a client, or of UDP packets.
         owner: identifier of the client whose hands control the robots; `UDP`: packets; None: no owner.
-        packets: hands by UDP; None before `listen`.
-        tablet: motion scale by MQTT; None before `connect`.
+        packets: receiver of the hands' UDP packets; None before `listen`.
+        tablet: topic by which the motion scale is set over MQTT; None before `connect`.
         send: function that sends a document to all clients.
         files: reports of finished attempts, by path.
     """
