@@ -38,7 +38,7 @@ from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import RATE
 
 REPORT = "/report-{}.html"
-"""Path of the report of an attempt at a task."""
+"""URL path of the report of an attempt at a task, by the number of the attempt."""
 
 _PAPER = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 """Content-Security-Policy of a report, which has no scripts and contains its styles and pictures."""

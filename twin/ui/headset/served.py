@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from twin.ui.session.mirror import Mirror
 
 _ROBOTS = "robots/{}/"
-"""Path of the files of a robot in a scene."""
+"""URL path of the folder with the files of a robot in a scene, by the name of its place."""
 
 _PROPS, _OBJECTS = "props.glb", "objects.glb"
 
