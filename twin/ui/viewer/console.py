@@ -97,7 +97,7 @@ class ConsoleFront(Loop):
             title: title of the page.
             loaded: a scene with a console; the models of its machines are shown as ghosts.
             server: the server of viser.
-            exercise: what is done at the console.
+            exercise: task, condition, session file and report.
             stopping: set when the page shall end.
 
         Raises:
