@@ -50,8 +50,8 @@ class Course:
 def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) -> Contact:
     """Return the contact of the objects of a task with the solid bodies of the scene and the instruments.
 
-    If the forces on the hands include those of contacts, their planes are written. If the task has a ring to guide,
-    contacts of the ring with the wire are written.
+    If the forces on the hands include those of contacts, the planes of the contacts are written. If the task has a ring
+    to guide, contacts of the ring with the wire are written.
 
     Args:
         setup: a scene with a section [contact], its robots, props and task.

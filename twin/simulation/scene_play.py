@@ -215,7 +215,7 @@ def play(
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
-    """Return a finding for the nearest pair at sample k; after an overlap at the start, suggest a free start time."""
+    """Return a finding for the nearest pair at sample k; if they overlap at the start, suggest a later start."""
     a, b = found.pair[k]
     least, start = float(found.distance[k]), float(found.distance[0])
     what, code = "come too close", "scene.near"

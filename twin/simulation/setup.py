@@ -1,4 +1,4 @@
-"""What a session is about: a scene with its robots, the task, and what this task requires of them."""
+"""Setup of a session: a scene with its robots, the task, and the props, organs and condition that the task requires."""
 
 from __future__ import annotations
 

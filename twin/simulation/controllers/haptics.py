@@ -63,8 +63,8 @@ class HapticSwitch(Block):
 class HapticHand(Block):
     """Computes the force on one hand; a plant that runs after the plants that move robots and find contacts.
 
-    Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; of the arm that the hand
-    controls `<robot>.follows`, `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>`; and
+    Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; `<robot>.follows`,
+    `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>` of the arm that the hand controls; and
     `<object>.holder`. Writes `<hand>.force` (3,) in N in {H}, whose axes are those of the picture; and `<hand>.energy`
     in J, the energy that the observer of the hand has counted (`passive`), which is never negative.
     """

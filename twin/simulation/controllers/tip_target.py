@@ -38,7 +38,7 @@ class TipTarget(Block):
         self.outputs = {self._goal: self._last.ravel()}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Compute the tool pose for the target; ignore a target too near to the port, or not below it."""
+        """Compute the tool pose for the target; ignore a target that is too near to the port or not below the port."""
         p = signals.now[self._target]
         if p.tobytes() != self._given:
             self._given = p.tobytes()

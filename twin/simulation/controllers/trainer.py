@@ -30,7 +30,7 @@ MODE = "pedals.training"
 """Setting of the device by which a mode is requested, see `asked`."""
 
 VIEW = "console.view"
-"""Signal by which the viewer draws the machine as a solid (0) or its model (1)."""
+"""Signal that selects what the viewer draws as a solid: the machine (0) or its model (1)."""
 
 FIELDS = 9
 """Number of values of a packet; see `twin.simulation.machine.itp.FIELDS`."""

@@ -21,10 +21,10 @@ from twin.simulation.devices.hand import Hand
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _TRIES = 3
-"""Number of grasps of a ring after which the surgeon leaves it."""
+"""Number of grasps of a ring after which the surgeon gives up this ring."""
 
 HABITS = Habits(hand=Hand(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.3), open=30 * DEG, central=0.6)
-"""Habits at the rings: the hands turn further than at points, and wait less after a stroke."""
+"""Habits in handling rings: the hands turn further than in touching points, and wait less after a stroke."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Manner:
         above, below: distance of the ring's centre from the end of its peg: `above` it before the ring is lowered, and
             `below` it when the ring is released.
         tilt: angle at which a ring is put over its peg, its far side lower than the near one.
-        near, fine: remaining distance at the end of a rough and of a fine movement.
+        near, fine: distance from its target at which a rough movement ends, and at which a fine movement ends.
     """
 
     beyond: float = 1.0 * MM

@@ -58,18 +58,18 @@ class Plc:
 
 
 class Reader:
-    """The software's view of the levels: the lowest of all mechanisms, after `cycles` equal readings."""
+    """Run level as the software reads it: the lowest of all mechanisms, after `cycles` equal readings in succession."""
 
     def __init__(self, cycles: int) -> None:
         """Start in E_STOP."""
         self.level, self._cycles, self._read, self._count = Level.E_STOP, cycles, Level.E_STOP, 0
 
     def hold(self, level: Level) -> None:
-        """Set the level that counts as read."""
+        """Set the current level, without waiting for `cycles` readings."""
         self.level, self._read, self._count = level, level, self._cycles
 
     def read(self, levels: Sequence[Level]) -> Level:
-        """Return the lowest of these levels if it was the same in the last `cycles` calls, else the previous level."""
+        """Return the lowest of these levels if it was the same in `cycles` calls, else the previous result."""
         lowest = min(levels)
         self._count = self._count + 1 if lowest == self._read else 1
         self._read = lowest

@@ -101,9 +101,9 @@ class Servo:
 
 
 def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], Array]:
-    """Return the function from q (n,) to joint efforts (n,) that hold the point masses of the settings.
+    """Return the function from q (n,) to joint efforts (n,) that hold the point masses of the settings at rest.
 
-    Without point masses, those of the mechanism are held.
+    Without point masses in the settings, the efforts hold the masses of the mechanism.
 
     Raises:
         MechanismError: a point mass names a frame that is not on the body of its joint.

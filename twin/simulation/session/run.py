@@ -50,7 +50,7 @@ class Difference:
     Attributes:
         t0, t1: start and end of this chunk in s.
         signal: signal with the largest difference at t1; "" if all signals are equal again at t1.
-        size: this difference, in the unit of the signal.
+        size: difference of `signal` at t1, in the unit of the signal.
     """
 
     t0: float
@@ -160,7 +160,7 @@ def surgeon(
 
 
 def seat_of(setup: Setup, seed: int, scale: float | None) -> Seat:
-    """Return the seat of a simulated surgeon, who controls the first arm of each hand; scale None: the console's."""
+    """Return the seat of a simulated surgeon, who controls the first arm of each hand; `scale` None: as the console."""
     table, arms = console_scene.console_of(setup.scene), {}
     for hand in HANDS:
         name = getattr(table, hand)[0]
@@ -279,7 +279,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
         session: the session.
         world: the World, at its start.
         tape: receives the rows of the World.
-        keep: collects them.
+        keep: collects the signals that measures and exports use.
         progress: called with "replay" and the fraction done.
     """
     difference, t = None, 0.0

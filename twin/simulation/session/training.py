@@ -67,7 +67,7 @@ class Training:
         steps: the phases in order.
         cue: largest force of the cue in N, and time in s with a cue.
         stops: number of times that the machine went to E_STOP.
-        silent: time in s after its first state in which the machine did not answer.
+        silent: total time in s in which the machine did not answer, counted after its first state.
     """
 
     robot: str

@@ -18,8 +18,8 @@ computed."""
 class Levers:
     """Twists of the links of an instrument per displacement of its tool at constant orientation.
 
-    All joints are computed at the first call; later, one joint in every `_OFTEN` steps, because the twists change
-    slowly and a tick must be short.
+    The effects of all joints are computed at the first call. Later, the effect of one joint is computed again in every
+    `_OFTEN` steps, because the effects change slowly and a tick must be short.
     """
 
     def __init__(self, gripper: Gripper, phase: int = 0) -> None:

@@ -57,7 +57,7 @@ class Grip:
 
 
 def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
-    """Add the constraints of the bed's nodes and of the jaws; `joints` are named by node, three each."""
+    """Add the constraints of the bed's nodes and of the jaws; `joints`: names of three joints per node."""
     for node in held.tolist():
         for axis in range(3):
             spec.add_equality(
