@@ -202,9 +202,9 @@ def test_a_log_that_cannot_be_written_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"index": 5000}, r"session 5000: index is 5000; expected '0 to 2099': delete its line"),
+        ({"index": 5000}, r"session 5000: index is 5000; expected '0 to 2099'\. Delete the line of this session"),
         ({"value": 7.5}, r"session 3: value is 7.5; expected "),
-        ({"peak": None}, r"session 3: peak is missing: delete its line"),
+        ({"peak": None}, r"session 3: peak is missing\. Delete the line of this session"),
     ],
 )
 def test_a_log_with_a_line_of_another_session_is_refused(tmp_path, plan, change, message):
