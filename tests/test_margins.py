@@ -263,7 +263,9 @@ def test_explain_counts_what_was_judged_and_locates_a_wrong_measure(tmp_path):
     text = Path(pa10.__file__).read_text(encoding="utf-8")
     assert text.count("sin(q2), sin(q4), sin(q6), aside /") == 1
     path = tmp_path / "formula.py"
-    path.write_text(text.replace("sin(q2), sin(q4), sin(q6), aside /", "sin(q2), cos(q4), sin(q6), aside /"), encoding="utf-8")
+    path.write_text(
+        text.replace("sin(q2), sin(q4), sin(q6), aside /", "sin(q2), cos(q4), sin(q6), aside /"), encoding="utf-8"
+    )
     result = explain("pa10", load_formula(path), model, root=tmp_path)
     assert result.verdict == "disagree"
     assert not result.explained

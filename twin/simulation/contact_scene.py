@@ -43,7 +43,7 @@ class Course:
     dome: Array
 
     def outside(self, p: Array) -> float:
-        """Return a lower bound in m of a point's (3,) distance from the convex hull of the dome; negative inside."""
+        """Return a lower bound in m of the distance of a point p (3,) from the dome's convex hull; negative inside."""
         return float((self.dome[:, :3] @ p + self.dome[:, 3]).max())
 
 

@@ -69,7 +69,7 @@ class Setup:
 
     @property
     def haptics(self) -> bool | None:
-        """Whether the forces on the hands are on at the start; None: there are none."""
+        """Whether the forces on the hands are on at the start; None: the World has no forces."""
         return None if self.condition is None else self.condition.haptics
 
     @property

@@ -83,7 +83,7 @@ class HapticHand(Block):
         laws: Console | None = None,
         bounds: bool = True,
     ) -> None:
-        """Compile the law.
+        """Compile the force law of each arm.
 
         Args:
             hand: name of the hand.

@@ -152,7 +152,7 @@ class ViewSwitch(Block):
     """Reads `<device>.camera`; writes `console.view`, which a quick tap of the camera pedal changes."""
 
     def __init__(self, device: str, tap: float) -> None:
-        """Connect to a device; a tap takes at most `tap` s."""
+        """Connect to a device; `tap`: longest duration of a quick tap in s."""
         self._camera, self._tap, self._view = f"{device}.camera", tap, 0.0
         self._since: float | None = None
         self.outputs = {VIEW: 0.0}
@@ -176,7 +176,7 @@ class Smooth:
     """
 
     def __init__(self, bounds: Bounds, step: float, dt: float) -> None:
-        """Prepare for packets every dt s; `step` is the opening of the jaws in rad for one unit of a packet."""
+        """Prepare for one packet every dt s; `step`: opening of the jaws in rad for one unit of a packet."""
         self._bounds, self._step, self._dt = bounds, step, dt
         self.begin(np.eye(4), 0.0)
 
@@ -224,7 +224,7 @@ class Tips:
     """Compares two joint configurations of one arm by the positions of its tip."""
 
     def __init__(self, kin: Kinematics, angles: Array) -> None:
-        """Prepare for an arm with equations; `angles` (n,) marks the joints that are angles."""
+        """Prepare for an arm with the equations `kin`; `angles` (n,): whether each joint value is an angle."""
         self._kin, self._turns = kin, np.asarray(angles, bool) & ~kin.auxiliary
         self._auxiliary = np.flatnonzero(kin.auxiliary)[:1]
 

@@ -259,7 +259,7 @@ class Run:
     """
 
     def __init__(self, parts: Parts, hand: Hand, physics: Physics | None = None, faults: Sequence[Fault] = ()) -> None:
-        """Switch the machine on and let it home.
+        """Switch the machine on, and let it move to its home posture.
 
         Args:
             parts: compiled parts of the machine.

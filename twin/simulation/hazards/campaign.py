@@ -147,7 +147,7 @@ class Campaign:
     """The classes of faults of a file, and the indices of their targets."""
 
     def __init__(self, table: CampaignTable, places: dict[str, tuple[str, ...]]) -> None:
-        """Store the campaign file, and the names of each signal's numbers, by signal."""
+        """Store the campaign file; `places`: names of the numbers of each signal, by the name of the signal."""
         self.table, self._places = table, places
 
     def __len__(self) -> int:

@@ -96,7 +96,7 @@ class Hazards(Result):
     """Outcomes of the sessions of a campaign.
 
     Attributes:
-        robot: name.
+        robot: name of the robot.
         table: the campaign file.
         expected: number of sessions of the campaign.
         rows: result of each completed session, as in the log, in the order of the index.

@@ -17,7 +17,7 @@ class Exchange:
     """
 
     def __init__(self, links: Mapping[str, MachineLink], states: Mapping[str, MachineStates], outbox: Outbox) -> None:
-        """Connect the links with the World's devices that receive states, and with its block that keeps packets."""
+        """Connect links, devices that receive the states of machines, and the block that stores packets."""
         self.links, self._states, self._outbox = links, states, outbox
 
     def receive(self) -> None:

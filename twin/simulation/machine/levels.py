@@ -28,7 +28,7 @@ class Plc:
     """
 
     def __init__(self, timeout: float) -> None:
-        """Start in E_STOP; the time-out of the watchdog is in s."""
+        """Start in E_STOP; `timeout`: time-out of the watchdog in s."""
         self.level, self.reason = Level.E_STOP, "not started"
         self._timeout, self._bit, self._changed = timeout, False, 0.0
 
@@ -61,7 +61,7 @@ class Reader:
     """Run level as the software reads it: the lowest of all mechanisms, after `cycles` equal readings in succession."""
 
     def __init__(self, cycles: int) -> None:
-        """Start in E_STOP."""
+        """Start in E_STOP; `cycles`: number of equal readings after which a level counts."""
         self.level, self._cycles, self._read, self._count = Level.E_STOP, cycles, Level.E_STOP, 0
 
     def hold(self, level: Level) -> None:

@@ -73,7 +73,7 @@ class StateReader:
         """Connect to the states of a machine of n joints; the reader's thread calls `arrived` with each state.
 
         Raises:
-            DeviceError: nothing answers there.
+            DeviceError: nothing answers at this address.
         """
         self.newest: State | None = None
         self.problem, self._where, self._n, self._arrived = "", f"{host}:{port}", n, arrived
@@ -148,7 +148,7 @@ class MachineLink:
         """Connect to a machine of n joints.
 
         Raises:
-            DeviceError: nothing answers there.
+            DeviceError: nothing answers at this address.
         """
         self.reader = StateReader(address.host, address.state_port, n)
         self._address, self._waiting = (address.host, address.port), deque[bytes]()

@@ -120,7 +120,7 @@ class Plant:
         self._state = np.zeros(2 * len(arm.mechanism.active))
 
     def another(self, physics: Physics | None = None) -> Plant:
-        """Return a plant of the same robot, at zero and at rest, without compiling again.
+        """Return a plant of the same robot, at joint values 0 and at rest, without compiling again.
 
         Raises:
             MechanismError: a parameter is impossible.

@@ -81,7 +81,7 @@ class Ran:
 
     @property
     def duration(self) -> float:
-        """Duration in s."""
+        """Duration of the session in s."""
         return self.ticks * self.dt
 
 

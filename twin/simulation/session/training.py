@@ -60,7 +60,7 @@ class Training:
     """Measures of one machine in a session.
 
     Attributes:
-        robot: its name.
+        robot: name of the machine.
         t: (k,) times in s.
         deviation: (k,) distance in m of the tips of machine and model; nan while the model moves alone.
         limit: deviation in m above which the cue (force on the hand) acts.

@@ -50,7 +50,7 @@ class Feel:
             m: the model.
             grippers: the instruments.
             objects: names of the movable objects.
-            whose: index of object, of instrument and of jaw of each geom; -1: none.
+            whose: for each geom: index of its object, index of its instrument, index of its jaw; -1: none.
         """
         self._grippers, self._whose = tuple(grippers), whose
         self._hands = [m.body(f"{g.robot}/{g.hand.name}").id for g in grippers]

@@ -23,7 +23,7 @@ class Levers:
     """
 
     def __init__(self, gripper: Gripper, phase: int = 0) -> None:
-        """Prepare the instrument; instruments with different `phase`, a number of steps, compute in different steps."""
+        """Prepare the instrument; `phase`: delay in steps, which differs between instruments to spread the work."""
         self._gripper, self._phase, self._step, self._next = gripper, phase, -_OLD, 0
         self._twists: list[Array] = []
         self._joints: list[int] = []

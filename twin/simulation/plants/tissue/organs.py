@@ -183,7 +183,7 @@ class Organs:
 
     @property
     def within(self) -> dict[str, tuple[str, ...]]:
-        """Names of the links that do not touch an organ because they are inside it, by organ."""
+        """By organ: names of the links that are inside the organ, and therefore do not touch it."""
         return {name: tuple(self.tools[k].name for k in sorted(organ.within)) for name, organ in self._organs.items()}
 
     def vertices(self, name: str) -> Array:
