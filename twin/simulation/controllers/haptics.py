@@ -35,9 +35,9 @@ class FeltArm:
     Attributes:
         robot: name of the robot in the World.
         kin: the robot's equations.
-        limits: its joint limits.
-        T_world_base: (4, 4) pose of its base.
-        index: index of its gripper in `<object>.holder`; -1: it has none.
+        limits: the robot's joint limits.
+        T_world_base: (4, 4) pose of the robot's base.
+        index: index of the robot's gripper in `<object>.holder`; -1: the robot has no gripper.
     """
 
     robot: str

@@ -2,8 +2,8 @@
 
 The goal of the console becomes packets: increments that follow it by a critically damped filter within limits of speed,
 because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its pedal up; the model
-receives the packets, which are recorded. The record is checked when it ends. It is replayed only if the machine is at
-the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
+receives the packets, which are recorded. The record is checked at its end. The record is replayed only if the machine
+is at the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
 """
 
 from __future__ import annotations

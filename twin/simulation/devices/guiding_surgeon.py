@@ -48,7 +48,7 @@ class Manner:
         meet: (3,) position of the meeting place of both arms, relative to the free end of the wire.
         ahead: distance of the ring from the free end of the wire before the ring is put over this end.
         step: length of the wire along which the ring is guided in one movement.
-        last: distance of the ring from the end of the wire when it is released.
+        last: distance of the ring from the end of the wire when the ring is released.
         fallen: the surgeon does not try to grasp a ring that lies lower than this height below the free end of the
             wire.
         near, fine: distance from its target at which a rough movement ends, and at which a fine movement ends.

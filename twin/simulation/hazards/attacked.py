@@ -75,8 +75,8 @@ class Outcome:
         peak: largest distance in mm between the true tips of machine and model; after a stop of the machine, the
             model's tip at the time of the stop is used.
         harm: time at which the distance exceeds `HARM`.
-        jump: time at which the tip is more than `HARM` from every point of the model's path, so that it does not only
-            lag.
+        jump: time at which the tip is more than `HARM` from every point of the model's path, so that the tip does not
+            only lag.
         beyond: time at which the distance of the true tips exceeds the limit of the cue (force that warns the
             operator).
         cue: time of the first force on the operator's hand.

@@ -33,7 +33,7 @@ class Receiver:
         self._pedal, self._heard = False, float("-inf")
 
     def read(self, data: bytes, sender: Any, t: float) -> Packet | None:
-        """Return a packet that arrives at t in s; None if it goes back to its sender (sequence number 0).
+        """Return a packet that arrives at t in s; None if it is to be sent back (number 0).
 
         Raises:
             DeviceError: the packet is refused; it has no effect.

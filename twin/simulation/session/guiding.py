@@ -1,6 +1,6 @@
 """Judge a task with a ring to guide sample by sample: its steps, touches of the wire, drops, collisions, events.
 
-A page shows the results of a `Referee` so far; a report shows those of another `Referee` from the recorded signals.
+A page shows the results of a `Referee` during the task; for a report, a second `Referee` judges the recorded signals.
 """
 
 from __future__ import annotations

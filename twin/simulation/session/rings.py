@@ -1,6 +1,6 @@
 """Evaluate a task with rings sample by sample: transferred and dropped rings, collisions of instruments, time, events.
 
-A page shows the results of a `Referee` so far; a report shows those of another `Referee` from the recorded signals.
+A page shows the results of a `Referee` during the task; for a report, a second `Referee` judges the recorded signals.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class RingResult:
 
     Attributes:
         ring, peg: names of ring and peg.
-        t: time in s since which the ring is around its peg and not held, until the end; None: it is not there at the
-            end.
-        drops: number of times that it has been dropped.
+        t: time in s since which the ring is around its peg and not held, until the end; None: the ring is not there at
+            the end.
+        drops: number of times that the ring has been dropped.
     """
 
     ring: str
@@ -114,7 +114,7 @@ class Referee(InstrumentReferee):
 
     @property
     def complete(self) -> bool:
-        """Whether all rings lie around their pegs, and no hand has held one for some time."""
+        """Whether all rings lie around their pegs, and no hand has held a ring for some time."""
         return all(ring.settled for ring in self._rings)
 
     def measures(self) -> BoardMeasures:

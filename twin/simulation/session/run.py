@@ -135,7 +135,7 @@ def surgeon(
     Args:
         setup: a scene with a console, its robots, and a task that is not a procedure.
         seed: random seed.
-        scale: motion scale; None: that of the console.
+        scale: motion scale; None: the motion scale of the console.
         mistake: a mistake to make in a task with a ring to guide, "": none.
     """
     scene, task, seat = setup.scene, setup.task, seat_of(setup, seed, scale)
@@ -187,7 +187,7 @@ def perform(
         setup: see `surgeon`.
         path: the session file.
         seed: random seed of the surgeon.
-        scale: motion scale; None: that of the console.
+        scale: motion scale; None: the motion scale of the console.
         mistake: a mistake to make in a task with a ring to guide, "": none.
         progress: called with the name of the target or ring, and the fraction of them done.
 
@@ -221,7 +221,7 @@ def head_of(
 ) -> file.Head:
     """Return the first line of the session file of a World with a device.
 
-    `seed` is that of a simulated surgeon; `identity` is the hash of the inputs, None: those of a World at a console.
+    `seed`: random seed of a simulated surgeon; `identity`: hash of the inputs; None: the hash for a World at a console.
     """
     sizes, name = world.signals.sizes, None if setup.task is None else setup.task.name
     own = {n: s for n, s in sizes.items() if n in device.outputs}
@@ -251,7 +251,7 @@ def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[st
 
     Args:
         session: the session; see `require_scene`.
-        setup: its scene, robots, task and condition.
+        setup: scene, robots, task and condition of the session.
         progress: called with "replay" and the fraction done.
         parts: compiled parts of the machines of the scene; the states of the machines are read from the session.
 

@@ -139,7 +139,7 @@ def _number(x: float) -> float | None:
 
 
 def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
-    """Return the measures of a machine from the kept signals of a session; `kin` are its equations."""
+    """Return the measures of a machine from the kept signals of a session; `kin`: its equations."""
     phase, t = kept[f"{robot}.phase"], kept.t
     run, force = kept[f"{robot}.run"], np.linalg.norm(kept[f"{robot}.cue"], axis=1)
     alone = np.isin(phase[:, 0], (Phase.REHEARSE, Phase.JUDGED))

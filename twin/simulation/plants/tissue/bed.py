@@ -90,7 +90,7 @@ class Hold:
 
         Args:
             m: the model.
-            d: its state.
+            d: state of the model.
             held: indices of the nodes of the bed.
             dofs: (3 k,) velocities of the free nodes, along the axes of the grid.
             free: (k,) indices of the free nodes.

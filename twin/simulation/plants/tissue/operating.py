@@ -51,10 +51,10 @@ class Instrument:
     """A robot that carries tools.
 
     Attributes:
-        links: its links.
+        links: the links of the robot that touch organs.
         tip: frame of the tip, z along the shaft and out of it.
-        port: (3,) place of its trocar in the World in m.
-        tool: name of its first tool.
+        port: (3,) position of the port of the robot in m in the World.
+        tool: name of the tool that the robot carries at the start.
     """
 
     links: Links

@@ -197,7 +197,7 @@ class Organ:
         return any(inside(p, vertices, self._triangles)[0] for p in near)
 
     def look(self, k: int, is_inside: bool) -> bool:
-        """Store whether link k is inside the organ; return whether it may touch the organ."""
+        """Store whether link k is inside the organ; return whether this link may touch the organ."""
         (self.within.add if is_inside else self.within.discard)(k)
         return self.may_touch(k)
 

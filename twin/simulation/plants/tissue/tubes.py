@@ -55,7 +55,7 @@ class Tube:
         points: (n + 1, 3) nodes in the World in m.
         cut: (n,) 1: the segment is cut away.
         flat: (n + 1,) fraction by which clips flatten the vessel at its nodes.
-        across: (3,) direction in which clips flatten it.
+        across: (3,) direction in which clips flatten the vessel.
         held: the nodes in jaws, by number of the jaws.
         reaction: (3,) force in N of the chain on the holder of its first node.
     """
