@@ -110,7 +110,11 @@ def test_every_campaign_that_comes_with_twin_is_valid(name):
         ('signal = "dac"', 'signal = "adc"', "signal"),
         ('scenario = "sudden jump"', 'scenario = "jump"', r"scenario 'jump'"),
         ('responses = ["slow down"', 'responses = ["run away"', "responses"),
-        ('operations = ["overwrite", "add", "hold"]', 'operations = ["skip"]', "skip and duplicate are for packets"),
+        (
+            'operations = ["overwrite", "add", "hold"]',
+            'operations = ["skip"]',
+            "skip and duplicate are possible for packets only",
+        ),
         ("trained = 200", "trained = -1", "trained"),
         ('name = "wrong grasp"', 'name = "wrong pedal"', "'wrong pedal' is defined twice"),
         ("value = [-200, 200]", "value = [200, -200]", "the range"),
@@ -389,7 +393,7 @@ def test_four_jumps_and_a_stop_at_the_last(parts):
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("cycles = 300", "cycles = 8000", "8000 cycles are not shorter than the period, 8000 packets"),
+        ("cycles = 300", "cycles = 8000", "cycles = 8000 must be below the period, every = 8000 packets"),
         ("shares = [0.2, 0.25", "shares = [2, 0.25", "shares"),
         ("scale = 0.10", "scale = 0", "scale"),
     ],

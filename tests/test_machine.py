@@ -110,7 +110,7 @@ def test_numbers_only_go_up_and_a_gap_costs_a_packet():
     for old in (5, 4):
         with pytest.raises(DeviceError, match=f"{old} is not after the last one, 5"):
             read(old, 0.1)
-    with pytest.raises(DeviceError, match="2 packets are missing before 8"):
+    with pytest.raises(DeviceError, match="2 packets are missing before packet 8"):
         read(8, 0.2)
     assert read(9, 0.3) == 9
     assert read(0, 0.3) is None  # goes back to its sender
@@ -133,7 +133,7 @@ def test_numbers_go_on_at_1_after_the_largest():
         packet = read(number_of(count))
         assert packet is not None
         assert packet.sequence == number_of(count)
-    with pytest.raises(DeviceError, match="2 packets are missing before 5"):
+    with pytest.raises(DeviceError, match="2 packets are missing before packet 5"):
         read(5)
     for old in (2, last, last - 5, 2**31 + 6):  # the last one is nearer behind 5 than before it
         with pytest.raises(DeviceError, match=f"{old} is not after the last one, 5"):
@@ -355,7 +355,7 @@ def test_operations_of_a_fault():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"start": 4}, "it stops at 4, which is not after 4"),
+        ({"start": 4}, "its stop is 4; it must be after its start, 4"),
         ({"value": np.nan}, "the value is nan"),
         ({"operation": "delay", "value": 0.5}, "a delay of 0.5 steps"),
     ],
@@ -371,7 +371,7 @@ def test_an_unknown_signal_of_a_fault_is_refused(parts):
 
 
 def test_only_packets_can_be_lost(parts):
-    with pytest.raises(WorldError, match="skip is for packets; give hold"):
+    with pytest.raises(WorldError, match="skip is possible for packets only; use hold"):
         machine(parts, faults=[Fault("dac", 0, 1, "skip")])
 
 

@@ -101,7 +101,7 @@ def test_packets_can_be_repeated_after_they_were_accepted(parts, free):
 @pytest.mark.parametrize("signal", [s for s in LOCATIONS if s not in ("wire", "packet")])
 @pytest.mark.parametrize("operation", ["skip", "duplicate"])
 def test_only_packets_are_lost_or_repeated(parts, signal, operation):
-    with pytest.raises(WorldError, match=f"fault of {signal}: {operation} is for packets; give hold"):
+    with pytest.raises(WorldError, match=f"fault of {signal}: {operation} is possible for packets only; use hold"):
         machine(parts, faults=[Fault(signal, 0, 1, operation)])
 
 

@@ -25,7 +25,9 @@ class Condition(Table):
     """Condition of a session, by which a study can group sessions."""
 
     haptics: Annotated[bool, Field(description="whether the forces on the hands are on at the start")]
-    participant: Annotated[int | None, Field(ge=1, description="number in a study; null: no study")] = None
+    participant: Annotated[
+        int | None, Field(ge=1, description="number of the participant in a study; null: no study")
+    ] = None
     run: Annotated[int | None, Field(ge=1, le=RUNS, description="first or second run of the participant")] = None
 
 

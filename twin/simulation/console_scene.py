@@ -186,7 +186,7 @@ def console_of(scene: Scene) -> ConsoleTable:
 
 
 def hands_of(scene: Scene) -> dict[str, str]:
-    """Return the hand that moves each robot of a console, by robot: first those of the right hand.
+    """Return the hand that moves each robot of a console, by robot; the robots of the right hand come first.
 
     Raises:
         TwinError: the scene has no console.
@@ -200,7 +200,7 @@ def port_in_base(place: Place) -> Array:
 
 
 def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
-    """Return the pivot of an instrument at its start joint values q (n,); None: `table` has no length for it.
+    """Return the pivot of an instrument at its start joint values q (n,); None: its length is not in `table`.
 
     Raises:
         TwinError: the tip is less than 1 mm from the port.
@@ -249,7 +249,7 @@ def led_by(scene: Scene) -> list[Place]:
 def identity(setup: Setup, dt: float = TICK) -> str:
     """Return the hash "sha256:..." of the inputs of `world`: console, camera, places, start values, limits and frames.
 
-    The duration `dt` of a tick in s is included if it is not the usual one.
+    The duration `dt` of a tick in s is included if it is not `TICK`.
 
     The equations and the version of the program are not included. Numbers are rounded to 1e-9, so that the hash does
     not depend on the processor.
@@ -343,7 +343,7 @@ def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:
 
 
 def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
-    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot, on the same body."""
+    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot; one body carries both."""
     tool, frame = (mechanism.frame(n) for n in (mechanism.tool, camera.frame))
     return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
 

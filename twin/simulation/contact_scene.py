@@ -43,15 +43,15 @@ class Course:
     dome: Array
 
     def outside(self, p: Array) -> float:
-        """Return a lower bound in m of a point's (3,) distance from the convex hull of the dome; negative inside."""
+        """Return a lower bound in m of the distance of a point p (3,) from the dome's convex hull; negative inside."""
         return float((self.dome[:, :3] @ p + self.dome[:, 3]).max())
 
 
 def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) -> Contact:
     """Return the contact of the objects of a task with the solid bodies of the scene and the instruments.
 
-    If the forces on the hands include those of contacts, their planes are written. If the task has a ring to guide,
-    contacts of the ring with the wire are written.
+    If the forces on the hands include those of contacts, the planes of the contacts are written. If the task has a ring
+    to guide, contacts of the ring with the wire are written.
 
     Args:
         setup: a scene with a section [contact], its robots, props and task.

@@ -70,7 +70,7 @@ class LocalPlane:
 
 
 def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
-    """Return the signal (SIZE,) of planes; of more than `COUNT`, those that are deepest at T_world_tool (4, 4)."""
+    """Return the signal (SIZE,) of planes, at most `COUNT`: those that are deepest at T_world_tool (4, 4)."""
     out = np.zeros((COUNT, WIDTH))
     deepest = sorted(planes, key=lambda plane: -plane.depth(T_world_tool))[:COUNT]
     for row, plane in zip(out, deepest, strict=False):
@@ -83,7 +83,7 @@ def proxy(planes: ca.SX, T_world_tool: ca.SX, sweeps: int = 12) -> tuple[ca.SX, 
 
     The way in m is from the point in contact to its proxy, the smallest displacement that leaves all planes (Zilles
     and Salisbury, IROS 1995; solved by Hildreth's method). Two planes with the same normal count once. The pull in m is
-    the same sum with levers instead of normals: the force at the tool acts along it.
+    the same sum over planes, with levers instead of normals: the force at the tool acts along the pull.
 
     Args:
         planes: (k, WIDTH) rows.

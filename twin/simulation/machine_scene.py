@@ -70,7 +70,7 @@ class Machined:
         self._table = scene.trainer if parts else None
 
     def controllers(self, device: str, kins: Mapping[str, Kinematics], dt: float) -> list[Block]:
-        """Return the switch of the view, and the trainer of each machine."""
+        """Return the block that switches the view, and the trainer of each machine."""
         if (table := self._table) is None:
             return []
         out: list[Block] = [ViewSwitch(device, TAP)]
@@ -81,19 +81,19 @@ class Machined:
         return out
 
     def plants(self, q: Mapping[str, Array]) -> list[Block]:
-        """Return the models of the machines at joint values q (n,) of the start."""
+        """Return the models of the machines, which start at joint values q (n,)."""
         if (table := self._table) is None:
             return []
         return [Modelled(name, parts, cue(table), q[name]) for name, parts in self.parts.items()]
 
     def models(self, members: Mapping[str, Arm]) -> list[Placed]:
-        """Return the models as robots of the World; their mechanisms are those of their machines."""
+        """Return the models as robots of the World; each model has the mechanism of its machine."""
         models = [] if self._table is None else self._scene.models
         arms = [(p, members[p.name.removesuffix(MODEL)]) for p in models]
         return [Placed(p.name, arm.mechanism, p.T_world_base, arm.links) for p, arm in arms]
 
     def cues(self, hands: Sequence[str]) -> list[Block]:
-        """Return the blocks of the cue in each hand."""
+        """Return one block for each hand, which writes the force of the cues on this hand."""
         if (table := self._scene.console) is None:
             return []
         eye = self._scene.cameras[table.camera].robot

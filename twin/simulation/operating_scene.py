@@ -27,7 +27,7 @@ _TIP = "instrument_tip"
 """Name of the frame at the tip of an instrument, z out of it."""
 
 _LAST = {"provenance", "note"}
-"""Fields of a tool that come last in the inputs of the hash."""
+"""Fields of a tool that are put after all other fields before a hash is computed."""
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ def world(setup: Setup, device: Block, records: bool = True, watch: Sequence[Blo
 
     Args:
         setup: a scene with organs, its robots, and a task with a procedure.
-        device: block that writes `<robot>.target` of each robot, and the signals of robots with tools that `Operating`
-            reads.
+        device: block that writes `<robot>.target` of each robot, and, for robots with tools, the signals that
+            `Operating` reads.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
 

@@ -1,6 +1,6 @@
 """Play the protocols of all robots of a scene in a World; measure clearances and deviations from ports.
 
-Measured are the minimum clearance of each pair of robots, and the distance of each robot's RCM or trocars from its
+The results are the minimum clearance of each pair of robots, and the distance of each robot's RCM or trocars from its
 ports.
 """
 
@@ -215,7 +215,7 @@ def play(
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
-    """Return a finding for the nearest pair at sample k; after an overlap at the start, suggest a free start time."""
+    """Return a finding for the nearest pair at sample k; if a pair overlaps at the start, suggest a later start."""
     a, b = found.pair[k]
     least, start = float(found.distance[k]), float(found.distance[0])
     what, code = "come too close", "scene.near"

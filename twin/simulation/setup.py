@@ -1,4 +1,4 @@
-"""What a session is about: a scene with its robots, the task, and what this task requires of them."""
+"""Setup of a session: a scene with its robots, the task, and the props, organs and condition that the task requires."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class Setup:
     Attributes:
         scene: the scene.
         members: robots by the names of their places.
-        task: a task; None: no task. If it has rings, the instruments touch objects and the solid bodies of the props.
-            In a procedure, the grippers of the hands close the jaws of tools, which act on the organs.
+        task: a task; None: no task. If the task has rings, the instruments touch objects and the solid bodies of the
+            props. In a procedure, the grippers of the hands close the jaws of tools, which act on the organs.
         props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.
-        condition: condition of the session; None: the World has no forces on the hands. With them, the instruments
-            touch the solid bodies and each other in every task.
+        condition: condition of the session; None: the World has no forces on the hands. With forces on the hands, the
+            instruments touch the solid bodies and each other in every task.
         organs: the organs of the scene; only needed for a procedure.
     """
 
@@ -69,7 +69,7 @@ class Setup:
 
     @property
     def haptics(self) -> bool | None:
-        """Whether the forces on the hands are on at the start; None: there are none."""
+        """Whether the forces on the hands are on at the start; None: the World has no forces."""
         return None if self.condition is None else self.condition.haptics
 
     @property

@@ -127,7 +127,9 @@ def looking(T: Array) -> Array:
 
 
 def hands(at: Array, wanted: Array, right: Array, left: Array, drag: Drag) -> tuple[Array, Array]:
-    """Return the positions (3,) of both hands that move the camera from `at` to `wanted`: inverse of `Dragging.step`.
+    """Return the positions (3,) to which the right and the left hand must move, for the camera to move to `wanted`.
+
+    Inverse of `Dragging.step`.
 
     Args:
         at: (4,) pan, tilt, depth, roll when the hands were coupled, in rad and m.

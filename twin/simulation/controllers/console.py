@@ -111,7 +111,7 @@ def eq3(p_R0, p_R1, p_L0, p_L1):
     why="the rotation of the line between the hands about the line of sight, which does not depend on the origin",
 )
 def eq4(p_R0, p_L0, d_R, d_L, n):
-    """Return the camera roll about n in rad, counter-clockwise positive, twice: for the right and the left hand."""
+    """Return the camera roll about n in rad, counter-clockwise positive, computed for the right and the left hand."""
     v = p_R0 - p_L0
     w = v + d_R - d_L
     turn_R = arctan2(cross(v, w) @ n, v @ w - (v @ n) * (w @ n))
@@ -218,7 +218,7 @@ class Console:
         return float(right), float(left)
 
     def force(self, depth: float, rate: float) -> float:
-        """Return the force in N of a surface by eq. (5), negative outwards; depth in m, rate in m/s."""
+        """Return the force in N of a surface by eq. (5), negative if it pushes outwards; depth in m, rate in m/s."""
         return float(self.laws["eq5"](depth, rate))
 
     def error(self, P_0: Array, P_1: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:

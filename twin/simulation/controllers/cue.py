@@ -1,6 +1,6 @@
 """Haptic cue: a force towards the model's tip when the machine's tip deviates from it (second paper, eqs (3) to (6)).
 
-With p in mm and v in mm/s, of model and machine, dp = p_model - p_machine, and d = dp / |dp|:
+p is the position of a tip in mm and v its velocity in mm/s; dp = p_model - p_machine, dv likewise, d = dp / |dp|:
 
 - "printed": F = 0.05 where |dp| > tol, and else kp |dp| + kd |dv|. So the force falls when the limit is passed, and is
   not 0 below it; the unit of 0.05 is not printed.
@@ -22,7 +22,7 @@ from twin.core.spatial import Array
 _MM = 1e3
 
 _PRINTED = 0.05
-"""Force of the printed equation above the limit."""
+"""Force above the limit in the printed equation; the paper prints no unit."""
 
 
 @dataclass(frozen=True)

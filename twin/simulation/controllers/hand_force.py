@@ -52,7 +52,8 @@ def hand_force(
 ) -> ca.Function:
     """Return the function of one tick, (arguments) -> state (STATE,).
 
-    Its arguments are: state (STATE,) of the tick before; pulse (3,), a force in N in {H}; on and follows, 0 or 1; scale
+    The arguments of this function are: state (STATE,) after the previous tick; pulse (3,), a force in N in {H}; on and
+        follows, 0 or 1; scale
     of the motion; pose of the hand in {H}; pose of {H} in the World; pose of the arm's base in the World; pose of the
     tool in the World; goal of the tool in the base; joint values q (n,); and for each source, rows of planes (SIZE,).
     Poses are (16,), row by row.

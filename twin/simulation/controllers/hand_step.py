@@ -52,7 +52,7 @@ class HandStep:
     """
 
     def __init__(self, laws: Console, pace: Pace, dt: float) -> None:
-        """Compile the law for ticks of dt in s."""
+        """Compile the control law for ticks of dt in s."""
         law, slow = _compile(laws.laws["eq2"], laws.laws["eq1"], pace, dt)
         z, (pair, self._slow) = np.zeros(_SCALE + 1), slow.bind()
         out, self._law = attach(law.function, z)

@@ -35,9 +35,9 @@ class FeltArm:
     Attributes:
         robot: name of the robot in the World.
         kin: the robot's equations.
-        limits: its joint limits.
-        T_world_base: (4, 4) pose of its base.
-        index: index of its gripper in `<object>.holder`; -1: it has none.
+        limits: the robot's joint limits.
+        T_world_base: (4, 4) pose of the robot's base.
+        index: index of the robot's gripper in `<object>.holder`; -1: the robot has no gripper.
     """
 
     robot: str
@@ -63,8 +63,8 @@ class HapticSwitch(Block):
 class HapticHand(Block):
     """Computes the force on one hand; a plant that runs after the plants that move robots and find contacts.
 
-    Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; of the arm that the hand
-    controls `<robot>.follows`, `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>`; and
+    Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; `<robot>.follows`,
+    `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>` of the arm that the hand controls; and
     `<object>.holder`. Writes `<hand>.force` (3,) in N in {H}, whose axes are those of the picture; and `<hand>.energy`
     in J, the energy that the observer of the hand has counted (`passive`), which is never negative.
     """
@@ -83,7 +83,7 @@ class HapticHand(Block):
         laws: Console | None = None,
         bounds: bool = True,
     ) -> None:
-        """Compile the law.
+        """Compile the force law of each arm.
 
         Args:
             hand: name of the hand.

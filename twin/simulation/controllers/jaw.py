@@ -36,7 +36,8 @@ class Jaw:
 
     Attributes:
         angle: current angle of the jaw in rad.
-        closed: smallest gripper angle in rad before the gripper first moved the jaw; it counts as closed.
+        closed: smallest gripper angle in rad before the gripper first moved the jaw; at this angle, the gripper counts
+            as closed.
     """
 
     def __init__(self, lower: float, upper: float, angle: float, dt: float, grip: Grip | None = None) -> None:

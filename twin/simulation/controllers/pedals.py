@@ -22,8 +22,8 @@ class Pedals(Block):
     The clutch has priority: with both pedals pressed, the hands control nothing. The hands also control nothing while
     the device is silent (its signal `<device>.silent`, if it exists, is 1); silence does not count as a tap.
 
-    With `planned`, it also reads `<robot>.planned` of these arms: while a motion is planned or made, the camera rests,
-    because its arm is among the obstacles. The camera can move while the hand moves the target.
+    With `planned`, this block also reads `<robot>.planned` of the arms in `planned`: while a motion is planned or made,
+    the camera rests, because its arm is among the obstacles. The camera can move while the hand moves the target.
     """
 
     def __init__(self, device: str, tap: float = TAP, planned: Sequence[str] = ()) -> None:

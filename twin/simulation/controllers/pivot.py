@@ -51,7 +51,7 @@ class Pivot:
         return spatial.pose(T[:3, :3], self.p_port - way * ((self.length - depth) / depth))
 
     def tool(self, T: Array, direct: bool) -> Array:
-        """Return the tool pose (4, 4) in base for the pose that the hand controls, within `SHALLOW` and `CONE`.
+        """Return the tool pose (4, 4) in base for the pose that the hand controls, limited by `SHALLOW` and `CONE`.
 
         Args:
             T: (4, 4) pose in base that the hand controls: of the outer end if `direct`, else of the tool.

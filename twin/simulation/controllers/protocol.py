@@ -18,5 +18,5 @@ class ProtocolPlayer(Block):
         self.outputs = {self.command: trajectory.q[0]}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Return the joint values of the trajectory at t."""
+        """Write the joint values of the trajectory at t."""
         return {self.command: self.trajectory.joints(np.array([t]))[0]}

@@ -54,7 +54,7 @@ class Teleoperation:
     """
 
     def __init__(self, gains: Gains, dt: float, clutch: Clutch = "corrected", coordinates: int = 5) -> None:
-        """Set up the controller for a number of coordinates and ticks of dt in s.
+        """Set up the controller for poses with `coordinates` numbers, and for ticks of dt in s.
 
         Raises:
             KinematicsError: dt is not positive, or `clutch` is unknown.

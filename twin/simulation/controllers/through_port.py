@@ -22,7 +22,7 @@ _NEAR = 0.05
 """Largest joint step in rad or m per tick; a larger one may belong to another working mode."""
 
 _TRIES, _SAFE = 4, 0.98
-"""Maximum number of inverse solutions for one motion; factor on the part of the motion that the limits allow."""
+"""Maximum number of inverse solutions for one motion; safety factor on the part of a motion that the limits allow."""
 
 _STUCK = 0.02
 """If less than this fraction of a motion is possible, its components (direction, depth, roll) are tried separately."""

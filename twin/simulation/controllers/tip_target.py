@@ -22,7 +22,7 @@ class TipTarget(Block):
     """
 
     def __init__(self, robot: str, T_world_base: Array, port: Array, T_world_tool: Array) -> None:
-        """Begin at the tool's pose T_world_tool (4, 4); `port` (3,): its trocar in the World in m.
+        """Begin at the tool's pose T_world_tool (4, 4); `port` (3,): position of the port in m in the World.
 
         Raises:
             WorldError: the tip is too near to the port at the start.
@@ -38,7 +38,7 @@ class TipTarget(Block):
         self.outputs = {self._goal: self._last.ravel()}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
-        """Compute the tool pose for the target; ignore a target too near to the port, or not below it."""
+        """Compute the tool pose for the target; ignore a target that is too near to the port or not below the port."""
         p = signals.now[self._target]
         if p.tobytes() != self._given:
             self._given = p.tobytes()

@@ -2,8 +2,8 @@
 
 The goal of the console becomes packets: increments that follow it by a critically damped filter within limits of speed,
 because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its pedal up; the model
-receives the packets, which are recorded. The record is checked when it ends. It is replayed only if the machine is at
-the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
+receives the packets, which are recorded. The record is checked at its end. The record is replayed only if the machine
+is at the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MODE = "pedals.training"
 """Setting of the device by which a mode is requested, see `asked`."""
 
 VIEW = "console.view"
-"""Signal by which the viewer draws the machine as a solid (0) or its model (1)."""
+"""Signal that selects what the viewer draws as a solid: the machine (0) or its model (1)."""
 
 FIELDS = 9
 """Number of values of a packet; see `twin.simulation.machine.itp.FIELDS`."""
@@ -152,7 +152,7 @@ class ViewSwitch(Block):
     """Reads `<device>.camera`; writes `console.view`, which a quick tap of the camera pedal changes."""
 
     def __init__(self, device: str, tap: float) -> None:
-        """Connect to a device; a tap takes at most `tap` s."""
+        """Connect to a device; `tap`: longest duration of a quick tap in s."""
         self._camera, self._tap, self._view = f"{device}.camera", tap, 0.0
         self._since: float | None = None
         self.outputs = {VIEW: 0.0}
@@ -176,7 +176,7 @@ class Smooth:
     """
 
     def __init__(self, bounds: Bounds, step: float, dt: float) -> None:
-        """Prepare for packets every dt s; `step` is the opening of the jaws in rad for one unit of a packet."""
+        """Prepare for one packet every dt s; `step`: opening of the jaws in rad for one unit of a packet."""
         self._bounds, self._step, self._dt = bounds, step, dt
         self.begin(np.eye(4), 0.0)
 
@@ -224,7 +224,7 @@ class Tips:
     """Compares two joint configurations of one arm by the positions of its tip."""
 
     def __init__(self, kin: Kinematics, angles: Array) -> None:
-        """Prepare for an arm with equations; `angles` (n,) marks the joints that are angles."""
+        """Prepare for an arm with the equations `kin`; `angles` (n,): whether each joint value is an angle."""
         self._kin, self._turns = kin, np.asarray(angles, bool) & ~kin.auxiliary
         self._auxiliary = np.flatnonzero(kin.auxiliary)[:1]
 

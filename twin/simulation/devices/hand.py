@@ -64,7 +64,7 @@ def minimum_jerk(s: Array) -> Array:
 
 
 class Tremor:
-    """Tremor in m: `lines` sines with random phases in the band of the hand."""
+    """Tremor in m: sum of `lines` sines with random phases, in the frequency band of the hand."""
 
     def __init__(self, rng: np.random.Generator, hand: Hand, period: float, lines: int = 24) -> None:
         """Draw frequencies and phases; `period` is the time in s between two outputs."""

@@ -72,7 +72,7 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
 
 
 class JointPackets:
-    """Receives joint values; one sender at a time, until it has been silent for `PATIENCE`.
+    """Receives joint values; one sender at a time, until it has been silent for `PATIENCE` seconds.
 
     Attributes:
         port: the UDP port.

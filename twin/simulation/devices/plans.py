@@ -55,7 +55,7 @@ class Plans(Block):
     Attributes:
         robot: name of the arm that is planned for; "": none.
         state: state of this arm, see `controllers.planned`.
-        why: why the last motion was stopped; "" if it was not.
+        why: why the last motion was stopped; "" if it was not stopped.
         arrived: whether the last motion ended at the end of its path.
         off: largest distance in m of the tip from the path of the last motion.
     """
@@ -89,7 +89,7 @@ class Plans(Block):
         self._set(self.robot, HELD)
 
     def run(self, Ts: Array) -> None:
-        """Let the arm of `aim` follow poses (k, 4, 4) of its tool in base, one in each tick; others are at rest.
+        """Let the arm of `aim` follow poses (k, 4, 4) of its tool in base, one in each tick; the rest do not move.
 
         Raises:
             WorldError: there is no arm, there are no poses, or a pose is not finite.

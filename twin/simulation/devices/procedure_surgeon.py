@@ -38,12 +38,12 @@ class Manner:
     """Habits of the surgeon, SI; all ASSUMED.
 
     Attributes:
-        hand: tremor of a hand, which is added to the position of the tip unscaled.
-        aim: standard deviation of the aim in m, along each axis.
+        hand: tremor of a hand, which is added to the position of the tip without the motion scale.
+        aim: standard deviation in m of the error of aim, along each axis.
         quick, slow: mean speeds in m/s far from and near to tissue.
-        before: distance in m from a place at which the slow approach to it begins.
+        before: distance in m from the target at which the slow approach to the target begins.
         lift: (3,) displacement in m by which the organ is lifted before clipping.
-        peel: (3,) displacement in m by which it is lifted further for each freed cell of the bed.
+        peel: (3,) displacement in m by which the organ is lifted further for each freed cell of its bed.
         view: distance of the endoscope from the vessel in m.
         press: time in s for which jaws stay closed.
         taken: position of the first clip on the organ's side of the cut, as a fraction of the vessel's length from the
@@ -84,7 +84,7 @@ def _arm(place: Place, member: Member) -> Arm:
 
 
 class ProcedureSurgeon(Block):
-    """Writes `<robot>.target` of all robots, `<robot>.opening`, `.tool`, `.pedal` of those with tools, `surgeon.stage`.
+    """Writes `<robot>.target` of all robots, `.opening`, `.tool` and `.pedal` of robots with tools, `surgeon.stage`.
 
     Attributes:
         missed: names of the steps that the surgeon gave up.

@@ -8,7 +8,10 @@ from twin.simulation.world import Block, Recording, Signals
 
 
 class Recorded(Block):
-    """Writes recorded signals tick by tick until the recording ends; their values are those before any hazard."""
+    """Writes recorded signals tick by tick until the recording ends.
+
+    The values are those before a hazard changed them.
+    """
 
     def __init__(self, recording: Recording, *signals: str) -> None:
         """Select signals by name; `hand` selects all signals whose names begin with `hand.`.

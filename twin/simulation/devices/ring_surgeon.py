@@ -21,10 +21,10 @@ from twin.simulation.devices.hand import Hand
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _TRIES = 3
-"""Number of grasps of a ring after which the surgeon leaves it."""
+"""Number of grasps of a ring after which the surgeon gives up this ring."""
 
 HABITS = Habits(hand=Hand(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.3), open=30 * DEG, central=0.6)
-"""Habits at the rings: the hands turn further than at points, and wait less after a stroke."""
+"""Habits in handling rings: the hands turn further than in touching points, and wait less after a stroke."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,15 @@ class Manner:
     """Parameters of the handling of a ring, in m and rad; all ASSUMED.
 
     Attributes:
-        beyond: length of the jaws' tips beyond the wire that they hold.
+        beyond: length by which the tips of the jaws extend beyond the wire that they hold.
         side: angle from the vertical at which an upright ring is grasped, on the side of the hand.
         before: distance from which the jaws approach the wire, and to which they go back.
         lift: distance by which a ring is lifted before it is pulled off.
         pull: distance by which it is pulled off.
-        above, below: distance of the ring's centre from the end of its peg: `above` it before the ring is lowered, and
-            `below` it when the ring is released.
+        above, below: distance by which the ring's centre is above the end of its peg before the ring is lowered, and
+            below this end when the ring is released.
         tilt: angle at which a ring is put over its peg, its far side lower than the near one.
-        near, fine: remaining distance at the end of a rough and of a fine movement.
+        near, fine: distance from its target at which a rough movement ends, and at which a fine movement ends.
     """
 
     beyond: float = 1.0 * MM

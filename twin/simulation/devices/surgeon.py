@@ -19,10 +19,10 @@ _STALLED = 12
 
 
 class ScriptedSurgeon(SurgeonHands):
-    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, the pedals, and `surgeon.target`: index; -1 at the start.
+    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, the pedals, and `surgeon.target`.
 
-    The surgeon sees the tips (from `<robot>.q`) in the picture (`<camera>.view`) only between two strokes (single
-    hand motions). The device ends after the last target.
+    `surgeon.target` is the index of the target, -1 at the start. The surgeon sees the tips (from `<robot>.q`) in the
+    picture (`<camera>.view`) only between two strokes (single hand motions). The device ends after the last target.
 
     Attributes:
         targets: name of each target and, by hand, its point (3,) in m in the World.

@@ -31,7 +31,7 @@ _DRAGS = 20
 
 
 _EYE = np.eye(4)
-"""Copied in every tick, which is faster than `np.eye`."""
+"""Identity matrix: a copy of it in every tick is faster than `np.eye`."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class SurgeonHands(Block):
     (single hand motions). The input of the device ends when the task is done.
 
     Attributes:
-        missed: what the surgeon gave up; a subclass says what the names in it are.
+        missed: names of the targets, rings or steps that the surgeon gave up; see the subclass.
     """
 
     def __init__(self, seat: Seat, habits: Habits) -> None:

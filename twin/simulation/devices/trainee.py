@@ -21,9 +21,10 @@ _WAIT, _REST = 150.0, 0.6
 class Trainee(SurgeonHands):
     """A device whose hands both make the same strokes, and which also writes `pedals.training`.
 
-    The trainee moves the tips along closed triangles by teleoperation, rehearses an open motion with the model alone,
-    has the record checked, and replays it on the machines. The trainee then requests a second replay from the end of
-    the first, which must be refused, and ends with teleoperation.
+    The trainee moves the tips along closed triangles by teleoperation. Then, with the model alone, the trainee
+    rehearses a motion that does not end where it began, has the record checked, and replays it on the machines. Then
+    the trainee requests a second replay where the first one ended, which must be refused. At the end, the trainee
+    teleoperates again.
 
     Attributes:
         doing, done: current step of the exercise, and completed fraction of the exercise.

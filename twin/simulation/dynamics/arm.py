@@ -67,10 +67,11 @@ class Arm:
         return efforts @ self._outward
 
     def dynamics(self, factors: ArrayLike = 1.0, friction: ArrayLike | None = None) -> Dynamics:
-        """Return the equations of motion, optionally with wrong masses or friction.
+        """Return the equations of motion, optionally with changed masses or friction.
 
         Args:
-            factors: factors of masses and tensors, one per key of `masses`; mass centres and rotors are unchanged.
+            factors: factors of masses and inertia tensors, one per key of `masses`; mass centres and rotors are
+                unchanged.
             friction: (n,) friction to use instead of the true one; None: the true one.
         """
         names = [j.child for j in self.mechanism.tree]

@@ -5,7 +5,7 @@ Denavit-Hartenberg form of Khalil and Kleinfinger. This frame is determined on t
 is along the joint axis, and x is along x of the base. The origin is the point of the axis that is nearest to the axis
 of the next link in the file. For the last link, and if the next axis is parallel, the origin is the point of the axis
 that is nearest to the origin of the previous link. A link may instead name a frame of the robot's description on the
-same body (`frame`); then its centre and tensor are given there.
+same body (`frame`); then its mass centre and tensor are given in this frame.
 
 Source: W. Khalil, J.-F. Kleinfinger, A new geometric notation for open and closed-loop robots, Proc. IEEE Int. Conf.
 Robotics and Automation (1986) 1174-1179: T_previous_link = Rx(alpha) Tx(d) Rz(theta) Tz(r), so that the x axes of all
@@ -77,7 +77,7 @@ class Tensor(_Cited):
 
 
 class Rotor(_Cited):
-    """Inertia of the motor's rotor at the link: multiplied by the square of the gear ratio."""
+    """Inertia of the motor's rotor as it acts at the link: rotor inertia times the square of the gear ratio."""
 
     value: _NotNegative
     unit: Literal["kg m2", "kg"]
@@ -124,7 +124,7 @@ class Link(_Solid):
 
 
 class Instrument(_Solid):
-    """Payload of the last link, in its frame."""
+    """Instrument that the last link carries: mass, mass centre and tensor in the frame of this link."""
 
 
 class Inertias(Table):

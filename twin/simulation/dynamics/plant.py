@@ -78,7 +78,7 @@ class MujocoPlant:
     """A mechanism in MuJoCo, an engine that is independent of the controller's model.
 
     Actuators, joint limits and contacts of the MJCF are disabled; loops are closed by its constraints, and gravity is
-    that of the MJCF. Efforts are constant between two ticks of the controller. Integration is by the Runge-Kutta method
+    that of the MJCF. Efforts are constant between two ticks of the controller. The integrator is the Runge-Kutta method
     of fourth order.
 
     Attributes:

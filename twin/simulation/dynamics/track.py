@@ -57,11 +57,13 @@ class Conditions:
         inertia_error: relative error of masses and tensors in the controller's model.
         signs: seed of a random sign of the error of each part; None: the same sign for all parts (positive: too heavy).
         friction_known: whether the model has the plant's friction.
-        friction_error: relative error of the model's friction if it is not known; with `signs`, of random sign.
-        quantisation: encoder step in rad, times `LENGTH_SCALE` in m; 0: exact positions and velocities.
+        friction_error: relative error of the model's friction if the friction is not known; with `signs`, its sign is
+            random.
+        quantisation: encoder step in rad for angles, and `LENGTH_SCALE` times this number in m for lengths; 0: exact
+            positions and velocities.
         velocity_cutoff: cut-off frequency in Hz of the first-order low-pass for differences of quantised positions.
         saturation: whether efforts are limited to the limits of the motors.
-        middle: whether the equations are evaluated for the middle of the tick, instead of its start.
+        middle: whether the equations are evaluated for the middle of the tick instead of the start of the tick.
         plant: "mujoco" (independent of the model) or "pinocchio" (the model's own equations).
     """
 
@@ -91,7 +93,8 @@ class Motion:
         q, qd, qdd: (k, n) joint values in rad or m, and their derivatives per s and per s2.
         T_tool_tip: (4, 4) pose of the tip in the tool frame.
         shaft: (3,) direction of the instrument in the tip frame.
-        rcm: (k, 3) in base in m, point through which the shaft must pass; NaN without RCM at that time. None: no RCM.
+        rcm: (k, 3) position in m in base of the RCM, through which the shaft must pass; NaN at times without RCM. None:
+            no RCM.
     """
 
     t: Array
@@ -272,7 +275,7 @@ def curve(
     conditions: Conditions = Conditions(),
     progress: Callable[[float], None] = lambda part: None,
 ) -> list[Run]:
-    """Return one run per inertia error; the other conditions are unchanged."""
+    """Return one run for each inertia error in `fractions`; the other conditions are unchanged."""
     out = []
     for i, fraction in enumerate(fractions):
         out.append(run(arm, motion, replace(conditions, inertia_error=float(fraction))))

@@ -75,8 +75,8 @@ class Outcome:
         peak: largest distance in mm between the true tips of machine and model; after a stop of the machine, the
             model's tip at the time of the stop is used.
         harm: time at which the distance exceeds `HARM`.
-        jump: time at which the tip is more than `HARM` from every point of the model's path, so that it does not only
-            lag.
+        jump: time at which the tip is more than `HARM` from every point of the model's path, so that the tip does not
+            only lag.
         beyond: time at which the distance of the true tips exceeds the limit of the cue (force that warns the
             operator).
         cue: time of the first force on the operator's hand.
@@ -85,7 +85,7 @@ class Outcome:
         held, refused: number of packets with a target out of reach, and number of refused packets.
         residual, ratio: largest measured distance of the tips in mm before the fault, and largest ratio of this
             distance to the adaptive limit before the fault.
-        seen, seen_ratio: as residual and ratio, from the start of the fault until harm or stop.
+        seen, seen_ratio: as `residual` and `ratio`, but from the start of the fault until harm or stop.
         noticeable: whether there was a force on the hand, or the arm did not follow while the pedal was down.
     """
 
@@ -259,7 +259,7 @@ class Run:
     """
 
     def __init__(self, parts: Parts, hand: Hand, physics: Physics | None = None, faults: Sequence[Fault] = ()) -> None:
-        """Switch the machine on and let it home.
+        """Switch the machine on, and let it move to its home posture.
 
         Args:
             parts: compiled parts of the machine.
@@ -278,7 +278,7 @@ class Run:
         return len(self._rows[0])
 
     def go(self, packets: int, settled: int) -> None:
-        """Continue to a total of `packets`; after a stop that settles the outcome, end at packet `settled` or later."""
+        """Continue to a total of `packets`; after a stop, end once the arm rests and `settled` packets are sent."""
         m, (q, measured, levels, read) = self.machine, self._rows
         for number in range(len(self) + 1, packets + 1):
             m.step((_HOMED + number) * TICK, [(self._hand.packet(number), "operator")])
@@ -300,7 +300,7 @@ class Run:
 def trace(
     parts: Parts, hand: Hand, packets: int, settled: int, physics: Physics | None = None, faults: Sequence[Fault] = ()
 ) -> Trace:
-    """Run a machine with the packets of a hand; return its record. For `packets` and `settled`, see `Run.go`."""
+    """Return the record of a machine that receives the packets of a hand; for `packets` and `settled`, see `Run.go`."""
     run = Run(parts, hand, physics, faults)
     run.go(packets, settled)
     return run.trace

@@ -48,7 +48,7 @@ class TraineeTable(Table):
 
 
 class DetectionTable(Table):
-    """Parameters of `detection.Adaptive`: limit in mm at rest, and increase of the limit per speed in ms."""
+    """Parameters of `detection.Adaptive`: limit in mm at rest, and its increase with speed in ms (mm per m/s)."""
 
     floor_mm: Quantity
     lead_ms: Quantity
@@ -100,7 +100,7 @@ class Class(Table):
 
 
 class CampaignTable(Table):
-    """The campaign file: see cad/raven_left/campaigns/table1.toml."""
+    """Content of a campaign file, such as cad/raven_left/campaigns/table1.toml."""
 
     title: str
     source: str
@@ -147,7 +147,7 @@ class Campaign:
     """The classes of faults of a file, and the indices of their targets."""
 
     def __init__(self, table: CampaignTable, places: dict[str, tuple[str, ...]]) -> None:
-        """Store the campaign file, and the names of each signal's numbers, by signal."""
+        """Store the campaign file; `places`: names of the numbers of each signal, by the name of the signal."""
         self.table, self._places = table, places
 
     def __len__(self) -> int:
@@ -173,7 +173,7 @@ class Campaign:
 
     @property
     def adaptive(self) -> Adaptive:
-        """The adaptive limit of the file."""
+        """The adaptive limit, with the parameters of the campaign file."""
         d = self.table.detection
         return Adaptive(d.floor_mm.value * MM, d.lead_ms.value * MM)
 
@@ -205,7 +205,7 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
 
     Args:
         path: the file.
-        places: names of each signal's numbers, by signal of the machine.
+        places: names of the numbers of each signal of the machine, by the name of the signal.
 
     Raises:
         DescriptionError: the file does not exist or is invalid, a target is unknown, or a class is defined twice; the
@@ -213,7 +213,9 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
     """
     if not path.is_file():
         found = sorted(p.stem for p in path.parent.glob("*.toml"))
-        raise DescriptionError(f"{path}: the file does not exist; campaigns there: {', '.join(found) or 'none'}")
+        raise DescriptionError(
+            f"{path}: the file does not exist; campaigns in this folder: {', '.join(found) or 'none'}"
+        )
     table = load_toml(path, CampaignTable)
     scenarios = [s.name for s in table.scenario]
     for i, c in enumerate(table.class_):
@@ -229,7 +231,11 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
         if c.value[0] > c.value[1]:
             raise error_at(path, ("class", i, "value"), f"the range {c.value} goes down: give the smaller number first")
         if c.signal not in LOSABLE and {"skip", "duplicate"} & set(c.operations):
-            raise error_at(path, ("class", i, "operations"), f"skip and duplicate are for packets, not for {c.signal}")
+            raise error_at(
+                path,
+                ("class", i, "operations"),
+                f"skip and duplicate are possible for packets only, not for {c.signal}",
+            )
         if "delay" in c.operations and not (c.whole and c.value[0] >= 1):
             raise error_at(path, ("class", i, "value"), "a delay needs whole = true and values of at least 1 packet")
     return Campaign(table, places)

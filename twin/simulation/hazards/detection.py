@@ -1,8 +1,8 @@
 """Detection of faults by the distance between machine and model: a fixed limit, and one that depends on the speed.
 
-A machine whose masses and friction differ from the model's lags behind it in proportion to the speed, so the adaptive
-limit is floor + lead |v|, with v the low-passed speed of the model's tip. Released software checks only the DAC and
-joint rates (`twin.simulation.machine.servo`); it has no model.
+A machine whose masses and friction differ from the model's lags behind the model in proportion to the speed, so the
+adaptive limit is floor + lead |v|, with v the low-passed speed of the model's tip. Released software checks only the
+DAC and joint rates (`twin.simulation.machine.servo`); it has no model.
 """
 
 from __future__ import annotations

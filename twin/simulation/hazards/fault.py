@@ -43,7 +43,9 @@ class Fault(Hazard):
 
     def __post_init__(self) -> None:
         if not self.start < self.stop:
-            raise WorldError(f"fault of {self.signal}: it stops at {self.stop:g}, which is not after {self.start:g}")
+            raise WorldError(
+                f"fault of {self.signal}: its stop is {self.stop:g}; it must be after its start, {self.start:g}"
+            )
         steps = np.asarray(self.value, float)
         if not np.isfinite(steps).all():
             raise WorldError(f"fault of {self.signal}: the value is {self.value}; it must be finite")

@@ -12,7 +12,7 @@ from twin.simulation.machine.plant import TICK
 from twin.simulation.machine.settings import Settings
 
 _RADIUS, _RADIAN = 0.012, 0.2
-"""Radius of the circle in m, and time in s for one radian; the speed is 60 mm/s. ASSUMED."""
+"""Radius of the circle in m; time in s for one radian of the circle, so that the speed is 60 mm/s. ASSUMED."""
 
 _REACH = 0.06
 """Amplitude of the wandering hand in m. ASSUMED."""
@@ -20,7 +20,7 @@ _REACH = 0.06
 _MICRO = 1e-6
 
 Motion = Callable[[float], Array]
-"""Position (3,) of the hand in m at a time in s; 0 at time 0."""
+"""Function from the time in s to the position (3,) of the hand in m, which is 0 at time 0."""
 
 
 def circle(t: float) -> Array:
@@ -30,7 +30,7 @@ def circle(t: float) -> Array:
 
 
 def wander(seed: int) -> Motion:
-    """Return a random motion: each coordinate is a sum of three sines of 0.05 to 0.4 Hz."""
+    """Return a random motion of the hand: each coordinate is a sum of three sines of 0.05 to 0.4 Hz."""
     rng = np.random.default_rng(seed)
     rates, phases = 2 * np.pi * rng.uniform(0.05, 0.4, (3, 3)), rng.uniform(0, 2 * np.pi, (3, 3))
 

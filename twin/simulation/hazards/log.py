@@ -23,8 +23,8 @@ class Log:
         """Open or create a log; an incomplete last line is removed.
 
         Raises:
-            OutputError: the file is the log of another campaign, or not a log; another process writes to it; or it
-                cannot be written.
+            OutputError: the file is the log of another campaign, or not a log; another process writes to the file; or
+                the file cannot be written.
         """
         self.path, self.rows = path, dict[int, dict[str, Any]]()
         try:

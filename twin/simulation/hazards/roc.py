@@ -24,7 +24,7 @@ class Roc:
 
     Attributes:
         name: detector.
-        unit: unit of its limit.
+        unit: unit of the detector's limit.
         limits: (k,) limits in descending order.
         detected: (k,) fraction of the dangerous sessions that is detected in time, for each limit.
         false: (k,) fraction of all sessions with a false alarm, for each limit.

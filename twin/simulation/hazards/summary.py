@@ -96,7 +96,7 @@ class Hazards(Result):
     """Outcomes of the sessions of a campaign.
 
     Attributes:
-        robot: name.
+        robot: name of the robot.
         table: the campaign file.
         expected: number of sessions of the campaign.
         rows: result of each completed session, as in the log, in the order of the index.
@@ -133,7 +133,7 @@ class Hazards(Result):
 
     @cached_property
     def roc(self) -> list[Roc]:
-        """The curves of the fixed and of the adaptive limit."""
+        """The ROC curves of the fixed and of the adaptive limit."""
         return curves(self.rows, Cue().tol)
 
     @property
@@ -197,14 +197,14 @@ class Hazards(Result):
             yield Table((*head, "performed", "works again", "converted"), [_response(r) for r in self.responses])
         yield ""
         yield from self.assumed
-        yield self.word or "No session without a fault has run: nothing is said about false cues"
+        yield self.word or "No session without a fault has run: false cues cannot be counted"
         yield from self.findings
 
     def _detectors(self) -> Iterator[Part]:
         for c in self.roc:
             detected, false = c.at(c.limit)
             yield (
-                f"  {c.name}, {c.used}: {100 * detected:.1f} % of dangerous sessions in time, "
+                f"  {c.name}, {c.used}: {100 * detected:.1f} % of dangerous sessions detected in time, "
                 f"{100 * false:.2f} % false alarms, area below the curve {c.area:.3f}"
             )
         danger = [r for r in self.rows if dangerous(r)]
@@ -212,7 +212,7 @@ class Hazards(Result):
             share, free = float(np.mean([in_time(r) for r in danger])), self.by_class.get(FREE, [])
             wrong = sum(r["stop"] is not None for r in free)
             free_text = f", {wrong} of {len(free)} sessions without a fault stopped" if free else ""
-            yield f"  checks of the software: {100 * share:.1f} % in time{free_text}"
+            yield f"  checks of the software: {100 * share:.1f} % of dangerous sessions stopped in time{free_text}"
 
 
 def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassRow:

@@ -31,7 +31,7 @@ from twin.simulation.machine.machine import Parts
 from twin.simulation.machine.plant import TICK
 
 PUBLISHED = (2.43, 1.72)
-"""Mean and spread of the paper's error without faults over its motion scales, in mm, as follows from its 3 mm limit."""
+"""Mean and spread in mm of the error without faults over all motion scales, which the paper's 3 mm limit implies."""
 
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five"}
 
@@ -84,7 +84,7 @@ def load(path: Path) -> TrendsTable:
         raise DescriptionError(f"{path}: the file does not exist; cad/raven_left/campaigns/trends.toml is an example")
     table = load_toml(path, TrendsTable)
     if table.stuck.cycles >= table.stuck.every:
-        text = f"{table.stuck.cycles} cycles are not shorter than the period, {table.stuck.every} packets"
+        text = f"cycles = {table.stuck.cycles} must be below the period, every = {table.stuck.every} packets"
         raise error_at(path, ("stuck", "cycles"), text)
     return table
 

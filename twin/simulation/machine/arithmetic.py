@@ -5,8 +5,8 @@
     aim         r' = low-pass of the desired joints; errors of the joints q_desired - q and r' - qd
     drive       s' = s + h e; counts = ((kp e + ki s' + kd de) + T^T efforts) times counts per N m, rounded towards 0
 
-T is the matrix of the transmission (q = T m). The kernels are exact: each operation is rounded on its own, as in numpy,
-which takes five times as long.
+T is the matrix of the transmission (q = T m). Each operation is rounded separately, as in numpy: the results are
+exactly those of numpy, in a fifth of the time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from twin.simulation.machine.settings import Settings
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """The functions of one robot with one set of gains.
+    """Compiled functions of one tick, for one robot and one set of gains.
 
     Attributes:
         share: fraction of a difference that the low-pass filter corrects in one tick.

@@ -17,16 +17,16 @@ class Exchange:
     """
 
     def __init__(self, links: Mapping[str, MachineLink], states: Mapping[str, MachineStates], outbox: Outbox) -> None:
-        """Connect the links with the World's devices that receive states, and with its block that keeps packets."""
+        """Connect links, devices that receive the states of machines, and the block that stores packets."""
         self.links, self._states, self._outbox = links, states, outbox
 
     def receive(self) -> None:
-        """Give the newest states to the World, for its next tick."""
+        """Give the newest states of the machines to the World, which uses them in its next tick."""
         for name, link in self.links.items():
             self._states[name].give(link.state)
 
     def send(self) -> None:
-        """Send the packets of the ticks since the last call."""
+        """Send the packets of all ticks since the last call to the machines."""
         for name, packets in self._outbox.take().items():
             for packet in packets:
                 self.links[name].send(packet)

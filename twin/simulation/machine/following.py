@@ -33,11 +33,12 @@ class Followed:
 
 
 def follow(arm: Arm, settings: Settings, q: Array, qd: Array, plant: Plant | None = None) -> Followed:
-    """Simulate a robot that follows a planned motion from rest, sampled every millisecond.
+    """Simulate a robot that starts at rest and follows a planned motion, which is sampled every millisecond.
 
     Args:
         arm: the robot with its masses.
-        settings: its controller: gains, limits of the DAC, gravity compensation, friction.
+        settings: the robot's controller (gains, limits of the DAC, gravity compensation), and the friction of its
+            joints.
         q: (k, n) planned joint values.
         qd: (k, n) planned rates.
         plant: a compiled plant of the robot; None: a new one, with the friction of the settings.

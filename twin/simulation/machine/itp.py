@@ -1,6 +1,7 @@
 """Packets of the Interoperable Telerobotics Protocol, as the software of the Raven-II receives them.
 
-A packet has 124 bytes, little-endian, without gaps; of two numbers, the first is for arm 0, the second for arm 1:
+A packet has 124 bytes, little-endian, without gaps; where a field has two parts, the first is for arm 0, the second for
+arm 1:
 
 | byte | type | what |
 |---|---|---|
@@ -56,7 +57,7 @@ class Packet(NamedTuple):
 
 
 def checksum(numbers: tuple[float, ...]) -> int:
-    """Return the checksum of the 22 numbers of a packet before it, as a signed 32-bit number."""
+    """Return the checksum of a packet, computed from its first 22 numbers, as a signed 32-bit number."""
     total = int(numbers[21] + sum(numbers[3:9]) + numbers[17] + numbers[18] + numbers[0])
     return (total + _HALF) % (2 * _HALF) - _HALF
 
@@ -75,12 +76,12 @@ def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
 
 
 def number_of(count: int) -> int:
-    """Return the sequence number of a sender's packet number `count`, which begins at 1 and has no limit."""
+    """Return the sequence number of the packet that a sender sends as number `count` (1, 2, ... without limit)."""
     return (count - 1) % _NUMBERS + 1
 
 
 def ahead(sequence: int, last: int) -> int:
-    """Return by how many packets a sequence number is after another one; negative: before it.
+    """Return how many packets `sequence` comes after `last`; the result is negative if it comes before `last`.
 
     As in serial number arithmetic (RFC 1982), the shorter way around decides, so that 1 is one packet after 2^32 - 1.
     """
@@ -88,7 +89,7 @@ def ahead(sequence: int, last: int) -> int:
 
 
 def sequence_of(data: bytes) -> int:
-    """Return the sequence number of a packet, which is not checked; 0 if the packet is too short to have one."""
+    """Return the sequence number of a packet without checking the packet; 0 if the packet is too short to have one."""
     return _FIRST.unpack_from(data)[0] if len(data) >= _FIRST.size else 0
 
 

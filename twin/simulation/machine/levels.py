@@ -28,7 +28,7 @@ class Plc:
     """
 
     def __init__(self, timeout: float) -> None:
-        """Start in E_STOP; the time-out of the watchdog is in s."""
+        """Start in E_STOP; `timeout`: time-out of the watchdog in s."""
         self.level, self.reason = Level.E_STOP, "not started"
         self._timeout, self._bit, self._changed = timeout, False, 0.0
 
@@ -58,18 +58,18 @@ class Plc:
 
 
 class Reader:
-    """The software's view of the levels: the lowest of all mechanisms, after `cycles` equal readings."""
+    """Run level as the software reads it: the lowest of all mechanisms, after `cycles` equal readings in succession."""
 
     def __init__(self, cycles: int) -> None:
-        """Start in E_STOP."""
+        """Start in E_STOP; `cycles`: number of equal readings after which a level counts."""
         self.level, self._cycles, self._read, self._count = Level.E_STOP, cycles, Level.E_STOP, 0
 
     def hold(self, level: Level) -> None:
-        """Set the level that counts as read."""
+        """Set the current level, without waiting for `cycles` readings."""
         self.level, self._read, self._count = level, level, self._cycles
 
     def read(self, levels: Sequence[Level]) -> Level:
-        """Return the lowest of these levels if it was the same in the last `cycles` calls, else the previous level."""
+        """Return the lowest of these levels if it was equal in the last `cycles` calls, else the previous result."""
         lowest = min(levels)
         self._count = self._count + 1 if lowest == self._read else 1
         self._read = lowest

@@ -73,7 +73,7 @@ class StateReader:
         """Connect to the states of a machine of n joints; the reader's thread calls `arrived` with each state.
 
         Raises:
-            DeviceError: nothing answers there.
+            DeviceError: nothing answers at this address.
         """
         self.newest: State | None = None
         self.problem, self._where, self._n, self._arrived = "", f"{host}:{port}", n, arrived
@@ -92,7 +92,7 @@ class StateReader:
 
     @property
     def answers(self) -> bool:
-        """Whether a state has come within `PATIENCE`."""
+        """Whether a state has come within the last `PATIENCE` seconds."""
         return not self.problem and self.newest is not None and time.monotonic() - self._heard < PATIENCE
 
     def press(self, button: str) -> None:
@@ -139,7 +139,7 @@ class MachineLink:
     """A master (sender of packets) of a machine; it also has the machine's newest state.
 
     Attributes:
-        reader: the states of the machine, and its buttons.
+        reader: reads the states of the machine, and presses its buttons.
         sent: number of packets sent so far.
         dropped: number of packets dropped because too many were waiting.
     """
@@ -148,7 +148,7 @@ class MachineLink:
         """Connect to a machine of n joints.
 
         Raises:
-            DeviceError: nothing answers there.
+            DeviceError: nothing answers at this address.
         """
         self.reader = StateReader(address.host, address.state_port, n)
         self._address, self._waiting = (address.host, address.port), deque[bytes]()

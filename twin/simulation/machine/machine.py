@@ -1,9 +1,9 @@
 """A machine of one arm, tick by tick: network, PLC, control software, motors and links, without clock and sockets.
 
 The control software follows the released one of the Raven-II (uw-biorobotics/raven2): increments of the tool pose are
-added while the pedal is down, the inverse computes joint values, the servo computes counts of the DAC. The machine
-deviates from its model if the parameters of its plant differ from those in the software. Faults act on the signals of
-`LOCATIONS`:
+added while the pedal is down, the inverse kinematics computes joint values, the servo computes counts of the DAC. The
+machine deviates from its model if the parameters of its plant differ from those in the software. Faults act on the
+signals of `LOCATIONS`:
 
 | signal | numbers | where |
 |---|---|---|
@@ -52,13 +52,13 @@ LOCATIONS = {
     "joints": "control state",
     "dac": "USB write",
 }
-"""Signals that faults can change, and the place of each signal in the machine."""
+"""Signals that faults can change, each with its place in the machine."""
 
 LOSABLE = ("wire", "packet")
 """Signals that faults can lose or repeat."""
 
 BYTES = 27
-"""Length of a packet of the USB board; the software ignores a read of any other length (uw-biorobotics/raven2)."""
+"""Number of bytes of a USB board's packet; the software ignores a read of any other length (uw-biorobotics/raven2)."""
 
 _ON = (Level.INIT, Level.PEDAL_DN)
 """Run levels at which the motors are on."""
@@ -81,11 +81,11 @@ class Parts:
 
     Attributes:
         arm: the mechanism with masses.
-        kin: the equations, with a closed inverse.
+        kin: the robot's equations, with a closed-form inverse.
         settings: motors, gains and limits.
         plant: a plant with the parameters of the robot's files.
         arithmetic: the control software's arithmetic with the gains of the settings.
-        gravity: efforts (n,) of the gravity compensation at joints (n,).
+        gravity: function from joint values (n,) to the joint efforts (n,) of the gravity compensation.
         home: (n,) joint values of the posture `home`.
     """
 
@@ -99,7 +99,7 @@ class Parts:
 
     @property
     def places(self) -> dict[str, tuple[str, ...]]:
-        """Names of the numbers of each signal of `LOCATIONS`."""
+        """For each signal of `LOCATIONS`, the names of its numbers."""
         m = self.arm.mechanism
         motors, joints = tuple(m.motor_names), tuple(j.name for j in m.active)
         many = {"packet": FIELDS, "encoder": motors, "tool": ("x", "y", "z"), "joints": joints, "dac": motors}
@@ -163,9 +163,7 @@ class Machine:
             if fault.signal not in LOCATIONS:
                 raise WorldError(unknown("signal of the machine", fault.signal, LOCATIONS))
             if fault.operation in ("skip", "duplicate") and fault.signal not in LOSABLE:
-                raise WorldError(
-                    f"fault of {fault.signal}: {fault.operation} is for packets; give hold for other signals"
-                )
+                raise WorldError(f"fault of {fault.signal}: {fault.operation} is possible for packets only; use hold")
         self.parts, s = parts, parts.settings
         self._mechanism = m = parts.arm.mechanism
         self._faults = {name: [f for f in faults if f.signal == name] for name in LOCATIONS}

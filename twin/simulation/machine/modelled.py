@@ -1,7 +1,8 @@
 """The model of a machine in a World: it gets the same packets, and is compared with the machine's states.
 
 A packet takes some milliseconds to the machine, and its state takes some milliseconds back. Therefore, a state is
-compared with the model as it was after the same packet, so that the delay of the network does not count as deviation.
+compared with the state that the model had after the same packet, so that the delay of the network does not count as
+deviation.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Modelled(Block):
 
     Reads `<robot>.given`, `<robot>.phase`, `<robot>.measured` and `<robot>.run`. Writes:
 
-    - `<robot>.q` (n,): joints of the machine as measured, and `<robot>_model.q` (n,): those of the model;
+    - `<robot>.q` and `<robot>_model.q` (n,): measured joint values of the machine, and joint values of the model;
     - `<robot>.encoder` (n,): joints of the arm that the hand moves, which is the model in a rehearsal;
     - `<robot>.model` (3,): run level of the model, speed of its tip in m/s, packets whose target was out of reach;
     - `<robot>.deviation` (2,): distance in m between the tips of machine and model; speed of the machine's tip in m/s;

@@ -1,8 +1,8 @@
 """Symbolic equations of motion of a mechanism without loops, for compilation: M(q) qdd + b(q, qd) = joint efforts.
 
 Newton-Euler recursion in the axes of base (R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapter 5).
-M is the derivative of the efforts by the accelerations. `twin.reference.dynamics` computes the same by other code; the
-tests compare both.
+M is the derivative of the efforts with respect to the accelerations. The tests compare the equations with
+`twin.reference.dynamics`, which shares no code with this file.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Motion:
 
     Attributes:
         q, qd: symbols (n,) of joint values and rates.
-        factors: symbol (m,) that multiplies the mass and tensor of the body of each tree joint.
+        factors: symbol (m,) that multiplies the mass and the inertia tensor of the body of each tree joint.
         fall: symbol (3,) of the gravitational acceleration in base, m/s2.
         M: (n, n) mass matrix, without rotors.
         b: (n,) Coriolis and centrifugal efforts, and gravity.

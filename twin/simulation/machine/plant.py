@@ -4,9 +4,9 @@
 
 T is the matrix of the transmission (q = T m), J the rotor inertias, V the viscous friction, f the Coulomb friction. One
 tick is one step of the implicit Euler method for the viscous friction, and of the semi-implicit one for the rest. The
-Coulomb friction is the effort that brings the joint to rest within the tick, limited to its value; so a joint sticks.
-It is found by three sweeps over the joints (projected Gauss-Seidel; J. J. Moreau, Unilateral contact and dry friction
-in finite freedom dynamics, Springer 1988).
+friction f of a joint is the effort that brings the joint to rest within the tick, but at most the Coulomb friction in
+`Physics.coulomb`; therefore, a joint can stick. These efforts are computed by three sweeps over the joints (projected
+Gauss-Seidel; J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, Springer 1988).
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class Physics:
     """Parameters of a plant with n motors and joints, and m bodies.
 
     Attributes:
-        factors: (m,) factors of the bodies' masses and tensors, in the order of the tree's joints.
+        factors: (m,) factors of the bodies' masses and inertia tensors, in the order of the tree's joints.
         rotors: (n,) inertias of the rotors at the motors, kg m2 or kg.
         viscous: (n,) viscous friction at the joints, N m s/rad or N s/m.
         coulomb: (n,) Coulomb friction at the joints, N m or N.
-        fall: (3,) gravitational acceleration in m/s2 in base, so that it depends on the tilt of the base.
+        fall: (3,) gravitational acceleration in m/s2, in the axes of base, so that it depends on the tilt of the base.
         stops: (2, n) minimum and maximum joint values, at hard stops without rebound; infinite: no stop.
     """
 
@@ -77,7 +77,8 @@ class Physics:
         """Return all parameters as one vector.
 
         Raises:
-            MechanismError: a number is not finite, a factor of a mass is below 0.001, or a friction or rotor negative.
+            MechanismError: a number is not finite, a factor of a mass is below 0.001, or a friction or the inertia of a
+                rotor is negative.
         """
         joints = [j.name for j in arm.mechanism.active]
         parts = {
@@ -88,7 +89,9 @@ class Physics:
         }
         for what, (names, values, least) in parts.items():
             if np.shape(values) != (len(names),):
-                raise MechanismError(f"plant: {len(names)} numbers are needed for the {what}, not {np.shape(values)}")
+                raise MechanismError(
+                    f"plant: the {what} has shape {np.shape(values)}; it must have shape ({len(names)},)"
+                )
             for name, value in zip(names, values, strict=True):
                 if not (np.isfinite(value) and value >= least):
                     raise MechanismError(f"plant: the {what} of {name} is {value:g}; it must be at least {least:g}")
@@ -117,7 +120,7 @@ class Plant:
         self._state = np.zeros(2 * len(arm.mechanism.active))
 
     def another(self, physics: Physics | None = None) -> Plant:
-        """Return a plant of the same robot, at zero and at rest, without compiling again.
+        """Return a plant of the same robot, at joint values 0 and at rest, without compiling again.
 
         Raises:
             MechanismError: a parameter is impossible.

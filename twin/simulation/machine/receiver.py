@@ -1,4 +1,4 @@
-"""Check the packets that a machine receives: one master (sender) at a time, increasing numbers, a time-out."""
+"""Check the packets that a machine receives: one master (sender) at a time, increasing sequence numbers, a time-out."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Receiver:
         self._pedal, self._heard = False, float("-inf")
 
     def read(self, data: bytes, sender: Any, t: float) -> Packet | None:
-        """Return a packet that arrives at t in s; None if it goes back to its sender (sequence number 0).
+        """Return a packet that arrives at t in s; None if it is to be sent back (number 0).
 
         Raises:
             DeviceError: the packet is refused; it has no effect.
@@ -62,7 +62,7 @@ class Receiver:
         self.sequence = packet.sequence
         self.master, self._heard = sender, t
         if gap:
-            raise DeviceError(f"{gap} packets are missing before {packet.sequence}: this packet is dropped, too")
+            raise DeviceError(f"{gap} packets are missing before packet {packet.sequence}, which is dropped, too")
         self.accepted += 1
         self._pedal = bool(packet.values[8] > 0)
         return packet

@@ -73,7 +73,7 @@ class Server:
     """
 
     def __init__(self, machine: Machine, port: int = 0, state_port: int = 0) -> None:
-        """Open both ports; 0 chooses a free one.
+        """Open both ports; for port 0, a free port is used.
 
         Raises:
             DeviceError: a port is in use or may not be opened.

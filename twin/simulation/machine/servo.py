@@ -3,8 +3,8 @@
 The motor torque is (kp e + ki int e + kd de/dt) / gear + T^T g(q), with e the desired minus the measured motor angle.
 The DAC gets the torque in whole counts. If a command exceeds `stop_dac` counts, the arm stops at any run level. If a
 command exceeds the limit of the mode, the policy "none" only counts the violation, "soft" clips the command, and "hard"
-stops the arm after more than `violations` violations. As in the released software, one counter counts the violations of
-all motors; or each motor has its own counter.
+stops the arm after more than `violations` violations. With `Released.shared_counter`, as in the released software, one
+counter counts the violations of all motors; otherwise, each motor has its own counter.
 """
 
 from __future__ import annotations
@@ -101,9 +101,9 @@ class Servo:
 
 
 def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], Array]:
-    """Return the function from q (n,) to joint efforts (n,) that hold the point masses of the settings.
+    """Return the function from q (n,) to joint efforts (n,) that hold the point masses of the settings at rest.
 
-    Without point masses, those of the mechanism are held.
+    Without point masses in the settings, the efforts hold the masses of the mechanism.
 
     Raises:
         MechanismError: a point mass names a frame that is not on the body of its joint.

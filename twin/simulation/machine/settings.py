@@ -64,12 +64,12 @@ class Released(Table):
     """Faults of the released software (uw-biorobotics/raven2). True: reproduce the fault; false: corrected.
 
     Attributes:
-        shared_counter: one counter counts the commands above the limit of all motors: one command of each of ten motors
-            counts as ten.
+        shared_counter: one counter for all motors counts the commands above the limit: if ten motors exceed it in one
+            tick, it counts ten.
         rates_without_coupling: joint rates come from the motor's own rate only, although joint values contain the
             coupling of the cables; without coupling there is no difference.
-        whole_counts: counts of the encoder per rad are a whole number (1303 for 1303.8 there), so that angles are
-            measured too large.
+        whole_counts: encoder counts per rad are rounded down (1303 instead of 1303.8 in the released software), so that
+            angles are measured too large.
     """
 
     shared_counter: bool = True
@@ -100,7 +100,7 @@ class JointFriction(_Cited):
 
 
 class PointMass(_Cited):
-    """A point mass in kg of the gravity compensation on the body that a joint moves; position in m in a frame there."""
+    """A point mass of the gravity compensation: mass in kg; position in m in a frame of the body that `joint` moves."""
 
     joint: Identifier
     frame: Identifier
@@ -111,7 +111,7 @@ class PointMass(_Cited):
 class Settings(Table):
     """The machine file; motors and joints in any order.
 
-    Without `compensation`, the software holds the masses of inertia.toml.
+    Without `compensation`, the gravity compensation uses the masses of inertia.toml.
     """
 
     title: str

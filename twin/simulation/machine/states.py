@@ -32,7 +32,7 @@ HEAD = struct.Struct("<4s4BQd6I")
 MAGIC, VERSION = b"TWNM", 1
 
 _ROWS = 3
-"""Numbers of a joint in a state: measured, desired, counts."""
+"""Number of values of each joint in a state: measured joint value, desired joint value, counts of the DAC."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ class Field(Block):
     """Writes `<deformable>.vertices`, (3 n,) in m, vertex by vertex, in the frame of the body that carries it."""
 
     def __init__(self, deformable: Deformable, motion: Callable[[Array, float], Array]) -> None:
-        """Set the `motion`, a function of vertices at rest (n, 3) in m and time in s that returns vertices in m."""
+        """Set `motion`: (vertices at rest (n, 3) in m, time in s) -> vertices (n, 3) in m."""
         self.name, self.rest, self.motion = f"{deformable.name}.vertices", deformable.mesh.vertices, motion
         self.outputs = {self.name: self.rest}
 

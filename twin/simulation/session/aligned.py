@@ -13,7 +13,7 @@ def seen_ends(alignment: Alignment, T_world_picture: Array, view: float) -> Arra
 
     Args:
         alignment: the task.
-        T_world_picture: (4, 4) frame of the picture: x right, y up, z out of it, origin at the lens.
+        T_world_picture: (4, 4) frame of the picture: x right, y up, z out of the picture, origin at the lens.
         view: angle of view over the height of the picture, in rad.
 
     Returns:

@@ -30,7 +30,7 @@ class CameraReferee(Block):
     ending = ""
 
     def __init__(self, camera: str, period: float) -> None:
-        """Begin with no sample; `camera` is the name of its arm, `period` the time in s between two samples."""
+        """Begin with no sample; `camera`: name of the camera's arm, `period`: time in s between two samples."""
         self.period, self.moves, self.time = period, 0, 0.0
         self._at_name, self._at = f"{camera}.at", None
         self._begun: float | None = None

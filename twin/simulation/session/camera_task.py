@@ -35,7 +35,7 @@ class AlignMeasures:
             positive; NaN if the rectangle is behind the lens.
         off: largest distance of an end of the upper side from the same end of the line, divided by the length of the
             line; NaN if the rectangle is behind the lens.
-        seen: AlignErr in rad in the drawn picture at the end; None: it could not be measured.
+        seen: AlignErr in rad in the drawn picture at the end; None: the angle could not be measured.
         refused: reason why `seen` is None; "" otherwise.
         path: length in m of the path of the lens.
         hands: length in m of the path of each hand while it moved the camera.

@@ -2,9 +2,9 @@
 
 A `twin-session` file is one line of JSON (`Head`), then chunks of at most `CHUNK` ticks, then an end mark. All numbers
 are little-endian. A chunk has, in this order: "TWNS"; its number of ticks and its number of packed bytes (u32 each);
-the SHA-256 of all signals of the World in these ticks (float64, row by row); packed bytes. The packed bytes are, by
-zlib, the device's signals in these ticks and the row of all signals after the last tick (float64). The end mark is
-"TWNE", the number of all ticks, 0 (u32 each), and the SHA-256 of the digests of all chunks.
+the SHA-256 of all signals of the World in these ticks (float64, row by row); packed bytes. The packed bytes, compressed
+by zlib, are the device's signals in these ticks, then the row of all signals after the last tick (float64). The end
+mark is "TWNE", the number of all ticks, 0 (u32 each), and the SHA-256 of the digests of all chunks.
 """
 
 from __future__ import annotations
@@ -54,8 +54,13 @@ class Head(Table):
     scene: Annotated[str, Field(description="name of the scene")]
     identity: Annotated[str, Field(pattern="^sha256:[0-9a-f]{64}$", description="hash of the World's inputs")]
     dt: Annotated[float, Field(gt=0, description="duration of one tick in s")]
-    device: Annotated[list[SignalTable], Field(min_length=1, description="signals of the device, in the order of rows")]
-    world: Annotated[list[SignalTable], Field(min_length=1, description="all signals, in the order of rows")]
+    device: Annotated[
+        list[SignalTable],
+        Field(min_length=1, description="signals of the device, in the order in which a row contains them"),
+    ]
+    world: Annotated[
+        list[SignalTable], Field(min_length=1, description="all signals, in the order in which a row contains them")
+    ]
     task: Annotated[Identifier | None, Field(description="task of the scene; null: none")] = None
     seed: Annotated[int | None, Field(description="random seed of a simulated surgeon; null: a person")] = None
     condition: Annotated[Condition | None, Field(description="condition; null: without forces on the hands")] = None

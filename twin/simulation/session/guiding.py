@@ -1,6 +1,6 @@
 """Judge a task with a ring to guide sample by sample: its steps, touches of the wire, drops, collisions, events.
 
-A page shows the results of a `Referee` so far; a report shows those of another `Referee` from the recorded signals.
+A page shows the results of a `Referee` during the task; for a report, a second `Referee` judges the recorded signals.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class GuideMeasures:
     """Measures of the task.
 
     Attributes:
-        steps: time in s at which each of `STEPS` was done; None: it is not. The last two must last until the end.
+        steps: time in s at which each of `STEPS` was done; None: the step is not done. The last two steps count only if
+            their result lasts until the end.
         passed: fraction (0 to 1) of the wire along which the second arm guided the ring without leaving the wire.
         touches: number of touches of the wire by the held ring.
         touching: time in s of these touches.
@@ -219,7 +220,7 @@ class Referee(InstrumentReferee):
 
     @classmethod
     def of(cls, setup: Setup, period: float) -> Referee:
-        """Return the referee of a task of a scene."""
+        """Return the referee of the task in `setup`."""
         if setup.task is None or (guide := setup.task.guide) is None:
             raise TwinError(f"{setup.label} has no ring to guide")
         scene, robots = setup.scene, [*console_scene.hands_of(setup.scene)]
@@ -271,7 +272,7 @@ class Referee(InstrumentReferee):
 
 
 def measure(kept: Recording, referee: Referee) -> GuideMeasures:
-    """Return the measures of a recording; `referee` has not seen a sample yet, and has the period of `kept`."""
+    """Return the measures of a recording; `referee` must be new, and have the period of `kept`."""
     columns = [(name, kept[name]) for name in referee.signals]
     for k in range(len(kept.rows)):
         referee.see({name: column[k] for name, column in columns})

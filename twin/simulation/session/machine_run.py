@@ -51,7 +51,7 @@ def train(
         path: the session file.
         seed: random seed of the trainee; with the same seed, the states of real machines still differ between runs.
         triangles: number of triangles that the trainee traces by teleoperation.
-        scale: motion scale; None: that of the console.
+        scale: motion scale; None: the motion scale of the console.
         progress: called with the current step of the exercise, and the fraction done.
 
     Raises:

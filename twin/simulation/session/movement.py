@@ -62,9 +62,10 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
 
 
 def economy(p: Array, parts: list[tuple[int, int]]) -> float:
-    """Return the economy of motion: sum of straight distances of movements over the sum of their paths, 0 to 1.
+    """Return the economy of motion: straight distances of all movements divided by their path lengths, 0 to 1.
 
-    NaN without a movement. `p` (k, 3) is the point in m, `parts` are its `movements`.
+    Both are sums over the movements; the result is NaN without a movement. `p` (k, 3): positions of the point in m;
+    `parts`: the result of `movements`.
     """
     straight = sum(float(np.linalg.norm(p[b] - p[a])) for a, b in parts)
     path = sum(path_length(p[a : b + 1]) for a, b in parts)

@@ -21,7 +21,7 @@ _NEAR = 3e-3
 """Smallest drawn distance in m from the lens."""
 
 _MARGIN = 6
-"""Drawn pixels around the surface."""
+"""Width in pixels of the drawn margin around the surface."""
 
 _SAMPLES = 8
 _ROWS = (np.arange(_SAMPLES) + 0.5) / _SAMPLES

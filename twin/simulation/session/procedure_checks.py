@@ -27,8 +27,8 @@ class Check:
 
     Attributes:
         name: "expose", "show", "clip", "cut", "remove"; "organs" and "vessels" for tissue that must be spared.
-        done: whether it is passed.
-        t: time in s at which it was passed; None: not passed, or a check that applies to the whole session.
+        done: whether the check is passed.
+        t: time in s at which the check was passed; None: not passed, or a check that applies to the whole session.
         text: measured value and limit, as a sentence.
         lost: whether the check can no longer be passed.
     """
@@ -73,7 +73,7 @@ class Closed:
     """A closed clip.
 
     Attributes:
-        t: time in s at which it was closed.
+        t: time in s at which the clip was closed.
         on: index of the vessel; -1: the clip is on no vessel.
         at: position of the clip along the vessel in m.
         cover: fraction of the vessel's width that is between the legs of the clip, 0 to 1.
@@ -98,8 +98,8 @@ class ProcedureReferee(Block):
     Attributes:
         t: time in s of the last sample.
         closed: the clips that were closed so far, in order of time.
-        lift: height in m, in the last sample, of the held point of the organ above its place at rest; 0: nothing holds
-            it.
+        lift: height in m, in the last sample, of the held point of the organ above its place at rest; 0: the organ is
+            not held.
         seen: fraction of the vessel that the camera sees in the last sample.
         freed: (n,) whether each cell of the bed is free.
         out: distance in m of the middle of the organ from the nearest port.

@@ -125,8 +125,10 @@ class ProcedureGuide(ProcedureReferee):
         if states["expose"] == "open":
             return f"Lift the {p.organ} with {holder}: {self.lift / MM:.0f} of {p.lift_mm:g} mm"
         if states["show"] == "open":
-            part = f"{self.seen:.0%} of at least {p.seen:.0%}"
-            return f"Hold the camera pedal and move both hands until the endoscope sees the {p.vessel}: {part}"
+            part = f"now {self.seen:.0%}, at least {p.seen:.0%}"
+            return (
+                f"Hold the camera pedal and move both hands until the endoscope sees enough of the {p.vessel}: {part}"
+            )
         if states["clip"] == "open":
             where = "near the organ" if self.on_vessel >= p.clips_kept else "away from the organ"
             count = f"{self.on_vessel} of {p.clips_kept + p.clips_taken} clips"

@@ -75,8 +75,9 @@ def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Ra
 
     Args:
         session: the session.
-        path: its file, for messages.
-        setup: its scene, robots, task, condition and organs; the props are only needed for a session by hand.
+        path: file of the session, for messages.
+        setup: scene, robots, task, condition and organs of the session; the props are only needed for a session by
+            hand.
         progress: called with "replay" and the fraction done.
 
     Raises:

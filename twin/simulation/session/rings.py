@@ -1,6 +1,6 @@
 """Evaluate a task with rings sample by sample: transferred and dropped rings, collisions of instruments, time, events.
 
-A page shows the results of a `Referee` so far; a report shows those of another `Referee` from the recorded signals.
+A page shows the results of a `Referee` during the task; for a report, a second `Referee` judges the recorded signals.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class RingResult:
 
     Attributes:
         ring, peg: names of ring and peg.
-        t: time in s since which the ring is around its peg and not held, until the end; None: it is not there at the
-            end.
-        drops: number of times that it has been dropped.
+        t: time in s since which the ring is around its peg and not held, until the end; None: the ring is not there at
+            the end.
+        drops: number of times that the ring has been dropped.
     """
 
     ring: str
@@ -114,7 +114,7 @@ class Referee(InstrumentReferee):
 
     @property
     def complete(self) -> bool:
-        """Whether all rings lie around their pegs, and no hand has held one for some time."""
+        """Whether all rings lie around their pegs, and no hand has held a ring for some time."""
         return all(ring.settled for ring in self._rings)
 
     def measures(self) -> BoardMeasures:
@@ -137,7 +137,7 @@ class Referee(InstrumentReferee):
 def measure(
     kept: Recording, task: Task, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str]
 ) -> BoardMeasures:
-    """Return the measures of a task with transfers; the arguments are those of `Referee`, `kept` its signals."""
+    """Return the measures of a task with transfers from recorded signals; for the other arguments, see `Referee`."""
     referee = Referee(task, objects, pegs, robots, kept.dt)
     names = [f"{t.ring}.{what}" for t in task.transfers for what in ("pose", "holder")]
     names += signals_of(robots)
@@ -150,16 +150,16 @@ def measure(
 def around(T: Array, radius: float, peg: Peg) -> bool:
     """Return whether a ring at a pose T (16,), row by row, in the World has the peg in its hole.
 
-    It does if the peg's axis intersects the plane of the ring at less than `radius` in m from the ring's centre.
+    The peg is in the hole if its axis intersects the plane of the ring at less than `radius` in m from the ring's
+    centre.
     """
     return crossing(T, radius, peg.foot, peg.end) is not None
 
 
 def crossing(T: Array, radius: float, start: Array, end: Array) -> float | None:
-    """Return where a straight line from `start` (3,) to `end` passes through a ring at a pose T (16,), row by row.
+    """Return where a line from `start` (3,) to `end` crosses a ring at a pose T (16,), row by row: 0 (start) to 1.
 
-    0 is at the start, 1 at the end. None: the line does not pass through the plane of the ring at less than `radius` in
-    m from its centre.
+    None: the line does not pass through the plane of the ring at less than `radius` in m from the ring's centre.
     """
     _, _, nx, x, _, _, ny, y, _, _, nz, z, *_ = T.tolist()
     (fx, fy, fz), (ex, ey, ez) = start.tolist(), end.tolist()

@@ -50,7 +50,7 @@ class Difference:
     Attributes:
         t0, t1: start and end of this chunk in s.
         signal: signal with the largest difference at t1; "" if all signals are equal again at t1.
-        size: this difference, in the unit of the signal.
+        size: difference of `signal` at t1, in the unit of the signal.
     """
 
     t0: float
@@ -81,7 +81,7 @@ class Ran:
 
     @property
     def duration(self) -> float:
-        """Duration in s."""
+        """Duration of the session in s."""
         return self.ticks * self.dt
 
 
@@ -135,7 +135,7 @@ def surgeon(
     Args:
         setup: a scene with a console, its robots, and a task that is not a procedure.
         seed: random seed.
-        scale: motion scale; None: that of the console.
+        scale: motion scale; None: the motion scale of the console.
         mistake: a mistake to make in a task with a ring to guide, "": none.
     """
     scene, task, seat = setup.scene, setup.task, seat_of(setup, seed, scale)
@@ -160,7 +160,7 @@ def surgeon(
 
 
 def seat_of(setup: Setup, seed: int, scale: float | None) -> Seat:
-    """Return the seat of a simulated surgeon, who controls the first arm of each hand; scale None: the console's."""
+    """Return the seat of a simulated surgeon, who controls the first arm of each hand; `scale` None: as the console."""
     table, arms = console_scene.console_of(setup.scene), {}
     for hand in HANDS:
         name = getattr(table, hand)[0]
@@ -187,7 +187,7 @@ def perform(
         setup: see `surgeon`.
         path: the session file.
         seed: random seed of the surgeon.
-        scale: motion scale; None: that of the console.
+        scale: motion scale; None: the motion scale of the console.
         mistake: a mistake to make in a task with a ring to guide, "": none.
         progress: called with the name of the target or ring, and the fraction of them done.
 
@@ -221,7 +221,7 @@ def head_of(
 ) -> file.Head:
     """Return the first line of the session file of a World with a device.
 
-    `seed` is that of a simulated surgeon; `identity` is the hash of the inputs, None: those of a World at a console.
+    `seed`: random seed of a simulated surgeon; `identity`: hash of the inputs; None: the hash for a World at a console.
     """
     sizes, name = world.signals.sizes, None if setup.task is None else setup.task.name
     own = {n: s for n, s in sizes.items() if n in device.outputs}
@@ -251,7 +251,7 @@ def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[st
 
     Args:
         session: the session; see `require_scene`.
-        setup: its scene, robots, task and condition.
+        setup: scene, robots, task and condition of the session.
         progress: called with "replay" and the fraction done.
         parts: compiled parts of the machines of the scene; the states of the machines are read from the session.
 
@@ -279,7 +279,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
         session: the session.
         world: the World, at its start.
         tape: receives the rows of the World.
-        keep: collects them.
+        keep: collects the signals that measures and exports use.
         progress: called with "replay" and the fraction done.
     """
     difference, t = None, 0.0

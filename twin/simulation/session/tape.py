@@ -26,6 +26,6 @@ class Tape(Block):
         return {}
 
     def take(self) -> Array:
-        """Return the rows (k, m) since the last call, and delete them here."""
+        """Return the rows (k, m) since the last call, and delete them from the tape."""
         rows, self._rows = self._rows, []
         return np.array(rows, float).reshape(len(rows), self._width)

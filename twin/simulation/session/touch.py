@@ -18,7 +18,7 @@ class Touched:
 
     Attributes:
         name: name of the target.
-        t: time in s at which the touch was complete; None: it was not touched.
+        t: time in s at which the touch was complete; None: the target was not touched.
         nearest: smallest error in m since the previous touched target; the error is the largest distance of a tip from
             its point.
     """

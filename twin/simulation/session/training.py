@@ -60,14 +60,14 @@ class Training:
     """Measures of one machine in a session.
 
     Attributes:
-        robot: its name.
+        robot: name of the machine.
         t: (k,) times in s.
         deviation: (k,) distance in m of the tips of machine and model; nan while the model moves alone.
         limit: deviation in m above which the cue (force on the hand) acts.
         steps: the phases in order.
         cue: largest force of the cue in N, and time in s with a cue.
         stops: number of times that the machine went to E_STOP.
-        silent: time in s after its first state in which the machine did not answer.
+        silent: total time in s in which the machine did not answer, counted after its first state.
     """
 
     robot: str
@@ -139,7 +139,7 @@ def _number(x: float) -> float | None:
 
 
 def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
-    """Return the measures of a machine from the kept signals of a session; `kin` are its equations."""
+    """Return the measures of a machine from the kept signals of a session; `kin`: its equations."""
     phase, t = kept[f"{robot}.phase"], kept.t
     run, force = kept[f"{robot}.run"], np.linalg.norm(kept[f"{robot}.cue"], axis=1)
     alone = np.isin(phase[:, 0], (Phase.REHEARSE, Phase.JUDGED))

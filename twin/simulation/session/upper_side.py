@@ -19,13 +19,13 @@ _SHORTEST = 60
 """Minimum number of columns of an upper side; with fewer, the error of the angle may exceed 0.05 degrees."""
 
 _OFF = 0.75
-"""Maximum distance in pixels of a point of the upper side from its line; it is up to 0.5 without smoothing."""
+"""Maximum distance in pixels of a point of the upper side from its line; without smoothing, up to 0.5 is normal."""
 
 _FULL, _ABOVE = 0.97, 4
-"""Minimum green fraction of a pixel that counts as fully green; number of rows above it that contain the edge."""
+"""Minimum green fraction of a fully green pixel; number of rows above this pixel that contain the edge."""
 
 _INSIDE = np.arange(3, 8)
-"""Numbers of rows below the first green pixel of a column at which its pixels are fully green."""
+"""Rows in which a column is fully green, counted downwards from its first green pixel."""
 
 _DENT = 0.02
 """Maximum fraction of the mask's area that may be missing from its convex hull."""

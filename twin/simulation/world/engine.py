@@ -218,7 +218,7 @@ class World:
         return fields
 
     def link_poses(self) -> dict[str, dict[str, Array]]:
-        """Return T_world_link (4, 4) now, by robot, prop or object and by link; nothing changes."""
+        """Return T_world_link (4, 4) now, by robot, prop or object, then by link; the World does not change."""
         poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
         return poses | {o.name: {o.name: self.signals[f"{o.name}.pose"].reshape(4, 4)} for o in self._objects}
 

@@ -30,11 +30,11 @@ class Feel:
 
     Contacts of instruments are found at the commanded joint values, not at the simulated poses: a jaw whose torque is
     limited yields when it presses, and may vibrate. A held object yields too: it stays outside of the parts that it
-    touches, and slips between the jaws. Its depth is measured at the point where its contact would be without this
-    slip. Objects that nobody holds have no planes.
+    touches, and slips between the jaws. The depth of a held object is measured at the point where the contact would be
+    without slip. Objects that are not held have no planes.
 
     A part does not stop an instrument, which can move through it. If the normal of a contact changes to the opposite
-    side meanwhile, the plane before is kept: the force pushes the instrument back to the side from which it came.
+    side meanwhile, the previous plane is kept: the force pushes the instrument back to the side from which it came.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Feel:
             m: the model.
             grippers: the instruments.
             objects: names of the movable objects.
-            whose: index of object, of instrument and of jaw of each geom; -1: none.
+            whose: for each geom: index of its object, index of its instrument, index of its jaw; -1: none.
         """
         self._grippers, self._whose = tuple(grippers), whose
         self._hands = [m.body(f"{g.robot}/{g.hand.name}").id for g in grippers]

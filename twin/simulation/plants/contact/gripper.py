@@ -65,9 +65,9 @@ class Gripper:
 
         Args:
             robot: name of the robot in the World.
-            mechanism: its mechanism.
-            kin: its equations.
-            T_world_base: (4, 4) pose of its base.
+            mechanism: the robot's mechanism.
+            kin: the robot's equations.
+            T_world_base: (4, 4) pose of the robot's base.
             effort: largest torque in N m with which one jaw presses.
 
         Raises:

@@ -18,12 +18,12 @@ computed."""
 class Levers:
     """Twists of the links of an instrument per displacement of its tool at constant orientation.
 
-    All joints are computed at the first call; later, one joint in every `_OFTEN` steps, because the twists change
-    slowly and a tick must be short.
+    The effects of all joints are computed at the first call. Later, the effect of one joint is computed again in every
+    `_OFTEN` steps, because the effects change slowly and a tick must be short.
     """
 
     def __init__(self, gripper: Gripper, phase: int = 0) -> None:
-        """Prepare the instrument; instruments with different `phase`, a number of steps, compute in different steps."""
+        """Prepare the instrument; `phase`: delay in steps, which differs between instruments to spread the work."""
         self._gripper, self._phase, self._step, self._next = gripper, phase, -_OLD, 0
         self._twists: list[Array] = []
         self._joints: list[int] = []

@@ -38,7 +38,8 @@ class Contact(Block):
     """Reads `<robot>.q` of instruments; writes poses and holders of objects, and collisions of instruments.
 
     Instruments follow their joint values exactly, even in contact, with one exception: the torque of a jaw is limited,
-    so that an object between the jaws stops it before it reaches its joint value. Objects are held by friction only.
+    so that an object between the jaws stops the jaw before the jaw reaches its joint value. Objects are held by
+    friction only.
 
     Signals:
         `<object>.pose` (16,): T_world_object, row by row.
@@ -73,7 +74,7 @@ class Contact(Block):
             gravity: acceleration in the World in m/s2.
             friction: coefficient of sliding friction of the instruments.
             feels: whether `<robot>.planes` is written, which the forces on the hands need.
-            rubbed: names of parts of `solids`; `<object>.rubs` states whether an object touches any of them.
+            rubbed: names of parts of `solids`; `<object>.rubs` states whether an object touches any of these parts.
 
         Raises:
             WorldError: a number is out of range, or an object overlaps something by more than 0.1 mm at the start.

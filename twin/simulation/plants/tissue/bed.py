@@ -57,7 +57,7 @@ class Grip:
 
 
 def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
-    """Add the constraints of the bed's nodes and of the jaws; `joints` are named by node, three each."""
+    """Add the constraints of the bed's nodes and of the jaws; `joints`: names of three joints per node."""
     for node in held.tolist():
         for axis in range(3):
             spec.add_equality(
@@ -90,7 +90,7 @@ class Hold:
 
         Args:
             m: the model.
-            d: its state.
+            d: state of the model.
             held: indices of the nodes of the bed.
             dofs: (3 k,) velocities of the free nodes, along the axes of the grid.
             free: (k,) indices of the free nodes.

@@ -51,10 +51,10 @@ class Instrument:
     """A robot that carries tools.
 
     Attributes:
-        links: its links.
+        links: the links of the robot that touch organs.
         tip: frame of the tip, z along the shaft and out of it.
-        port: (3,) place of its trocar in the World in m.
-        tool: name of its first tool.
+        port: (3,) position of the port of the robot in m in the World.
+        tool: name of the tool that the robot carries at the start.
     """
 
     links: Links
@@ -112,18 +112,22 @@ class Operating(Tissues):
         `<robot>.pedal`: 1 while cautery is on.
 
     Signals that it writes:
-        `<robot>.tip` (3,): tip in the World in m. `<robot>.carries`: index of the tool that it carries.
-        `<robot>.holds`: held by its jaws: -1 nothing, 0 the organ, k the vessel k - 1; `<robot>.pull` (3,): force on it
-        in N;
-        `<robot>.slipped`: slip of the held point in m; `<robot>.lifted` (3,): its displacement in m from its place at
-        rest. `<organ>.energy` (n,): energy in J applied to each cell of the bed; `<organ>.freed` (n,): 1: the cell is
-        free.
+        `<robot>.tip` (3,): tip in the World in m.
+        `<robot>.carries`: index of the tool that the robot carries.
+        `<robot>.holds`: what its jaws hold: -1 nothing, 0 the organ, k the vessel k - 1.
+        `<robot>.pull` (3,): force in N on what the jaws hold.
+        `<robot>.slipped`: slip of the held point in m.
+        `<robot>.lifted` (3,): displacement in m of the held point from its place at rest.
+        `<organ>.energy` (n,): energy in J applied to each cell of the bed.
+        `<organ>.freed` (n,): 1: the cell of the bed is free.
         `<organ>.depth`: depth in m of the deepest tip below the rest surface of an organ that must be spared.
-        `<vessel>.nodes`: nodes of its deformable; `<vessel>.cut` (n,): 1: the segment is cut away.
+        `<vessel>.nodes`: nodes of its deformable.
+        `<vessel>.cut` (n,): 1: the segment is cut away.
         `<vessel>.seen`: fraction of the vessel that the camera sees.
-        `clip_<k>.pose` (16,); `clip_<k>.on`: index of the vessel, -1: on none, -2: not used yet; `clip_<k>.at`: place
-        along the vessel in m; `clip_<k>.cover`: fraction of the vessel's width between its legs; at 1 the vessel is
-        closed.
+        `clip_<k>.pose` (16,): pose of the clip in the World, row by row.
+        `clip_<k>.on`: index of the clip's vessel; -1: the clip is on none, -2: it is not used yet.
+        `clip_<k>.at`: place of the clip along the vessel in m.
+        `clip_<k>.cover`: fraction of the vessel's width between the legs of the clip; at 1 the vessel is closed.
     """
 
     def __init__(

@@ -96,7 +96,7 @@ class Organ:
         )
 
     def constrain(self, spec: mujoco.MjSpec) -> None:
-        """Add the constraints of the bed, and that of the volume, which is linear in the joints of the nodes."""
+        """Add the constraints of the bed and the constraint of the volume (linear in the joints of the nodes)."""
         t, self._joints = self.tissue, list[str]()
         tendon = spec.add_tendon(name=f"{t.name}_volume")
         for index in np.setdiff1d(np.arange(len(t.nodes)), self.fixed).tolist():
@@ -133,7 +133,10 @@ class Organ:
     # -- a step ---------------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Set the constraint to the volume and its derivatives with respect to the joints at the latest nodes."""
+        """Linearise the constraint of the volume at the latest nodes.
+
+        Its coefficients are the derivatives of the volume with respect to the joints.
+        """
         content, by_node = self._volume.at(self.nodes - self._origin)
         coefficients = (by_node[self._free] @ self._R).ravel() / self._area
         change = (content - self._content) / self._area
@@ -155,7 +158,7 @@ class Organ:
 
     @property
     def compression(self) -> float:
-        """Smallest ratio of the local volume at the surface to that at rest; below 0, the material is inverted.
+        """Smallest ratio of the local volume at the surface to its volume at rest; below 0, the material is inverted.
 
         The organ keeps its total volume, but MuJoCo's elasticity does not keep the volume of small parts.
         """
@@ -194,7 +197,7 @@ class Organ:
         return any(inside(p, vertices, self._triangles)[0] for p in near)
 
     def look(self, k: int, is_inside: bool) -> bool:
-        """Store whether link k is inside the organ; return whether it may touch the organ."""
+        """Store whether link k is inside the organ; return whether this link may touch the organ."""
         (self.within.add if is_inside else self.within.discard)(k)
         return self.may_touch(k)
 

@@ -74,9 +74,10 @@ class Tool:
 class Organs:
     """The organs, stepped for given poses of the links. They touch the links and each other.
 
-    They are not stepped while all are at rest and no link moves near one. A link that jumps into an organ, by more than
-    20 mm within a step, does not touch this organ until it is outside again. Two organs whose surfaces cross, because
-    an instrument has pressed one through the other, do not touch each other until they are apart.
+    The organs are not stepped while all of them are at rest and no link moves near an organ. A link that jumps into an
+    organ, by more than 20 mm within a step, does not touch this organ until it is outside again. Two organs whose
+    surfaces cross, because an instrument has pressed one through the other, do not touch each other until they are
+    apart.
 
     Attributes:
         tissues: the organs.
@@ -182,7 +183,7 @@ class Organs:
 
     @property
     def within(self) -> dict[str, tuple[str, ...]]:
-        """Names of the links that do not touch an organ because they are inside it, by organ."""
+        """By organ: names of the links that are inside the organ, and therefore do not touch it."""
         return {name: tuple(self.tools[k].name for k in sorted(organ.within)) for name, organ in self._organs.items()}
 
     def vertices(self, name: str) -> Array:
@@ -208,7 +209,7 @@ class Organs:
         self._rests = True
 
     def step(self, poses: Sequence[Array]) -> bool:
-        """Move the links to T_world_link (4, 4), and the organs by contact and elasticity; return whether any moved."""
+        """Move the links to T_world_link (4, 4), and the organs by contact and elasticity; return whether one moved."""
         m, d, organs = self._model, self._data, self._organs.values()
         before = self._poses
         jumped, moved = self._place(poses), any(map(_differ, before, poses))
@@ -369,7 +370,7 @@ class Organs:
         self._let_touch(organ, k)
 
     def mute(self, robot: str, on: bool) -> None:
-        """Switch off contact of a robot's links with the organ in its jaws (`on`), or on again once they are out."""
+        """Switch off contact of a robot's links with the operable organ (`on`), or on again once they are outside."""
         organ = self.operable
         assert organ is not None
         links = [k for k, tool in enumerate(self.tools) if tool.robot == robot]

@@ -25,12 +25,20 @@ _SLIDE = 0.5 * MM
 """Distance in m by which the jaws slide in a step if the force is twice its limit; proportional to the excess force."""
 
 _STILL = 1e-7
-"""A chain is at rest if no node moves further than this in m in a step."""
+"""A chain is at rest if no node moves further than this distance in m in a step."""
 
 
 @dataclass
 class Held:
-    """A node that jaws hold at p (3,) in m with at most `limit` N; `slipped`: slip in m; `force`: on it, (3,) in N."""
+    """A node of a vessel that jaws hold.
+
+    Attributes:
+        node: index of the node.
+        p: (3,) position in m in the World at which the jaws hold the node.
+        limit: maximum force in N with which the jaws hold the node.
+        force: (3,) force on the node in N.
+        slipped: slip of the node in m.
+    """
 
     node: int
     p: Array
@@ -47,7 +55,7 @@ class Tube:
         points: (n + 1, 3) nodes in the World in m.
         cut: (n,) 1: the segment is cut away.
         flat: (n + 1,) fraction by which clips flatten the vessel at its nodes.
-        across: (3,) direction in which clips flatten it.
+        across: (3,) direction in which clips flatten the vessel.
         held: the nodes in jaws, by number of the jaws.
         reaction: (3,) force in N of the chain on the holder of its first node.
     """
@@ -126,8 +134,9 @@ class Tube:
         """Return where the vessel passes nearest to a straight line from base (3,) to tip (3,) in the World in m.
 
         Returns:
-            (distance in m between the two lines, distance in m from the base along the line, place in m along the
-            vessel, sine of the angle between the lines). The distance is infinite if the whole vessel is cut away.
+            (distance in m between vessel and line, distance in m from the base along the line, place in m along the
+            vessel, sine of the angle between vessel and line). The distance is infinite if the whole vessel is cut
+            away.
         """
         a, d = self.points[:-1], np.diff(self.points, axis=0)
         best = (np.inf, 0.0, 0.0, 1.0)
