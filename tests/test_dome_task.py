@@ -341,7 +341,7 @@ def test_an_unknown_mistake_is_named(scene, tmp_path, capsys):
     arms = {h: Eye(f"raven_{h}", None, np.eye(4), np.eye(4)) for h in ("right", "left")}
     with pytest.raises(WorldError, match=r"there is no mistake 'droped'\. Did you mean 'dropped'"):
         GuidingSurgeon(Seat("pedals", arms, "ecm", 1.0, 0.5), RING, Course(WIRE, BALL), "left", None, "droped")
-    with pytest.raises(TwinError, match="makes mistakes only with a ring to guide"):
+    with pytest.raises(TwinError, match="makes mistakes only in a task with a ring to guide"):
         operate_console(twin.load_scene("davinci"), "touch", mistake="dropped")
     assert main(["operate", "davinci", "--mistake", "dropped", "--out", str(tmp_path / "x")]) == 2
     assert "--mistake applies to a procedure or a ring to guide; task 'touch' is neither" in capsys.readouterr().err
