@@ -52,7 +52,8 @@ _READY, _SETTLE = 1.0, 0.5
 _SILENCE = 1.0
 """Maximum time in s for which the hands may be silent in a replay (ASSUMED).
 
-The hands do not move the machine in a replay, but the clutch stops it; while the hands are silent, it cannot be read.
+The hands do not move the machine in a replay, but the clutch stops it; while the hands are silent, the clutch cannot be
+read.
 """
 
 

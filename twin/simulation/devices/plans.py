@@ -35,7 +35,7 @@ _SILENCE = 1.0
 """Maximum time in s for which the hands may be silent in a motion, as in a replay (ASSUMED)."""
 
 _THERE = 0.2 * MM
-"""Distance of a tip from the end of its path in m at which it has arrived."""
+"""Largest distance in m of a tip from the end of its path at which the tip has arrived."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ EXACT_LIMIT, TIP_LIMIT = 10e-6, 1e-3
 as in the paper."""
 
 _LOST = 1.0
-"""Joint error in rad (times `LENGTH_SCALE` in m) beyond which the simulation stops because it diverges."""
+"""Joint error in rad (lengths: times `LENGTH_SCALE`, in m) beyond which the simulation diverges, and is stopped."""
 
 _OFTEN = 200
 """Number of ticks between two progress reports."""
@@ -214,7 +214,8 @@ def run(
 ) -> Run:
     """Simulate the robot under computed-torque control along a motion; return its tracking errors.
 
-    The robot starts at the first sample of the motion, with its speed. `progress` is called with the fraction done.
+    The robot starts with the joint values and rates of the first sample of the motion. `progress` is called with the
+    fraction done.
 
     Raises:
         TwinError: the motion does not fit the robot or the control rate, or the robot diverges.

@@ -29,7 +29,7 @@ _WAITING = 200
 """Maximum number of packets that wait to be sent; if there are more, the oldest are dropped."""
 
 _BEHIND = 20
-"""Number of waiting packets above which two are sent each millisecond."""
+"""Number of waiting packets above which two packets are sent in each millisecond."""
 
 _REFUSED = 50
 """Number of successive refused packets after which another master (sender of packets) is reported."""

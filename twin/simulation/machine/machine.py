@@ -66,7 +66,7 @@ _ON = (Level.INIT, Level.PEDAL_DN)
 _MICRO = 1e-6
 
 _HOMED = (0.02, 5e-3, 5e-4)
-"""Largest errors at which homing is complete: in rad without a brake; in rad and in m with a brake."""
+"""Largest errors at which homing is complete: in rad for joints without brakes; in rad and m for joints with brakes."""
 
 _STILL = (0.02, 2e-3)
 """Largest rates of joints with brakes in rad/s and m/s at which homing is complete."""

@@ -19,11 +19,10 @@ GRIPS = 2
 """Number of jaws that can hold the organ at once."""
 
 _DRAG = 2.0
-"""Damping by the surroundings of the organ, divided by its mass, in 1/s; ASSUMED. Without it, a freed organ would swing
-for ever."""
+"""Damping by the surroundings of the organ, divided by its mass, in 1/s; ASSUMED. It brings a freed organ to rest."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step if the force is twice its limit; proportional to the excess force."""
+"""Distance in m by which the jaws slide in a step at twice the force limit; proportional to the excess force."""
 
 _STIFF = [0.99, 0.999, 1e-4, 0.5, 2.0]
 """Impedance of the constraints in MuJoCo."""
