@@ -36,7 +36,8 @@ class Pivot:
         p_port: (3,) the port in m in the robot's base.
         axis: (3,) unit vector from the port to the tip at the start, in the robot's base.
         length: distance in m from the tip to the outer end.
-        guided: whether the z axis of the tool is turned into this line, because no mechanism keeps it in the port.
+        guided: whether the z axis of the tool is turned into the line of the instrument, because no mechanism keeps
+            the instrument in the port.
     """
 
     p_port: Array

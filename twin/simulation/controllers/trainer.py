@@ -182,12 +182,12 @@ class Smooth:
         self.begin(np.eye(4), 0.0)
 
     def begin(self, T: Array, jaw: float) -> None:
-        """Start at rest at a pose (4, 4) and an opening in rad."""
+        """Start at rest at a pose (4, 4) of the tool and an opening of the jaws in rad."""
         self.sent, self._p, self._v, self._w = T.copy(), T[:3, 3].copy(), np.zeros(3), np.zeros(3)
         self._jaw = jaw
 
     def values(self, goal: Array, jaw: float) -> Array:
-        """Return the values (9,) of the next packet towards a goal (4, 4) and an opening in rad; the pedal is down."""
+        """Return the values (9,) of the next packet towards a goal (4, 4) and an opening in rad; pedal down."""
         dt, b = self._dt, self._bounds
         self._v = _chased(self._v, goal[:3, 3] - self._p, b.speed, dt)
         self._p = self._p + dt * self._v

@@ -45,10 +45,10 @@ class HandState:
 class GivenHands(Block):
     """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals for both hands.
 
-    `<device>.clutch` and `<device>.camera` are the pedals; `<device>.ignored` counts
-    the hand states and motion scales that were ignored.
-    `<device>.haptics` is 1 if the forces on the hands are switched on.
-    `<device>.silent` is 1 if a hand has sent no state for `patience`; nothing moves until that hand sends a state.
+    `<hand>.lost` counts the states of a hand that are missing in its sequence numbers. `<device>.clutch` and
+    `<device>.camera` are the pedals; `<device>.ignored` counts the hand states and motion scales that were ignored.
+    `<device>.haptics` is 1 if the forces on the hands are switched on. `<device>.silent` is 1 if a hand has sent no
+    state for `patience` seconds; nothing moves until that hand sends a state.
     """
 
     def __init__(

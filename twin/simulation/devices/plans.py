@@ -1,6 +1,6 @@
 """Planned motions of the arms of a console, as an input of the World: states of the arms, and poses to follow.
 
-A plan is made outside of the World. The World receives its states and poses tick by tick, so that a recorded session is
+A plan is made outside of the World. The World receives states and poses tick by tick, so that a recorded session is
 replayed without planning again.
 """
 

@@ -9,10 +9,10 @@ signals of `LOCATIONS`:
 |---|---|---|
 | wire | sequence number | before a packet is checked |
 | packet | `itp.FIELDS` | after a packet has been accepted |
-| usb | number of bytes that a read of the USB board returns; unless it is `BYTES`, the software keeps its old counts |
-| encoder | counts of each motor | before the software |
+| usb | number of bytes of a read | at the USB board; unless it is `BYTES`, the software keeps its old counts |
+| encoder | counts of each motor | before the software reads them |
 | level | run level | as the software reads it from the PLC |
-| tool | desired position of the tool, x, y, z in base, um | while the pedal is down |
+| tool | desired position of the tool, x, y, z in base, µm | while the pedal is down |
 | joints | desired joint values, rad or m | while the motors are on |
 | dac | counts of each motor | after the checks of the software |
 """
