@@ -92,6 +92,13 @@ def test_full_disk_while_writing_is_an_output_error(tmp_path):
     assert _tree(tmp_path) == {"both": "old"}
 
 
+def test_full_disk_while_copying_names_the_folder_of_the_copy(tmp_path):
+    target, source = tmp_path / "robot", tmp_path.parent / "elsewhere/arm.step"
+    with pytest.raises(OutputError, match="No space left on device") as caught, atomic_folder(target) as work:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(source), None, str(work / "arm.step"))
+    assert str(caught.value).startswith(f"cannot write to {target}: ")
+
+
 @pytest.mark.parametrize("links", [True, False], ids=["file system with links", "file system without links"])
 @pytest.mark.parametrize("fails_at", [1, 2, 3])
 def test_failure_while_moving_puts_everything_back(tmp_path, monkeypatch, fails_at, links):

@@ -242,7 +242,7 @@ def test_an_rcm_beside_the_centre_of_rotation_is_measured_against_its_limit(off,
         ("swapped links", "'crank' and 'rocker' are swapped"),
         ("millimetres", "millimetres"),
         ("y up", "up axis is wrong"),
-        ("degrees for radians", "interpreted in degrees, it is within them"),
+        ("degrees for radians", "as a value in degrees, it would be within the limits"),
     ],
 )
 def test_the_mistake_is_guessed(name, reason, bundle):

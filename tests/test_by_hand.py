@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import shutil
+import signal
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from twin.api.session import replay_session
 from twin.cli import main
 from twin.cli import scene as scenes
 from twin.core import spatial
-from twin.core.errors import DescriptionError
+from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import MM
 from twin.model.scene import load_scene
 from twin.simulation.controllers.pivot import CONE, SHALLOW, Pivot
@@ -33,6 +34,8 @@ from twin.ui.headset.watched import Watched
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import RATE
+from twin.ui.viewer.server import serve
+from twin.ui.viewer.watch import WatchFront
 
 
 @pytest.fixture(scope="module")
@@ -265,8 +268,40 @@ def test_a_spectator_sees_robots_and_organs_as_the_server_simulates_them(scene, 
     asyncio.run(go())
 
 
+def test_a_spectator_sees_rings_and_shows_no_frames_of_another_task(theatre):
+    task = theatre.scene.tasks["pegboard"]
+
+    async def go():
+        async with serving(lambda: served.of_console(theatre)) as other:
+            async with serving(lambda: served.of_console(theatre, Exercise(task))) as s:
+                watched = await asyncio.to_thread(Watched, s.port, "davinci")
+                links, _ = await asyncio.to_thread(until, watched.take, "a frame", 60)
+                rings = {n: poses[n] for n, poses in s.live.world.frame().link_poses.items() if n in watched.objects}
+                front = WatchFront("davinci", theatre, serve("davinci", "127.0.0.1", 0), watched)
+                front._draw(links, {})
+                assert len(rings) == 4
+                for name, T in rings.items():
+                    assert front._objects[name].bodies[name].position == pytest.approx(T[:3, 3], abs=1e-4)
+            watched._port = other.port  # what a server does that is started again without its task
+            await asyncio.to_thread(until, lambda: "with another task" in watched.problem, "the other task", 30)
+            assert watched.reading is None
+            watched.take()
+            await asyncio.sleep(0.2)
+            assert watched.take() is None
+            with pytest.raises(TwinError, match="the server shows 'davinci', not 'vsrs'"):
+                await asyncio.to_thread(Watched, other.port, "vsrs")
+        front.close()
+
+    asyncio.run(go())
+
+
 def test_a_spectator_without_a_server_is_told(capsys):
-    assert main(["view", "vsrs", "--watch", str(free_port()), "--port", "0", "--no-browser"]) == 2
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as in a process that a shell started in the background
+    try:
+        assert main(["view", "vsrs", "--watch", str(free_port()), "--port", "0", "--no-browser"]) == 2
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert "no `twin serve vsrs` answers" in capsys.readouterr().err
 
 

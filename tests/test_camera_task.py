@@ -371,7 +371,7 @@ def test_the_plate_is_drawn_beside_the_props(davinci, goal):
         ("tolerance_deg = 0.5\n", "", "tolerance_deg"),
         ('[task.camera]\n', '[task.camera]\ntarget = [{ name = "a", right_mm = [0, 0, 0] }]\n', "`target` and `align`"),
         ('[task.camera]\n', '[task.empty]\ntitle = "x"\nprovenance = "ASSUMED"\nnote = "x"\n[task.camera]\n',
-         "it has none of them"),
+         "this task has none of them"),
         ('[task.camera]\n', '[task.camera]\nhold_s = 1\n', "takes no `hold_s`"),
     ],
 )  # fmt: skip

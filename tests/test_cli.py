@@ -596,6 +596,14 @@ def test_interrupt(run, monkeypatch):
     assert (text.code, text.err) == (130, "twin: interrupted\n")
 
 
+def test_interrupt_says_how_to_go_on(run, monkeypatch):
+    def fail(args):
+        raise KeyboardInterrupt("3 sessions are kept")
+
+    monkeypatch.setattr("twin.cli.commands.list.run", fail)
+    assert run("list").err == "twin: interrupted: 3 sessions are kept\n"
+
+
 def test_interrupt_waits_for_an_import(tmp_path, monkeypatch):
     """A native module that is loaded cannot be interrupted: it crashes, or swallows the interrupt."""
     (tmp_path / "interrupted_module.py").write_text(
@@ -607,7 +615,9 @@ def test_interrupt_waits_for_an_import(tmp_path, monkeypatch):
         import_module("interrupted_module")
         time.sleep(5)
 
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # another test may have left its own
+    before = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # ignored if a shell started this in the background
     try:
         with pytest.raises(KeyboardInterrupt), after_imports():
             interrupted()

@@ -302,7 +302,7 @@ def test_text_shows_rates_sizes_and_assumptions(no_audit, run):
         (("sils", "--protocol", "tabel2"), "Did you mean 'table2'?"),
         (("slis",), "Did you mean 'sils'?"),
         (("no.usda",), "no.usda: the stage does not exist"),
-        ((ROOT / "usd/pa10/pa10.usda", "--protocol", "circle"), "is a USD stage: it has no protocols"),
+        ((ROOT / "usd/pa10/pa10.usda", "--protocol", "circle"), "is a USD stage, which has no protocols"),
     ],
 )
 def test_what_cannot_be_exported_is_refused_before_anything_is_written(run, argv, message, tmp_path):

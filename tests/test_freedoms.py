@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 
 from made import linkages
+from made.loops import mechanism
 from twin import api, cli
+from twin.core import spatial
 from twin.core.errors import ProtocolError
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
 from twin.exchange.read.source import Imported
 from twin.kinematics.closed_loops import LoopSolver
+from twin.model.joint import Joint
 from twin.planning.protocol import load_protocol
 from twin.reference import ReferenceModel
 
@@ -145,6 +148,56 @@ def test_wrong_joint_values_are_told_with_the_way_out(five_bar):
             api.plan(robot, wrong)
 
 
+@pytest.fixture(scope="module")
+def rolled_and_pitched(tmp_path_factory):
+    """A folder of an arm with a remote centre at the origin: roll about x, pitch about y, insertion along z."""
+    axes = {"roll": np.eye(3)[0], "pitch": np.eye(3)[1], "insertion": np.eye(3)[2]}
+    bodies = ["base", "frame", "arm", "instrument"]
+    joints = []
+    for i, (name, axis) in enumerate(axes.items()):
+        T = spatial.pose(spatial.frame_from_axes(axis, np.roll(axis, 1)))
+        kind = "prismatic" if name == "insertion" else "revolute"
+        joints.append(Joint(name, kind, bodies[i], bodies[i + 1], T, T, active=True))
+    tool = spatial.pose(spatial.exp_so3(np.array([np.pi, 0, 0])))
+    folder = tmp_path_factory.mktemp("rcm") / "rcm"
+    made = mechanism(*joints, tool="instrument", T_tool=tool, rest={b: np.eye(4) for b in bodies})
+    write_folder(close(Imported(made)), "rcm", folder, folder / "rcm.py")
+    return folder
+
+
+def pivoting(folder, free):
+    """Return a protocol of an insertion and a pivot about both axes at once."""
+    text = (folder / "trajectories/first.toml").read_text()
+    start, waypoints = text.index("[limits.joints]"), text.index("[waypoints.home]")
+    limits = text[start : text.index("[limits.home]")]
+    near = text.index("[waypoints.near]")
+    roll, pitch, flip = (spatial.exp_so3(np.array(v)) for v in ([0.26, 0, 0], [0, 0.35, 0], [np.pi, 0, 0]))
+    turned = roll @ pitch @ flip
+    psi, theta, phi = np.degrees(spatial.euler_angles(turned, "zyx"))
+    goal = f"[waypoints.aside]\nangles_deg = {[float(psi), float(theta), float(phi % 360)]}\ndepth_mm = 50\n"
+    path = folder / "trajectories/look.toml"
+    path.write_text(
+        text[:start].replace('name = "first"', f'name = "look"\nfree = {json.dumps(free)}', 1)
+        + limits.replace("joints", "insertion", 1)
+        + limits.replace("joints", "pivot", 1)
+        + text[waypoints:near]
+        + goal
+        + 'provenance = "ASSUMED"\nnote = "test"\n'
+        + '[[phases]]\ntype = "insertion"\nname = "in"\ndepth_mm = 50\n'
+        + '[[phases]]\ntype = "pivot"\nname = "look"\nto = "aside"\nrcm = "enforced"\n'
+    )
+    return path
+
+
+def test_a_pivot_of_an_arm_without_roll_of_its_shaft_leaves_free_directions_to_the_arm(rolled_and_pitched):
+    robot = api.load(rolled_and_pitched)
+    with pytest.raises(ProtocolError, match="prescribes 6 directions, but the robot has 3 driven joints") as caught:
+        api.plan(robot, pivoting(rolled_and_pitched, []))
+    free = json.loads(re.search(r"free = (\[.*?\])", str(caught.value))[1])
+    trajectory = api.plan(robot, pivoting(rolled_and_pitched, free))
+    np.testing.assert_allclose(trajectory.q[-1], [0.26, 0.35, -0.05], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "code"),
     [("", "", 0), pytest.param("- lift_2", "+ lift_2", 1, marks=pytest.mark.slow), ("mm(80,", "mm(80.1,", 1)],
@@ -169,6 +222,14 @@ def test_a_full_turn_in_the_equations_is_stated_and_is_no_disagreement(five_bar,
         formula.write_text(right)
     findings = {f["code"]: f for f in json.loads(capsys.readouterr().out)["findings"]}
     assert "is 1 full turn below the mechanism's" in findings["driven.turns"]["message"]
+
+
+def test_a_sweep_of_a_planar_robot_proposes_only_what_sweep_can_do(five_bar, tmp_path, capsys):
+    assert cli.main(["sweep", str(five_bar), "--vary", "b=79..81mm", "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert "vary a distance of the mechanism (body:joint-joint)" in message
+    assert "--tilt-deg" not in message
+    assert "--joints" not in message
 
 
 def test_the_mechanism_is_driven_from_its_drawing_to_joint_values_a_full_turn_away(five_bar):

@@ -52,10 +52,8 @@ def moved(setup, ticks, right, left=None):
         ways = (2 * R.T @ right(t), still if left is None else 2 * R.T @ left(t))  # the motion scale is 0.5
         return *ways, 0, 0, 0, 0.5
 
-    R = console_scene.world(replace(setup, condition=None), Hands(lambda t: (still, still, 0, 0, 0, 0.5))).signals[
-        "ecm.view"
-    ]
-    R = R.reshape(4, 4)[:3, :3]
+    start = console_scene.world(replace(setup, condition=None), Hands(lambda t: (still, still, 0, 0, 0, 0.5)))
+    R = start.signals["ecm.view"].reshape(4, 4)[:3, :3]
     world = console_scene.world(setup, Hands(script))
     world.step(ticks)
     return world, {n: world.recording()[f"{n}.force"] @ R.T for n in ("right", "left")}

@@ -21,7 +21,7 @@ import twin
 from twin.api.hazards import FILE, Share, _require_own, campaign_file, hazards, outcomes
 from twin.api.machine import machine_parts
 from twin.cli import main
-from twin.core.errors import DescriptionError, OutputError
+from twin.core.errors import DescriptionError, OutputError, TwinError
 from twin.simulation.hazards.attacked import Arena, Outcome, Session
 from twin.simulation.hazards.campaign import FREE, load
 from twin.simulation.hazards.detection import Adaptive
@@ -488,6 +488,22 @@ def test_processes_and_a_kill_change_no_outcome(short, tmp_path):
                 np.testing.assert_allclose(rows[index][name], value, rtol=1e-9)
             else:
                 assert rows[index][name] == value
+
+
+@pytest.mark.parametrize("stopped", ["by hand", "by a failure"])
+def test_a_stopped_campaign_says_what_is_kept_and_how_to_go_on(short, tmp_path, monkeypatch, stopped):
+    def poll(stream):
+        if stopped == "by hand":
+            raise KeyboardInterrupt
+        return [], "the worker process has ended"
+
+    monkeypatch.setattr("twin.core.jobs.Stream.start", lambda stream, job: None)
+    monkeypatch.setattr("twin.core.jobs.Stream.poll", poll)
+    with pytest.raises((KeyboardInterrupt, TwinError)) as caught:
+        hazards(twin.load("raven_left"), short, tmp_path / "out", processes=1)
+    kept = f"0 sessions are in {tmp_path / 'out' / FILE}; run the same command again to go on"
+    failed = f"a process of the campaign failed: the worker process has ended; {kept}"
+    assert str(caught.value) == (kept if stopped == "by hand" else failed)
 
 
 def test_nothing_left_needs_no_process(short, tmp_path):

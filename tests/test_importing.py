@@ -81,7 +81,7 @@ def test_soft_limits_end_at_the_hard_ones(tmp_path, soft, kept):
     assert found.mechanism.joint("q1").soft_limits == kept
     said = [f.message for f in found.findings if f.code == "import.soft_limits"]
     assert len(said) == (kept != soft)
-    assert all(m.endswith("they are left out." if kept is None else "they are clipped to the limits.") for m in said)
+    assert all(m.endswith("are left out." if kept is None else "are clipped to the limits.") for m in said)
 
 
 def test_missing_mesh_is_a_warning_that_names_it(tmp_path):

@@ -91,7 +91,10 @@ def test_a_retyped_joint_moves_as_its_hinges_do(kind, closure, tmp_path):
             "joint_name: [s]\njoint_type: [UJOINT_XX]",
             "joint_type: there is no joint type 'UJOINT_XX'. Did you mean 'UJOI",
         ),
-        ("joint_name: [s]\njoint_type: []", "1 names in joint_name, but 0 in joint_type; give one for each"),
+        (
+            "joint_name: [s]\njoint_type: []",
+            "joint_name has 1 names, but joint_type has 0 entries; give one type for each name",
+        ),
         ("joint_name: [q]\njoint_type: [SPHERICAL]", "name_mot: joint 'q' is SPHERICAL and cannot be driven"),
         ("joint_name: [q]\njoint_type: [UJOINT_XY]", "name_mot: there is no joint 'q'. Known: a, b, q_X, q_Y"),
         ("joint_names: [s]\njoint_type: [FIXED]", "there is no key 'joint_names'. Did you mean 'joint_name'?"),

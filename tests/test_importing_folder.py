@@ -229,7 +229,7 @@ LOST = [
         '"PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysxForceAPI"',
         "PhysxForceAPI is not read",
     ),
-    ("fourbar.usda", "float3 physics:diagonalInertia = (3, 0.1, 3)", "", "its mass of 0.15 kg is not imported"),
+    ("fourbar.usda", "float3 physics:diagonalInertia = (3, 0.1, 3)", "", "the mass of 0.15 kg is not imported"),
 ]
 
 

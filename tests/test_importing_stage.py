@@ -86,7 +86,7 @@ def test_any_other_scale_is_refused_with_the_prim_that_has_it(scale, shown, turn
                 UsdGeom.Xformable(prim).AddRotateZOp().Set(turned)
 
     path = edited(MODELS / "fourbar.usda", tmp_path / "uneven.usda", change)
-    with pytest.raises(TwinError, match=rf"/fourbar/\w+ is scaled by {shown}, by /fourbar above it"):
+    with pytest.raises(TwinError, match=rf"/fourbar/\w+ is scaled by {shown}, because .* its ancestor /fourbar"):
         inspect_stage(path)
 
 

@@ -147,7 +147,7 @@ def arms(count, driven=True):
 @pytest.mark.parametrize("driven", [True, False])
 def test_several_robots_of_an_mjcf_are_listed_and_one_is_chosen(driven, tmp_path):
     path = mjcf(tmp_path, *arms(2, driven))
-    with pytest.raises(SourceError, match=r"2 robots in the world: 'arm0', 'arm1'\. Choose one with --root NAME"):
+    with pytest.raises(SourceError, match=r"the file has 2 robots: 'arm0', 'arm1'\. Choose one with --root NAME"):
         read(path, guarded=False)
     one = close(read(path, root="arm1_fore", guarded=False))
     assert [b.name for b in one.mechanism.bodies] == ["world", "arm1", "arm1_fore"]

@@ -80,7 +80,7 @@ def test_task_without_a_goal_is_refused(tmp_path):
         load_scene(path)
     assert str(caught.value).startswith(f"{path}:{line}: task.cholecystectomy.title = ")
     assert "a task needs a goal: " in str(caught.value)
-    assert str(caught.value).endswith("`align` or `procedure`; it has none of them")
+    assert str(caught.value).endswith("`align` or `procedure`; this task has none of them")
 
 
 def test_vessel_that_is_too_fine_is_refused(tmp_path):

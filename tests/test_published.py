@@ -261,7 +261,7 @@ def test_unreachable_target_names_the_limb_and_the_gap(kin):
     T = pose_of(want["pose_mm_deg"])
     margin = kin.reach(T[None])[want["limb"]][0] / MM
     assert 624 - margin == pytest.approx(want["rho2_mm"], abs=want["tolerance_mm"])
-    with pytest.raises(KinematicsError, match=f"{want['limb']} is {-margin:.3f} mm beyond"):
+    with pytest.raises(KinematicsError, match=f"{want['limb']} is {-margin:.3f} mm beyond its limit"):
         kin.inverse(T)
     assert np.isnan(kin.inverse_many(T[None])).all()
 

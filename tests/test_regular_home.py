@@ -102,4 +102,4 @@ def test_info_warns_of_a_singular_home_and_new_does_not_pick_it(drawn, tmp_path,
     )  # as the file has it
     assert cli.main(["info", str(folder), "--json"]) == 0
     (told,) = [f for f in json.loads(capsys.readouterr().out)["findings"] if f["code"] == "home.singular"]
-    assert "loop rank 2, in nearby poses 4" in told["message"]
+    assert "rank of the loop Jacobian 2, in nearby poses 4" in told["message"]

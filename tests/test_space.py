@@ -320,7 +320,7 @@ def test_no_way_says_what_was_tried(monkeypatch):
     space = space_of(arm(1), *[replace(post(0.15, 0.0), name="room/wall")])
     with pytest.raises(
         NoPathError,
-        match=r"no path around .*20 in a box that extends 20 % of the joint range .*, 30 in a .* 100 % .* waypoint",
+        match=r"no path around .*20 samples in a box that extends 20 % of .* range .*, 30 samples .* 100 % .* waypoint",
     ) as raised:
         around(space, np.array([-1.5]), np.array([1.5]))
     assert str(raised.value).startswith(raised.value.reason)

@@ -11,8 +11,10 @@ import pytest
 from twin.api.learning import measures, study_sessions
 from twin.cli import main
 from twin.core.errors import DescriptionError
+from twin.simulation.session.guiding import GuideMeasures
+from twin.simulation.session.rings import BoardMeasures
 from twin.validation.questionnaires import keys
-from twin.validation.ranks import compare
+from twin.validation.ranks import compare, label
 
 KEYS = {k.name: k for k in keys()}
 
@@ -178,10 +180,51 @@ def test_sessions_of_two_groups_are_compared(four):
 def test_the_command_writes_page_boxes_and_table(four, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["study", *(f"{g}={f}" for g, files in four.items() for f in files), "--out", str(out)]) == 0
-    assert "Cliff's delta" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Cliff's delta" in said
+    for shown in ("Time [s] ", "Path of psm1 [mm] ", "Clutch presses ", "Path of the lens [mm] ", "AlignErr [deg] "):
+        assert shown in said
+        assert shown.strip() in (out / "study.html").read_text()
+    assert "_" not in said.partition("effect:")[0]
     assert {p.name for p in out.iterdir()} == {"study.html", "study.json", "study.png", "users.csv"}
     again = compare(out / "users.csv")
     assert {c.measure for c in again.comparisons} >= {"time_s", "align_err_deg"}
+
+
+@pytest.mark.parametrize(
+    ("measure", "expected"),
+    [
+        ("raven_left_path_mm", "Path of raven_left [mm]"),
+        ("grip_force_n", "grip force [N]"),
+        ("success_percent", "success [%]"),
+        ("insertion_depth", "insertion depth"),
+        ("nasa tlx", "nasa tlx"),
+        ("mm", "mm"),
+    ],
+)
+def test_a_measure_is_labelled_with_its_unit(measure, expected):
+    assert label(measure) == expected
+
+
+def test_every_measure_of_a_scoreboard_has_its_label():
+    board = {"time_s": 1, "rings_transferred": 4, "rings_dropped": 1, "instrument_collisions": 2, "errors": 3}
+    guided = GuideMeasures({"released": 4.0, "retracted": None}, 0.5, 2, 0.1, 1, 3, 60.0, [])
+    for shown, found in ((BoardMeasures([], 0, 0.0), {"board": board}), (guided, {"guided": guided.content()})):
+        content = {"time_s": 61, "hands": [], "clutches": 0, "camera_moves": 0, **found}
+        labels = {label(name).partition(" [")[0] for name in measures(content)}
+        assert labels >= {name for name, _ in shown.rows()}
+    assert measures(content)["steps_done"] == 1
+    assert measures(content)["wire_passed_percent"] == 50
+
+
+def test_a_folder_stands_for_its_session(four, tmp_path):
+    folder = tmp_path / "operated"
+    folder.mkdir()
+    four["last"][0].rename(folder / "session.json")
+    found = study_sessions(four | {"last": [folder, *four["last"][1:]]})
+    assert found.comparisons[0].counts == (4, 4)
+    with pytest.raises(DescriptionError, match=r"session\.json: cannot be read: No such file"):
+        study_sessions(four | {"last": [tmp_path]})
 
 
 def test_measures_of_a_peg_board_are_the_papers():

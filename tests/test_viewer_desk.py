@@ -429,9 +429,9 @@ def test_another_assembly_is_not_a_disagreement(sils, rng):
     assert not reading.comparable
     assert reading.agrees
     table = readout.table(reading)
-    assert "other assembly: equations not comparable" in table
+    assert "not comparable: different assembly modes" in table
     assert "DISAGREE" not in table
-    assert differs(reading).startswith("other assembly")
+    assert differs(reading).startswith("not comparable")
     assert measured(reading, None)["scope"] == reading.scope
     sils.change(parameters={"l_p": sils.kin.parameters["l_p"] + 0.6 * MM})  # what is wrong stays wrong there
     assert not read(sils).agrees

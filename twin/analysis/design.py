@@ -166,7 +166,7 @@ def job(
     Raises:
         TwinError: an objective does not exist, or depends on none of the factors.
     """
-    from twin.analysis.workspace import box
+    from twin.analysis.workspace import UnreachedError, box
 
     for name in objectives:
         if name not in OBJECTIVES:
@@ -185,7 +185,14 @@ def job(
     if set(objectives) == {"tolerance"}:
         return Job(source, protocol, tuple(factors), tuple(objectives), (0.0, 0.0, 0.0), 1.0, (1, 1, 1), ())
     T = centre(robot)
-    low, high = box(robot, T)
+    try:
+        low, high = box(robot, T)
+    except UnreachedError:
+        raise UnreachedError(
+            f"{robot.name}: volume, conditioning and margin of a design are evaluated at positions in all three "
+            "directions in the home orientation, of which the tool reaches none beside home, as in a planar robot; "
+            "vary a distance of the mechanism (body:joint-joint), which is evaluated by tolerance"
+        ) from None
     low, high = low - 0.1 * (high - low), high + 0.1 * (high - low)
     step = float(np.prod(high - low) / POSITIONS) ** (1 / 3)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)

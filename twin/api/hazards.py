@@ -119,12 +119,14 @@ def hazards(
                     done += 1
                     progress(f"session {row['index']}", done / many)
                 if state:
-                    raise TwinError(f"a process of the campaign failed: {state}")
+                    raise TwinError(f"a process of the campaign failed: {state}; {_kept(log)}")
                 if state == "" and left:
                     give(stream)
                 elif state == "":
                     running.remove(stream)
             time.sleep(_POLL)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_kept(log)) from None
     finally:
         for stream in streams:
             stream.close()
@@ -136,6 +138,11 @@ def hazards(
     ]
     rows = [log.rows[i] for i in sorted(log.rows)]
     return Hazards(robot.name, plan.table, len(plan), rows, assumed)
+
+
+def _kept(log: Log) -> str:
+    """Return a sentence on how to go on after an interruption."""
+    return f"{len(log.rows)} sessions are in {log.path}; run the same command again to go on"
 
 
 def _log(folder: Path, robot: Robot, file: Path, plan: Campaign, parts: Parts) -> Log:

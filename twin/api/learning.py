@@ -18,7 +18,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
     """Compare groups of sessions of one task, such as first and last sessions, or sessions with and without haptics.
 
     `groups` gives the files of each group, in the order of the sessions. Each file is a session, which is replayed, or
-    the session.json of `twin session --out` or `twin operate`.
+    the session.json of `twin session --out` or `twin operate`, or the folder with it.
 
     Raises:
         DescriptionError: there are fewer than two groups, a file is not a session, or the tasks of the sessions differ.
@@ -55,6 +55,11 @@ def measures(content: Mapping[str, Any]) -> dict[str, float]:
     if board := content.get("board"):
         out["time_s"] = board["time_s"]
         out |= {n: board[n] for n in ("rings_transferred", "rings_dropped", "instrument_collisions", "errors")}
+    if guided := content.get("guided"):
+        names = ("time_s", "wire_touches", "wire_touching_s", "ring_dropped", "instrument_collisions")
+        out |= {n: guided[n] for n in names}
+        out["steps_done"] = sum(t is not None for t in guided["steps_s"].values())
+        out["wire_passed_percent"] = 100 * guided["wire_passed"]
     if align := content.get("alignment"):
         out["time_s"] = align["time_s"]
         out["lens_path_mm"] = align["lens_path_mm"]
@@ -66,7 +71,9 @@ def measures(content: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    """Return the plain data of a session file, which is replayed, or of a session.json."""
+    """Return the plain data of a session file, which is replayed, or of a session.json, or of the folder with it."""
+    if path.is_dir():
+        path /= "session.json"
     if path.suffix != ".json":
         found = replay_session(path)
         if found.ran.difference is not None:

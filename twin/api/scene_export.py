@@ -255,8 +255,9 @@ def _row(worst: float, where: str, when: str) -> dict[str, Any]:
 
 def _finding(check: dict[str, Any]) -> Finding:
     off = None if check["worst"] is None else Quantity(check["worst"], "m")
-    what = f"{check['where']} in the scene's stage: "
-    what += "it is missing or not a number" if off is None else "displacement from its pose in the robot's files"
+    what = f"{check['where']} in the scene's stage is missing or not a number"
+    if off is not None:
+        what = f"displacement of {check['where']} in the scene's stage from the pose in the robot's files"
     return disagreement("export.scene", check["where"], what, off, _TOLERANCE if off else None, word="tolerance")
 
 
@@ -270,7 +271,7 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
         "scene.json   T_world_base of each robot (4 x 4, row by row), and its protocol; all motions start together.",
     ]
     if led := [p.name for p in scene.places if not p.protocol]:
-        lines.append(f"A console controls {', '.join(led)}: no motion; scene.json has the joint values at its start.")
+        lines.append(f"A console controls {', '.join(led)}: no motion; scene.json has the joint values of the start.")
     if scene.objects:
         lines.append("Movable objects: scene.json has their shapes, masses, friction and T_world_object at the start.")
         if "glb" in formats:
@@ -280,9 +281,9 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
     if scene.tissues and "glb" in formats:
         lines.append(f"organs.glb   {', '.join(scene.tissues)} with their motion as morph targets, animation `motion`.")
         if "unity" in formats:
-            lines.append("  In Unity, the component Deformable Player plays it; the menu command imports this folder.")
+            lines.append("  In Unity, the component Deformable Player plays organs.glb after Twin > Import bundle.")
     if scene.tissues and "usd" in formats:
-        lines.append("usd/organs.usdc   the same as time-sampled points; part of the stage with all robots.")
+        lines.append("usd/organs.usdc   the organs as time-sampled points; part of the stage with all robots.")
     if "usd" in formats and not any(p.protocol for p in scene.places):
-        lines.append(f"usd/{scene.name}_sim.usda   the same in a physics scene: open this file to simulate.")
+        lines.append(f"usd/{scene.name}_sim.usda   {scene.name}.usda in a physics scene: open this file to simulate.")
     return "\n".join(lines) + "\n"

@@ -62,7 +62,7 @@ def operate_console(
     _require_console(chosen := run.task_of(scene, task))
     _require_scale(scale)
     if mistake and chosen.guide is None:
-        raise TwinError(f"task '{chosen.name}': the simulated surgeon makes mistakes only with a ring to guide")
+        raise TwinError(f"task '{chosen.name}': a simulated surgeon makes mistakes only in a task with a ring to guide")
     progress("read CAD", 0.0)
     robots, setup = _setup(scene, chosen, None if haptics is None else Condition(haptics=haptics))
     with Scratch() as folder:

@@ -66,9 +66,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except TwinError as error:
         _trace(args.debug)
         return _failed(type(error).__name__, str(error), args.json)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stopped:
         _settle(args)  # child processes were killed and have left their temporary folders
-        print("twin: interrupted", file=sys.stderr)
+        print(f"twin: {': '.join(('interrupted', *map(str, stopped.args)))}", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -137,14 +137,19 @@ class Command(_Parser):
         self.choice("--mode", ("advanced", "moderate", "beginner"), "set of DAC limits in machine.toml")
         text = "action for DAC commands above the limits: count (none), clip (soft), or stop after too many (hard)"
         self.choice("--overdrive", ("none", "soft", "hard"), text)
-        text = "comma-separated list of the faults of the released software to reproduce: shared_counter, "
-        text += "rates_without_coupling, whole_counts; or none (default: as in machine.toml)"
+        text = (
+            "comma-separated list of the faults of the released software to reproduce: shared_counter, "
+            "rates_without_coupling, whole_counts; or none (default: as in machine.toml)"
+        )
         self.text("--released", "NAMES", text)
 
     def tool(self) -> None:
         """Add the option --tool."""
-        text = "frame or body that is the tool of a USD stage (default: the tool that the stage defines, or the end of "
-        self.text("--tool", "NAME", text + "its longest chain)")
+        text = (
+            "frame or body that is the tool of a USD stage (default: the tool that the stage defines, or the end of "
+            "the longest chain of the stage)"
+        )
+        self.text("--tool", "NAME", text)
 
     def page(self, port: int, what: str) -> None:
         """Add the arguments of a command that shows a page in a browser."""
@@ -152,8 +157,10 @@ class Command(_Parser):
         self.protocol()
         self.address(port, what)
         self.text("--task", "NAME", "task at the console of a scene, such as pegboard with rings to grasp")
-        text = "end of an instrument that the hand moves: the tip (compensated, default), or the end outside the port, "
-        text += "so that the port inverts the motion of the tip (direct)"
+        text = (
+            "end of an instrument that the hand moves: the tip (compensated, default), or the end outside the port, "
+            "so that the port inverts the motion of the tip (direct)"
+        )
         self.choice("--fulcrum", ("compensated", "direct"), text)
         self.flag("--protocols", "play the protocols of a scene that has a console")
         self.machines()
@@ -188,8 +195,11 @@ class Command(_Parser):
 
     def scheduler(self) -> None:
         """Add the option --scheduler."""
-        text = "address of a Dask scheduler, as in tcp://10.0.0.1:8786, or `local` for Dask worker processes on this "
-        self.text("--scheduler", "ADDRESS", text + "machine")
+        text = (
+            "address of a Dask scheduler, as in tcp://10.0.0.1:8786, or `local` for Dask worker processes on this "
+            "machine"
+        )
+        self.text("--scheduler", "ADDRESS", text)
 
 
 def _at_least(least: int) -> Callable[[str], int]:

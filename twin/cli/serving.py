@@ -51,7 +51,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     plans = args.replay is None
     file = scenes.find(args.robot)
     if file is None:
-        _refuse(args, _CONSOLE, f"requires a scene with a console, such as davinci; {args.robot} is a robot")
+        text = f"{_OPTION} requires a scene with a console, such as davinci; {args.robot} is a robot"
+        _refuse(args, _CONSOLE, text)
         robot = api.load(args.robot)
         if args.protocol is not None:
             robot.protocol(args.protocol)
@@ -66,9 +67,10 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
         return scene.name, _at_console(args, loaded)
     scene.require_protocols()
     if args.protocols:
-        _refuse(args, _CONSOLE, "and --protocols cannot be combined: robots that play protocols have no console")
-    lacking = f"scene '{scene.name}' has no console: add a section [console] to {file.name}"
-    _refuse(args, _CONSOLE, f"requires a console; {lacking}")
+        text = f"{_OPTION} and --protocols cannot be combined: robots that play protocols have no console"
+        _refuse(args, _CONSOLE, text)
+    text = f"{_OPTION} requires a console, which scene '{scene.name}' lacks: add a section [console] to {file.name}"
+    _refuse(args, _CONSOLE, text)
     return scene.name, lambda: served.of_scene(scenes.with_organs(loaded), plans)
 
 
@@ -88,8 +90,10 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
     if args.participant is not None:
         condition = randomised(args.participant, args.run)
     if args.fulcrum is not None and not console_of(scene).instrument_mm:
-        key = f"the key instrument_mm to the section [console] of {scene.file.name}"
-        raise TwinError(f"--fulcrum: the instruments of scene '{scene.name}' have no length: add {key}")
+        raise TwinError(
+            f"--fulcrum: the instruments of scene '{scene.name}' have no length: add the key instrument_mm to the "
+            f"section [console] of {scene.file.name}"
+        )
     exercise = Exercise(task, session, report, condition, args.fulcrum or "compensated")
     loaded = scenes.with_organs(loaded, task)
     machines.running(args.machine)
@@ -101,25 +105,28 @@ _CONNECTIONS = ("packets", "mqtt", "mqtt_topic")
 _CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum")
 """Options for the console of a scene."""
 
+_OPTION = "{option}"
+"""Place of the option's name in the message of `_refuse`."""
 
-def _refuse(args: argparse.Namespace, options: Sequence[str], why: str) -> None:
-    """Raise `TwinError` for the first of these options that is given."""
+
+def _refuse(args: argparse.Namespace, options: Sequence[str], message: str) -> None:
+    """Raise `TwinError` for the first of the options that is given; its name replaces `_OPTION` in the message."""
     for name in options:
         if getattr(args, name) is not None:
             hint = "; --record records what clients see" if name == "session" else ""
-            raise TwinError(f"--{name.replace('_', '-')} {why}{hint}")
+            raise TwinError(message.replace(_OPTION, f"--{name.replace('_', '-')}") + hint)
 
 
 def _require_compatible(args: argparse.Namespace) -> None:
     """Raise `TwinError` for options that cannot be combined, and for options that require others."""
     if args.replay is not None:
-        together = "and --replay cannot be combined"
-        _refuse(args, ("record",), f"{together}: the replayed session is already in a file")
-        _refuse(args, ("session",), f"{together}: a replay has no hands to record")
+        text = "--record and --replay cannot be combined: the replayed session is already in a file"
+        _refuse(args, ("record",), text)
+        _refuse(args, ("session",), "--session and --replay cannot be combined: a replay has no hands to record")
         unsteered = (*_CONNECTIONS, "haptics", "participant")
-        _refuse(args, unsteered, f"{together}: a recorded session cannot be controlled")
+        _refuse(args, unsteered, f"{_OPTION} and --replay cannot be combined: a recorded session cannot be controlled")
     if args.mqtt is None:
-        _refuse(args, ("mqtt_topic",), "requires --mqtt HOST")
+        _refuse(args, ("mqtt_topic",), "--mqtt-topic requires --mqtt HOST")
     if (args.participant is None) != (args.run is None):
         raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
     if args.participant is not None and args.haptics is not None:

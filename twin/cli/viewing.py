@@ -73,18 +73,18 @@ def show_page(
     from twin.ui.door.gate import Gate
     from twin.ui.viewer.server import serve, stop
 
-    front, stopping = None, threading.Event()
+    front, server, stopping = None, None, threading.Event()
 
     def end(*_: object) -> None:
         """End the loop without an exception; a second Ctrl-C raises KeyboardInterrupt."""
         stopping.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    signal.signal(signal.SIGINT, end)
-    address = Address(args.host, port, False, title, advice)
-    gate = Gate(args.host, port, False, address.say)
-    server = serve(f"twin · {title}", args.host, port, gate)
+    before = signal.signal(signal.SIGINT, end)
     try:
+        address = Address(args.host, port, False, title, advice)
+        gate = Gate(args.host, port, False, address.say)
+        server = serve(f"twin · {title}", args.host, port, gate)
         if not gate.open:
             address.say("")
             if not args.no_browser:  # the browser starts while the CAD is read
@@ -92,10 +92,10 @@ def show_page(
         front = open_page(server, stopping, not gate.open)
         front.run()
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, before)
         if front is not None:
             front.close()
-        else:
+        elif server is not None:
             stop(server)
     print()
     return 0

@@ -273,7 +273,8 @@ def no_room(error: BaseException) -> str:
     """Return an error text with advice for a full disk; "" for any other error."""
     if not (isinstance(error, OSError) and error.errno in FULL):
         return ""
-    place = Path(error.filename).parent if error.filename else "the disk"
+    written = _written(error)
+    place = Path(written).parent if written else "the disk"
     return (
         f"cannot write to {place}: {error.strerror}. Free some space, or choose another folder with --out, or, for "
         f"temporary files (now {tempfile.gettempdir()}), with TMPDIR."
@@ -284,6 +285,12 @@ def _unwritable(target: Path, error: OSError) -> str:
     text = f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."
     if error.errno not in FULL:
         return text
-    if error.filename and not Path(error.filename).absolute().is_relative_to(target.absolute().parent):
+    written = _written(error)
+    if written and not Path(written).absolute().is_relative_to(target.absolute().parent):
         return no_room(error)  # the error concerns another file
     return f"{text} Temporary files are in {tempfile.gettempdir()} (TMPDIR)."
+
+
+def _written(error: OSError) -> str | None:
+    """Return the path that could not be written, if known: of a copy or a move, the second one."""
+    return error.filename2 or error.filename

@@ -53,8 +53,8 @@ class Kinematics(Compiled):
     def inverse(self, T_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return q (n,) in m or rad at a pose (4, 4).
 
-        `seed` is q (n,) to start from, used only without a closed inverse; auxiliary joints keep the values of the
-        seed.
+        `seed` is q (n,) to start from, used only if the formula has no inverse equations. Auxiliary joints keep the
+        values of the seed.
 
         Raises:
             KinematicsError: the pose is not rigid, or out of reach; the message names the chain and the distance.
@@ -88,12 +88,12 @@ class Kinematics(Compiled):
     def inverse_of_all(self, Ts_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return q (k, n) at poses (k, 4, 4); raise if any pose has no solution.
 
-        `seed` is q (n,) to start from at the first pose, used only without a closed inverse. Each later pose starts
-        from the previous solution.
+        `seed` is q (n,) to start from at the first pose, used only if the formula has no inverse equations. Each later
+        pose starts from the previous solution.
 
         Raises:
-            KinematicsError: a pose has no solution; the message is that of `inverse` for the first such pose, with its
-                index and the number of such poses.
+            KinematicsError: a pose has no solution; the message gives the index of the first such pose, the error of
+                `inverse` for it, and the number of poses without a solution.
         """
         Ts = poses(Ts_base_tool)
         q = self.inverse_many(Ts) if self.closed_inverse else assembly.inverse_by_solver_many(self, Ts, seed)

@@ -27,7 +27,7 @@ ExtraJoint = tuple[int, str, bool, float]
 class Compiled(ABC):
     """The compiled functions of a formula; `Kinematics` adds the solvers.
 
-    Methods with arguments `Ts` and `qs` compute from poses (k, 4, 4) if the formula has a closed inverse, otherwise
+    Methods with arguments `Ts` and `qs` compute from poses (k, 4, 4) if the formula has inverse equations, otherwise
     from joints (k, n). If only one argument is given, the other argument is computed.
 
     Attributes:
@@ -118,14 +118,14 @@ class Compiled(ABC):
         return self._named("passive", Ts, qs)
 
     def inverse_jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
-        """Return the derivative (n, 6) of q with respect to a twist, at pose T or at q.
+        """Return the inverse Jacobian (n, 6), joint rates per tool twist, at the pose T or at q.
 
-        If both are given, T is used; without inverse equations, q is used.
+        If both T and q are given, T is used; if the formula has no inverse equations, q is used.
         """
         return self.inverse_jacobian_many(_one(T), _one(q))[0]
 
     def inverse_jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the derivatives (k, n, 6) of q with respect to a twist; NaN at singularities.
+        """Return the inverse Jacobians (k, n, 6), joint rates per tool twist; NaN at singularities.
 
         Without inverse equations, the pseudo-inverses of `jacobian_many` are returned.
         """
@@ -134,7 +134,7 @@ class Compiled(ABC):
         return singularity.invert_many(self.program.forward_jacobian.many(self._states(Ts, qs)))
 
     def jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
-        """Return the derivative (6, n) of the tool's twist with respect to q, at a pose or at q.
+        """Return the Jacobian (6, n), tool twist per joint rates, at the pose T or at q.
 
         Raises:
             KinematicsError: the Jacobian does not exist (singular, or out of reach).
@@ -147,7 +147,7 @@ class Compiled(ABC):
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the derivatives (k, 6, n) of the tool's twist with respect to q; NaN at singularities."""
+        """Return the Jacobians (k, 6, n), tool twist per joint rates; NaN at singularities."""
         if self.closed_forward:
             return self.program.forward_jacobian.many(
                 self._joints(qs) if qs is not None else self.inverse_many(_given(Ts))

@@ -86,7 +86,7 @@ def Trocar(  # noqa: N802
     Args:
         p_base: trocar (3,) in m.
         axis: shaft direction (3,) in the tool frame, towards the tip; of any length except 0.
-        p_tool_tip: tip (3,) in the tool frame, in m; the shaft passes through it.
+        p_tool_tip: tip (3,) in the tool frame, in m; the shaft axis passes through the tip.
         depth: distance of the tip beyond the trocar, in m; None: free.
     """
     a = _vector("Trocar", axis)

@@ -15,7 +15,7 @@ from twin.schema import Identifier, Sourced, Vector, at
 
 
 class ObjectTable(Sourced):
-    """A movable object. Instruments can grasp and push it, but only during a task that names the object.
+    """A movable object. Instruments can grasp and push the object, but only during a task that names it.
 
     `size_mm` of a ring: the radius of its wire's centre line, and the radius of the wire; of a box: its three edges; of
     a ball: its radius. At the start, its centre is at `position_mm` in the world frame, and the axis of a ring is along
@@ -26,7 +26,7 @@ class ObjectTable(Sourced):
     size_mm: list[float] = Field(min_length=1, max_length=3)
     mass_g: float = Field(ge=0.001, le=10_000)
     friction: float = Field(
-        ge=0, le=2, description="coefficient of sliding friction; a contact uses the larger one of both bodies"
+        ge=0, le=2, description="coefficient of sliding friction; in a contact, the larger of two coefficients applies"
     )
     position_mm: Vector
     axis: Vector = (0.0, 0.0, 1.0)

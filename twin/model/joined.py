@@ -17,9 +17,9 @@ WORLD = "world"
 
 
 def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
-    """Return one mechanism with all arms; its active joints are those of the first arm, then of the next arms.
+    """Return one mechanism with all arms; its active joints are those of the first arm, then of the second, and so on.
 
-    Motors are left out: the joints count as driven directly. The tool is that of the last arm.
+    Motors are left out: the joints count as driven directly. The tool is the tool of the last arm.
 
     Args:
         arms: {name of the arm: (its mechanism, T_world_base (4, 4))}.
@@ -59,5 +59,5 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
 
 
 def owners(arms: Mapping[str, tuple[Mechanism, Array]]) -> dict[str, str]:
-    """Return {body: arm}: for the name of each body in `joined(arms)`, the name of the arm to which it belongs."""
+    """Return {name of a body in `joined(arms)`: name of the arm to which the body belongs}."""
     return {f"{name}_{body.name}": name for name, (mechanism, _) in arms.items() for body in mechanism.bodies}

@@ -290,7 +290,7 @@ class Mechanism:
         return np.array([self.postures[name][j.name] for j in self.active])
 
     def with_rest(self, rest: Mapping[str, Array]) -> Mechanism:
-        """Return the same mechanism with other rest poses of its bodies."""
+        """Return the same mechanism with the rest poses `rest`: T_base_body (4, 4), by name of the body."""
         return replace(self, rest=dict(rest))
 
     @property
@@ -306,7 +306,8 @@ class Mechanism:
         """Return the name of a trocar; "" means the only trocar.
 
         Raises:
-            MechanismError: the trocar does not exist, or "" is given and there are several; the message names them.
+            MechanismError: the trocar does not exist, or "" is given for a mechanism with several trocars; the message
+            names the existing trocars.
         """
         if name in self.trocars:
             return name

@@ -35,9 +35,9 @@ class PortTable(Sourced):
 class RobotTable(Sourced):
     """A robot in the scene: base position in the world frame, yaw about the vertical z axis, and ports of its trocars.
 
-    `protocol` is optional if the scene has a console. `robot` is the name of the built-in robot; it can be left out if
-    `name` is the same, but not for the second of two equal robots. `start` gives joint values in deg or mm at the start
-    of console control; joints that it does not name start as in the posture home.
+    `protocol` is optional if the scene has a console. `robot` is the name of the built-in robot; default: `name`. Two
+    equal robots need different values of `name`. `start` gives joint values in deg or mm at the start of console
+    control; joints that are not in `start` start as in the posture home.
     """
 
     name: Identifier

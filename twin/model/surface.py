@@ -63,7 +63,7 @@ def volume(vertices: Array, triangles: Index) -> float:
 
 
 def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
-    """Return for each point (k, 3) whether it is inside a closed surface, by its winding number.
+    """Return (k,) bool: whether each of the points (k, 3) is inside a closed surface, by the winding number.
 
     Formula for the solid angle of a triangle: A. van Oosterom and J. Strackee, doi:10.1109/TBME.1983.325207.
     """
@@ -84,8 +84,9 @@ def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
 def rings(triangles: Index, start: int) -> Index:
     """Return the level (m,) of each triangle around the triangle `start`; -1 if it is not connected with `start`.
 
-    Level 0 is the triangle `start`, level 1 are the triangles that share a corner with it, level 2 those that share a
-    corner with level 1, and so on, as in figure 19 of the paper on the PA-10 virtual surgery robot.
+    Level 0 is the triangle `start`. Level 1 are the triangles that share a corner with level 0, level 2 are further
+    triangles that share a corner with level 1, and so on, as in figure 19 of the paper on the PA-10 virtual surgery
+    robot.
     """
     level = np.full(len(triangles), -1)
     level[start] = 0

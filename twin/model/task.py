@@ -71,7 +71,7 @@ class TaskTable(Sourced):
             raise at(
                 "title",
                 "a task needs a goal: `target` or `transfer` with at least one entry, `guide`, `align` or `procedure`; "
-                f"it has {found}",
+                f"this task has {found}",
             )
         for key in ("tolerance_mm", "hold_s"):
             if (getattr(self, key) is None) == bool(self.target):

@@ -38,7 +38,7 @@ class ToolTable(Sourced):
 
     The jaws, clip legs or blades of a tool are `jaw_mm` long, parallel to the shaft, and end at the tip of the
     instrument. `open_mm` is the gap between the open jaws, or the width of a scalpel's cut. A grasper pinches with
-    `pinch_n`; grasped tissue slips if it pulls with more than 2 * `friction` * `pinch_n`. Cautery heats the tissue
+    `pinch_n`; grasped tissue slips if its pull exceeds 2 * `friction` * `pinch_n`. Cautery heats the tissue
     within `jaw_mm` of the tip with the power `power_w`.
     """
 

@@ -29,7 +29,7 @@ class CueTable(Table):
     """Cue: a force on the hand, computed from distance and relative velocity of the tips of a machine and its model.
 
     With the reading "corrected", the force is 0 up to a distance of `tol_mm`. Above this distance, the gains `kp_n_mm`
-    and `kd_ns_mm` determine the force: it grows from 0 over `blend_mm` and is at most `largest_n`. The reading
+    and `kd_ns_mm` determine the force. The force grows from 0 over `blend_mm` and is at most `largest_n`. The reading
     "printed" is the paper's equation; see `twin.simulation.controllers.cue`.
     """
 

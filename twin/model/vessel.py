@@ -27,8 +27,8 @@ _SIDES = 8
 class VesselTable(Sourced):
     """A vessel along a line in the world frame, in segments of about `segment_mm`.
 
-    The first point is on the surface of `organ` and moves with the organ; without `organ` it is fixed. The last point
-    is fixed.
+    The first point is on the surface of `organ` and moves with the organ; without `organ`, the first point is fixed.
+    The last point is fixed.
     """
 
     line_mm: list[Vector] = Field(min_length=2, max_length=20)

@@ -70,11 +70,11 @@ def around(
         goal: (n,) joint values at the goal.
         seed: seed of the random samples.
         progress: called with the fraction done of the current search.
-        cancelled: called every few milliseconds, in the same thread; the search ends when it returns True. None: the
-            search cannot be cancelled.
+        cancelled: function that is called every few milliseconds, in the same thread; the search ends when the function
+            returns True. None: the search cannot be cancelled.
         cost: what the search minimises; None: the length of the path.
         straight: whether a free straight path is returned without a search; pass False if another path may cost less.
-        samples: the first path found is improved with at most this number of samples; 0: it is not improved.
+        samples: maximum number of samples with which the first path found is improved; 0: that path is returned.
         grown: called with the tree of each search, after the search; not called if the straight path is returned
             without a search.
         ended: called with each round (a search or an improvement) at its end; not called if the straight path is
@@ -119,11 +119,14 @@ def around(
         count = search.count
         drawn += count
         if not found:
-            tried.append(f"{count} in a box that extends {100 * beyond:.0f} % of the joint range beyond start and goal")
+            tried.append(
+                f"{count} samples in a box that extends {100 * beyond:.0f} % of the joint range beyond start and goal"
+            )
             reached = search.reached()
             continue
         tried.append(
-            f"{count} in a box that extends {100 * beyond:.0f} % (a path was found, but its corners cannot be rounded)"
+            f"{count} samples in a box that extends {100 * beyond:.0f} % (a path was found, but its corners cannot be "
+            "rounded)"
         )
     raise NoPathError(
         f"no path around the obstacles was found: the straight path is not free, and no path was found through {drawn} "
@@ -170,9 +173,10 @@ def searched(
 ) -> tuple[bool, Way | None]:
     """Return whether a search found corners, and the way along these corners (None if they cannot be rounded).
 
-    The smoothest path with all shortcuts is often free; it is tested first, over its whole length. Only if it is not
-    free, the connections between the corners are tested over their whole length. If some connections are not free, the
-    search goes on without them; if all are free, less smooth paths and paths with fewer shortcuts are tried.
+    The smoothest path with all shortcuts is tested first, over its whole length, because it is often free. Only if this
+    path is not free, the connections between the corners are tested over their whole length. If some connections are
+    not free, the search goes on without these connections; if all are free, less smooth paths and paths with fewer
+    shortcuts are tried.
     """
     space = search.space
     corners = search.path(samples, progress)

@@ -25,8 +25,8 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     """Raise an error if the robot cannot follow the path.
 
     Raises:
-        ProtocolError: the robot cannot follow the path; the message contains the phase, the cause and its size, where
-            on the phase it begins, and what is reachable.
+        ProtocolError: the robot cannot follow the path; the message names the phase and the cause, tells by how much
+            and from where in the phase a limit is violated, and what is reachable.
     """
     s = np.linspace(0.0, 1.0, _PROBES)
 
@@ -104,7 +104,7 @@ class Anchor:
 
 
 def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) -> Margins:
-    """Return the margins of `pose_margins`, and those of singularities and of the working mode.
+    """Return the margins of `pose_margins`, the margins of singularities, and the margin of the working mode.
 
     The margin of a singularity measure is negative where the measure has another sign than in `anchor`. The margin of
     the working mode is -1 where the working mode is not that of `anchor`, else 0.

@@ -142,7 +142,7 @@ class Follower:
         """
         where = f"{self._protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
         start, lever = self._state, path.T_tool_frame[:3, 3]
-        course, directions = self._course(path, where), np.ones(6, bool)
+        course, directions = self._course(path, where), ~self._free()
         if course is not None:
             out, self._state = carried(path, course, self._carrier, start, where)
             self.q = course(np.ones(1))[0]
@@ -154,7 +154,7 @@ class Follower:
             try:
                 return self._carrier.follow(path.motion(s).Ts_base_tool, directions, lever, start)
             except AssemblyError as error:
-                raise ProtocolError(f"{where} cannot be carried out: {error}") from error
+                raise ProtocolError(f"{where} cannot be carried out: {error}{self._too_many(directions)}") from error
 
         X, q, Ts = taken(np.linspace(0.0, 1.0, _STATIONS))
         self._kept(path, directions, Ts, where)
@@ -234,6 +234,21 @@ class Follower:
             directions[i] = own > _INDEPENDENT * largest
         return directions
 
+    def _free(self) -> np.ndarray:
+        """Return a mask (6,) of the directions that the protocol declares free."""
+        return np.array([d in (self._protocol.free or ()) for d in DIRECTIONS])
+
+    def _too_many(self, directions: np.ndarray) -> str:
+        """Return advice for a phase that prescribes more directions than there are driven joints; "" for others."""
+        wanted, joints = int(directions.sum()), len(self._names)
+        if wanted <= joints:
+            return ""
+        return (
+            f". The phase prescribes {wanted} directions, but the robot has {joints} driven joint{'s' * (joints > 1)}: "
+            'use a phase with type = "joints", or declare directions as free above the tables of the protocol, such as '
+            f"free = {_names(np.arange(6) >= joints)}"
+        )
+
     def _kept(self, path: PhasePath, directions: np.ndarray, Ts: Array, where: str) -> None:
         """Raise `ProtocolError` if the mechanism leaves the path in a controlled direction."""
         wanted = path.motion(np.linspace(0.0, 1.0, len(Ts))).Ts_base_tool
@@ -259,8 +274,7 @@ class Follower:
             return
         R = rotation(waypoint.angles, self._protocol.rotation)
         off = _missed(T, spatial.pose(R, waypoint.position - R @ T_tool_frame[:3, 3]), T_tool_frame)
-        free = np.array([d in (self._protocol.free or ()) for d in DIRECTIONS])
-        bad = (np.abs(off) > self._tolerance()) & ~free
+        bad = (np.abs(off) > self._tolerance()) & ~self._free()
         if not bad.any():
             return
         at = T[:3, 3] + T[:3, :3] @ T_tool_frame[:3, 3]
@@ -324,7 +338,7 @@ def freed(
 ) -> tuple[PhasePath, ...]:
     """Return the phases, with each free phase replaced by a path around obstacles between its end poses.
 
-    `progress` and `searched` are those of `freeing.way`.
+    `progress` and `searched` are functions that are called as in `freeing.way`.
 
     Raises:
         ProtocolError: a free phase cannot be carried out; see `freeing.way`.
@@ -360,7 +374,7 @@ def placed(
 ) -> Array:
     """Return q (n,) with the values of the joints in `given` replaced, in m or rad.
 
-    `in_degrees` names the joints whose values the file gives in deg; the file gives the others in mm.
+    `in_degrees` names the joints whose values are in deg in the protocol file; other values are in mm there.
 
     Raises:
         ProtocolError: a given joint is not driven, or its unit is wrong; the message begins with `where`.

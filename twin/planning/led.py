@@ -73,7 +73,7 @@ def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]], dt: f
         dt: sampling time in s.
 
     Raises:
-        ProtocolError: a robot cannot follow its path; the message names the phase, the cause, and where it begins.
+        ProtocolError: a robot cannot follow its path; the message names the phase, the cause, and where in the phase.
         TimingError: no timing within the limits was found; the message names the phases.
     """
     paths = [build(r.protocol, r.T_tool_frame, _Guide(r, c)) for r, c in zip(robots, courses, strict=True)]

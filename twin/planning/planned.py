@@ -46,7 +46,7 @@ class Planned(Result):
         return self.trajectory.as_dict(arrays=False)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON, with search times; the files omit these, because they differ between runs."""
+        """Return plain data for JSON, with search times; files omit search times, which differ between runs."""
         return {**super().as_dict(), "search_times": {name: r.times() for name, r in self.rounds.items()}}
 
     def text(self) -> Iterator[Part]:
@@ -63,7 +63,7 @@ class Planned(Result):
         yield ""
 
     def write(self, folder: Path) -> None:
-        """Write the samples as CSV and all other data as JSON."""
+        """Write two files: the samples as CSV, and the trajectory without its samples as JSON."""
         table, rest = (folder / name for name in FILES)
         write_csv(self.trajectory, table, self.angles)
         rest.write_text(as_json(self.content()), encoding="utf-8")

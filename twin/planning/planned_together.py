@@ -97,7 +97,7 @@ class PlannedTogether(Result):
         }
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON, with search times; the files omit these, because they differ between runs."""
+        """Return plain data for JSON, with search times; files omit search times, which differ between runs."""
         return {**super().as_dict(), "search_times": {name: r.times() for name, r in self.rounds.items()}}
 
     def text(self) -> Iterator[Part]:
@@ -117,7 +117,7 @@ class PlannedTogether(Result):
         return [f"{name}.csv" for name in self.order]
 
     def write(self, folder: Path) -> None:
-        """Write the samples of each arm: time, then its joints, with units in the header."""
+        """Write a CSV file for each arm: columns for time and the arm's joints, with units in the header."""
         for name in self.order:
             units = ["deg" if angle else "mm" for _, angle in self.joints[name]]
             values = self.q[name] / np.array([DEG if unit == "deg" else MM for unit in units])

@@ -55,7 +55,7 @@ def algorithm1(
     """Run the algorithm on samples q (n, joints), the start first and the goal second.
 
     Args:
-        q: the samples; theta_goal is among them even if `slips` has "goal", which leaves it out of V.
+        q: the samples; they include theta_goal even if `slips` has "goal", in which case V does not include theta_goal.
         near: for each sample, the rows of its neighbours.
         cost: cost of a connection.
         free: returns (k,) bool for k connections: whether a connection is free of collisions.

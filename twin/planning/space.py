@@ -76,7 +76,7 @@ class Space(Interface):
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the direct paths from a (m, n) to b (m, n), with free ends, seem free.
 
-        A fast test for searches: a path that it accepts may still be refused by `free_between`.
+        This is a fast test for searches: `free_between` may find a collision on a path that passes this test.
         """
         ...
 

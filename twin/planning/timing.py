@@ -107,7 +107,7 @@ def time_path(
         extra: derivatives of m - n further limited coordinates (for example, the arc length of the tip).
         dt: sampling time in s; the duration is rounded up to a multiple of dt.
         load: function that checks samples. It must check the limits of the m coordinates, and may check further limits,
-            such as those of vector norms. None: only the limits of the m coordinates are checked.
+            such as limits of vector norms. None: only the limits of the m coordinates are checked.
         jerk: function that returns the relative jerk; the motion is then averaged over the shortest sufficient time
             window. None: the jerk is not limited.
         knots: initial number of grid points.

@@ -187,11 +187,11 @@ def beside(
     cancelled: Callable[[], bool] | None = None,
     ended: Callable[[Round], None] = lambda round: None,
 ) -> Composed:
-    """Return a common path of all arms, on which a new arm moves from start to goal while the others follow `first`.
+    """Return a common path of all arms: a new arm moves from start to goal while the earlier arms follow `first`.
 
     Args:
         whole: the space of all arms: the arms of `first`, then the new arm.
-        first: path of the earlier arms; it begins and ends together with the path of the new arm.
+        first: path of the earlier arms; both paths, `first` and that of the new arm, begin and end together.
         start: (n,) joint values of the new arm at the start.
         goal: (n,) joint values of the new arm at the goal.
         seed: seed of the random samples.

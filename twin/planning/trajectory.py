@@ -256,9 +256,9 @@ class Trajectory:
         waypoints: sample indices at which each waypoint is reached, by name.
         rcm_error: (k,) distance in m from the RCM to the shaft axis; NaN without RCM.
         depth: (k,) depth in m; NaN without RCM.
-        limit_margin: (k, n) distance to the nearer hard limit; negative if it is exceeded.
-        reach: margins (k,) in m by limb.
-        singularity: measures (k,) by name.
+        limit_margin: (k, n) distance to the nearer hard limit; negative if the limit is exceeded.
+        reach: reach margins (k,) in m, by limb.
+        singularity: singularity measures (k,), by name.
         findings: findings of the check of every sample.
         followed: whether the mechanism determines joint values and poses (see `following`), not the equations.
     """
@@ -346,7 +346,7 @@ class Trajectory:
         return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
 
     def on(self, model: Any, times: Array) -> Any:
-        """Return the `Run` of a `ReferenceModel` at times (k,) in s: at the poses, or at joint values if `followed`.
+        """Return the `Run` of a `ReferenceModel` at times (k,) in s, for the poses or, if `followed`, the joint values.
 
         A robot with fewer than six degrees of freedom may be unable to assume an interpolated pose; it can assume
         interpolated joint values.

@@ -249,7 +249,7 @@ class Closing:
     # -- paths ----------------------------------------------------------------------------------------
 
     def between(self, X0: Array, X1: Array, part: Array) -> Array:
-        """Return configurations (k, nq) between X0 and X1 (k, nq), whose loops are nearly closed; part (k,) 0 to 1."""
+        """Return configurations (k, nq) at the fractions `part` (k,) from X0 to X1 (k, nq); loops are nearly closed."""
         end = X1.copy()
         for place in self._tree.quaternions:
             four = slice(place, place + 4)

@@ -20,11 +20,11 @@ _TRIES = 4
 
 
 def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[Array], float]) -> Array | None:
-    """Return the best state that `move` reaches after random steps from x; None if it reaches no valid state.
+    """Return the best state that `move` reaches after random steps from x; None if no valid state is reached.
 
     x (nq,) is the configuration at which a continuation is stuck. `move` moves starts (k, nq) to the target and returns
     the states (k, nq). `way` returns the distance of a state from x; infinity if the state is invalid. The best state
-    exceeds joint limits least; among equal states, it is the nearest. The random steps are the same in every call.
+    exceeds joint limits least; among equal states, the nearest is best. The random steps are the same in every call.
     """
     if not len(tree.passive) or not tree.loops.names:
         return None
@@ -38,7 +38,7 @@ def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tr
     """Return configurations (k, nq) scattered around x (nq,).
 
     `columns` are the velocity indices of the moved joints. `spreads` are the standard deviations in rad of rotations;
-    prismatic joints have a tenth of these numbers, in m. `tries` is the number of configurations for each of them.
+    prismatic joints have a tenth of these numbers, in m. There are `tries` configurations for each number in `spreads`.
     """
     rng = np.random.default_rng(0)
     spread = np.repeat(np.asarray(spreads, np.float64), tries)[:, None]

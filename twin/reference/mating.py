@@ -20,7 +20,7 @@ LOOSE = 0.5 * MM
 
 @dataclass(frozen=True)
 class Mate:
-    """Two mating parts of a joint and their distance in m in the rest poses (0: they touch or overlap)."""
+    """Two mating parts of a joint and their distance in m in the rest poses; 0 if the parts touch or overlap."""
 
     joint: str
     parts: tuple[str, str]

@@ -135,7 +135,7 @@ class Pairs:
         return len(self.rows)
 
     def load(self) -> None:
-        """Make the grids, balls and hulls of all shapes now; otherwise a test makes them when it first needs them."""
+        """Make the grids, balls and hulls of all shapes now; otherwise the first tests make them and are slow."""
         self.bounds.load(np.arange(len(self)))
         for shape in {*self.rows.ravel().tolist()}:
             _ = self.shapes[shape].hull

@@ -68,14 +68,15 @@ def singular_home(model: ReferenceModel, home: Array) -> list[Finding]:
     r = regularity(model, [home])[0]
     if not r.singular:
         return []
-    text = f"the mechanism is singular in its rest poses (loop rank {r.rank}, in nearby poses {r.usual}): conditioning"
+    ranks = f"rank of the loop Jacobian {r.rank}, in nearby poses {r.usual}"
+    text = f"the mechanism is singular in its rest poses ({ranks}): conditioning"
     hint = "small moves may fail or change the assembly mode: draw the CAD in a pose without stretched links"
     name = model.mechanism.name
     return [warning("home.singular", name, text, Quantity(r.margin), SINGULAR, hint)]
 
 
 def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
-    """Return closed states near x (nq,), with other driven joint values too; every call gives the same states."""
+    """Return closed states near x (nq,), also at other driven joint values; every call gives the same states."""
     if not model.mechanism.loops and not model.mechanism.couplings:
         return []
     columns = np.arange(model.tree.model.nv)

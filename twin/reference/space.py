@@ -4,8 +4,9 @@ A path q(s) is checked as a whole, not at sampled points. In the middle of an in
 bodies is tested. Two bodies cannot collide in the interval if this distance exceeds the possible approach of the two
 bodies in half of the interval (`travel`); otherwise the interval is halved.
 
-For most intervals, bounds of the distance are sufficient (`pairs`). If they are not and the remaining motion is small,
-coal tests whether the meshes are nearer than the motion. This is much faster than computing their distance.
+For most intervals, bounds of the distance are sufficient (`pairs`). If the bounds are not sufficient and the remaining
+motion is small, coal tests whether the meshes are nearer than this motion. The test is much faster than a computation
+of the distance.
 """
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ class JointSpace:
         self._check: Callable[[], None] = _nothing
 
     def load(self) -> JointSpace:
-        """Make shapes, grids and balls now and return this space; otherwise a test makes them when it needs them."""
+        """Make shapes, grids and balls now, and return this space; otherwise the first tests make them and are slow."""
         self._pairs.load()
         return self
 

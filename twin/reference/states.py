@@ -18,7 +18,7 @@ class Assembly:
         link_poses: T_base_body (4, 4) by name of the body.
         points: named points (3,) in base, in m.
         gap: (offset in m, rotation in rad) in the locked directions of each loop joint, by name.
-        x: (nq,) configuration in Pinocchio's coordinates; further solutions can start from it.
+        x: (nq,) configuration in Pinocchio's coordinates; further solutions can start from this configuration.
     """
 
     T_base_tool: Array

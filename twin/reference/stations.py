@@ -1,4 +1,4 @@
-"""A path of a mechanism with its stations: states on it with closed loops, and bounds of the motion between them."""
+"""A path of a mechanism with stations (states on the path with closed loops), and bounds of the motion between them."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def quat_wxyz(q) -> Array:
 
 
 def rotation(q) -> Array:
-    """Return the rotation (3, 3) of a Gf quaternion; it is normalised first.
+    """Return the rotation (3, 3) of a Gf quaternion; the quaternion is normalised first.
 
     Raises:
         ValueError: the quaternion is zero or not finite.
@@ -117,5 +117,5 @@ def _flat(v: ArrayLike, n: int) -> list[float]:
 def _rows(v: ArrayLike, n: int, dtype: type) -> np.ndarray:
     out = np.ascontiguousarray(v, dtype=dtype)
     if out.ndim != 2 or out.shape[1] != n:
-        raise ValueError(f"expected (n, {n}), not {out.shape}")
+        raise ValueError(f"the shape must be (n, {n}), not {out.shape}")
     return out

@@ -11,7 +11,7 @@ from pxr import Sdf
 _NUMBER = re.compile(r"(?<![\w.])-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])")
 
 ABSOLUTE, RELATIVE = 1e-9, 1e-6
-"""Absolute and relative tolerance of numbers; joint frames and meshes are in single precision."""
+"""Absolute and relative tolerance of numbers, for joint frames and meshes in single precision."""
 
 
 def same_layer(a: Path, b: Path) -> bool:

@@ -35,7 +35,7 @@ TURNS = {"X": SYMMETRIC, "Y": SYMMETRIC @ SYMMETRIC, "Z": np.eye(3)}
 
 
 SCALE_TOL = 1e-5
-"""Relative deviation from scale 1 that counts as rounding of a transform in single precision."""
+"""Maximum difference of a scale from 1 that is taken as a rounding error of a transform in single precision."""
 
 
 @dataclass(frozen=True)
@@ -115,12 +115,12 @@ class Scene:
 
     @cached_property
     def prims(self) -> list[Usd.Prim]:
-        """All prims in order, including prims inside instances."""
+        """All prims in the order of the stage, including prims inside instances."""
         return list(self.stage.Traverse(Usd.TraverseInstanceProxies()))
 
     @cached_property
     def bodies(self) -> dict[str, Usd.Prim]:
-        """Rigid bodies by prim path, in order, without disabled bodies."""
+        """Enabled rigid bodies by prim path, in the order of the stage."""
         out = {}
         for prim in self.prims:
             if prim.HasAPI(UsdPhysics.RigidBodyAPI):
@@ -131,7 +131,7 @@ class Scene:
 
     @cached_property
     def joints(self) -> list[RawJoint]:
-        """Joints in order, including joints of unknown type."""
+        """Joints in the order of the stage, including joints of unknown type."""
         return [self._joint(p) for p in self.prims if p.IsA(UsdPhysics.Joint) or str(p.GetTypeName()).endswith("Joint")]
 
     @cached_property

@@ -29,6 +29,41 @@ from twin.validation.questionnaires import scored
 _GROUP, _SESSION, _USER = "group", "session", "user"
 """Columns that are not measures: name of the group, number of the user's session, name of the user."""
 
+_LABELS = {
+    "time_s": "Time [s]",
+    "clutches": "Clutch presses",
+    "camera_moves": "Camera moves",
+    "rings_transferred": "Rings transferred",
+    "rings_dropped": "Rings dropped",
+    "instrument_collisions": "Instrument collisions",
+    "errors": "Errors",
+    "steps_done": "Steps done",
+    "wire_passed_percent": "Wire passed [%]",
+    "wire_touches": "Ring touched the wire",
+    "wire_touching_s": "Ring touched the wire [s]",
+    "ring_dropped": "Ring dropped",
+    "targets_touched": "Targets touched",
+    "lens_path_mm": "Path of the lens [mm]",
+    "align_err_deg": "AlignErr [deg]",
+    "align_err_size_deg": "Size of AlignErr [deg]",
+}
+"""Labels of the measures of sessions at a console, in the words of the scoreboards."""
+
+_UNITS = {x.lower(): x for x in ("s", "ms", "min", "m", "cm", "mm", "deg", "rad", "N", "Hz")} | {"percent": "%"}
+"""Units of measures, by the last part of the name of a measure."""
+
+
+def label(measure: str) -> str:
+    """Return the name of a measure for tables and plots, with its unit, such as "Path of psm1 [mm]"."""
+    name, _, last = measure.rpartition("_")
+    unit = _UNITS.get(last) if name else None
+    name = name if unit else measure
+    if known := _LABELS.get(measure):
+        return known
+    path, _, what = name.rpartition("_")
+    name = f"Path of {path}" if path and what == "path" else name.replace("_", " ")
+    return f"{name} [{unit}]" if unit else name
+
 
 @dataclass(frozen=True)
 class Users:
@@ -140,7 +175,7 @@ class Ranks(Result):
         yield f"{self.file}: Wilcoxon-Mann-Whitney, two-sided; Holm for {len(self.comparisons)} comparisons\n"
         rows = [
             (
-                c.measure,
+                label(c.measure),
                 " - ".join(c.groups),
                 f"{c.counts[0]}, {c.counts[1]}",
                 f"{c.medians[0]:.4g}, {c.medians[1]:.4g}",

@@ -22,8 +22,10 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin hazards`."""
     command.robot()
     command.software()
-    text = "instead of a campaign, run the two experiments of the paper: deviation at each motion scale, and deviation "
-    text += "with the command of the first motor stuck every 8 s"
+    text = (
+        "instead of a campaign, run the two experiments of the paper: deviation at each motion scale, and deviation "
+        "with the command of the first motor stuck every 8 s"
+    )
     command.flag("--trends", text)
     text = f"name of a campaign of the robot, or path of a file (default {_DEFAULT})"
     command.text("--campaign", "NAME", text)

@@ -56,14 +56,14 @@ def audit(
     mechanism: Mechanism | None = None,
     progress: Progress | None = None,
 ) -> AuditReport:
-    """Read a file or a folder of exported files, check each, and compare them with each other.
+    """Read a file or a folder of exported files, check each file, and compare the files with each other.
 
     Args:
         path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with any of them, or an exported scene.
         truth: poses of the reference model by clip; None: poses are compared with the poses in the tracks. Not used for
             a scene.
         mechanism: the expected mechanism; masses, joints, drives and frames of the files are compared with it. None:
-            they are compared only between files. Not used for a scene.
+            these data are compared only between the files. Not used for a scene.
         progress: see `Progress`.
 
     Returns:

@@ -33,7 +33,7 @@ _STATED = (
 
 
 def check_claims(contents: Sequence[Content]) -> None:
-    """Report statements of a file that contradict its own data."""
+    """Report statements of a file that contradict other data of the same file."""
     tracks = [c for c in contents if c.format in ("tracks", "csv") and "data" in c.extra]
     shapes = next((c.shapes for c in contents if c.shapes and c.declared), {})
     physics = next((c.physics for c in contents if c.physics is not None and c.physics.complete), Physics())
@@ -179,7 +179,7 @@ def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> Non
         found = re.search(pattern, text)
         if found and tuple(g.lower() for g in found.groups()) != expected:
             said = " / ".join(found.groups())
-            message = f"statement about {topic}: '{said}'; the files have '{' / '.join(expected)}'."
+            message = f"README.txt states '{said}' for {topic}; the files have '{' / '.join(expected)}'."
             ledger.wrong("readme.convention", message, topic)
     _check_listed(path.parent, raw, contents, ledger)
     _check_motions(text, contents, ledger)

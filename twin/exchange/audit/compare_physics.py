@@ -502,7 +502,9 @@ def _listed(files: Sequence[str], most: int = 3) -> str:
 
 def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: str) -> str:
     if name == "existence":
-        return f"{subject} is in this file, not in {others}." if mine else f"{subject} is missing; it is in {others}."
+        return (
+            f"{subject} is in this file, but not in {others}." if mine else f"{subject} is missing; it is in {others}."
+        )
     if name in _SAID:
         said = _SAID[name]
         return f"{subject} {said[bool(mine)]}; in {others} it {said[bool(right)]}."

@@ -227,7 +227,7 @@ def _corners(file: Gltf, mesh: dict[str, Any], name: str) -> tuple[Array, Array]
             continue
         spec = file.item("accessors", attributes["POSITION"])
         if not ("min" in spec and "max" in spec):
-            text = f"mesh '{name}': the accessor of its positions lacks min and max."
+            text = f"mesh '{name}': the accessor of the positions lacks min and max."
             file.ledger.wrong("gltf.minmax", text, name)
         vertices = file.accessor(attributes["POSITION"])
         index = primitive.get("indices")

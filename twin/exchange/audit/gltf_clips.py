@@ -141,7 +141,7 @@ def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
         if path not in PATHS or node is None:
             if path not in ("weights", "pointer"):
                 fault = "has no node" if path in PATHS else f"has the path '{path}', which glTF does not define"
-                file.ledger.wrong("gltf.channel", f"clip '{clip}', channel {i}: its target {fault}.", clip)
+                file.ledger.wrong("gltf.channel", f"clip '{clip}', channel {i}: the target {fault}.", clip)
             continue
         file.item("nodes", node)
         where = str(file.item("nodes", node).get("name") or f"node {node}")
@@ -166,7 +166,7 @@ def _channel(
     spec = file.item("accessors", sampler.get("input"))
     times, values = file.accessor(sampler["input"]), file.accessor(sampler.get("output"))
     if not ("min" in spec and "max" in spec):
-        text = f"clip '{clip}': the accessor of its key times lacks min and max, from which players take the duration."
+        text = f"clip '{clip}': the accessor of the key times lacks min and max, from which players take the duration."
         ledger.wrong("gltf.minmax", text, where)
     if mode not in MODES:
         ledger.wrong("gltf.channel", f"clip '{clip}': interpolation '{mode}' is unknown.", where)

@@ -26,7 +26,7 @@ MOST_NUMBERS = 50_000_000
 
 @dataclass
 class Gltf:
-    """An opened glTF file: its JSON and its buffers; faults are added to its ledger."""
+    """An opened glTF file: JSON and buffers; `ledger` receives the faults of the file."""
 
     path: Path
     ledger: Ledger
@@ -153,7 +153,7 @@ class Gltf:
             off = np.abs(told - real)
             k = int(np.argmax(off))
             if off[k] > 1e-6 * max(1.0, abs(real[k])):
-                text = f"{name}: its stated {key} is {told[k]:.7g}, but its actual {key} is {real[k]:.7g}."
+                text = f"{name}: the stated {key} is {told[k]:.7g}, but the actual {key} is {real[k]:.7g}."
                 self.ledger.wrong(
                     "gltf.minmax",
                     text,

@@ -61,7 +61,7 @@ def link_above(nodes: list[Node], node: Node) -> Node | None:
 
 
 def local(node: Node, moved: dict[str, Array]) -> Array:
-    """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `moved` has its animated values by property."""
+    """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `moved` has the animated values by property."""
     if node.matrix is not None and not moved:
         return node.matrix[None]
     T = poses.pose(

@@ -21,7 +21,7 @@ AGAINST = 0.01
 def check_mesh(
     ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array | None, code: str
 ) -> Shape | None:
-    """Report the faults of a mesh, and return its shape; None if its triangles are invalid.
+    """Report the faults of a mesh, and return the shape of the mesh; None if the triangles are invalid.
 
     Vertices are (n, 3) in m, triangles (m, 3); `normals` has a unit normal for each corner of a triangle (3 m, 3), or
     is None. `code` is the first part of the codes of the findings.
@@ -73,7 +73,7 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
     size = np.linalg.norm(normals, axis=1)
     if not np.all(np.isfinite(size)) or np.max(np.abs(size - 1)) > 0.01:
         k = int(np.argmax(np.where(np.isfinite(size), np.abs(size - 1), np.inf)))
-        text = f"mesh '{where}': a normal has length {size[k]:.4g}."
+        text = f"mesh '{where}': a normal has length {size[k]:.4g}, not 1."
         ledger.wrong(f"{code}.normal", text, where, size=Measured(size[k], 1.0), suggestion="normalise the normals")
         return
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
@@ -127,7 +127,7 @@ def signed_volume(vertices: Array, triangles: Array) -> float:
 
 
 def joined(shapes: Iterable[Shape]) -> Shape | None:
-    """Return the combined shape of several meshes of one link."""
+    """Return the shape of a link, combined from the shapes of its meshes; None if the link has no mesh."""
     parts = list(shapes)
     if not parts:
         return None

@@ -20,7 +20,7 @@ _SAME = 1e-5
 """Tolerance, in m and in components of unit vectors, for coinciding lines and for lines that meet in a point."""
 
 TOOL = "(tool)"
-"""Key of the robot's tool frame in all formats: tracks state its pose, but not its name."""
+"""Name under which the tool frame of every format is compared, because tracks do not state the name of the frame."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,8 @@ class Physics:
         held: links that are fixed to the world; None if the format cannot state this.
         tool: name of the frame that protocols move; "" if not stated.
         trocars: names of the trocars, joints whose position depends on the protocol.
-        couplings: (factors by joint, constant sum) by name; None if the format cannot state couplings.
+        couplings: by name, (factors by joint, constant): the sum of factor times joint coordinate is the constant.
+            None if the format cannot state couplings.
         motors: motors with transmissions, by name; None if not stated.
         all_motors: whether `motors` contains all motors with transmissions.
         complete: whether `joints` contains all joints.

@@ -13,7 +13,7 @@ SCHEMA = "twin-proof"
 
 
 def check_proof(path: Path, ledger: Ledger) -> str:
-    """Report differences between a proof.json and its folder; return the model hash stated in the file."""
+    """Report differences between a proof.json and the files in the same folder; return the model hash in proof.json."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:

@@ -152,7 +152,7 @@ ADVICE: Mapping[str, str] = {
     "compare.times": "check the rate, and the units of time",
     "gltf.duplicate_name": "give each node a unique name",
     "gltf.matrix": "write translation, rotation and scale instead of a matrix",
-    "gltf.quaternion": "normalise the quaternion; its order in glTF is x, y, z, w",
+    "gltf.quaternion": "normalise the quaternion; the order of components in glTF is x, y, z, w",
     "gltf.scale": "scale the mesh points instead",
     "index": "number the points from 0 to their count minus 1",
     "mjcf.loop": "check the anchors of the equality constraints, and the zero positions of the joints",
@@ -171,7 +171,7 @@ ADVICE: Mapping[str, str] = {
 
 
 class ReadError(Exception):
-    """A fault after which a file cannot be read further; `code` is the code of the finding, "" for the default code."""
+    """A fault because of which a file cannot be read further; `code` is the finding's code ("": the default code)."""
 
     def __init__(self, message: str, code: str = "") -> None:
         super().__init__(message)

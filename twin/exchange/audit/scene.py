@@ -145,10 +145,10 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
 
 
 def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str]:
-    """Return (maximum deviation in m of points up to 0.1 m from a link's origin, robot and link of that point, time).
+    """Return the maximum deviation of a scene's stage from the robots' files: (deviation in m, robot and link, time).
 
-    The deviation is infinite if the stage lacks a link, or if a robot's files have no link poses. Only the first,
-    middle and last key are compared.
+    Deviations are measured at each link's origin and at points 0.1 m from the origin, at the first, middle and last
+    key. The deviation is infinite if the stage lacks a link, or if a robot's files have no link poses.
     """
     opened = Usd.Stage.Open(str(stage))
     opened.Reload()  # USD keeps layers in memory, but the file may have changed

@@ -251,7 +251,7 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
             inside = angle and np.all((np.radians(q) >= low[i]) & (np.radians(q) <= high[i]))
             text = (
                 f"joint '{joint}' is at {q[k] * scale:.5g} {unit}, {breach[k] * scale:.4g} {unit} beyond its "
-                f"limits{'; interpreted in degrees, it is within them' if inside else ''}."
+                f"limits{'; as a value in degrees, it would be within the limits' if inside else ''}."
             )
             ledger.wrong(
                 "tracks.limits",

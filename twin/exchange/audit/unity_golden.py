@@ -125,7 +125,10 @@ class _Vectors:
         return {"phase_name": 0.0 if now == self.data["phase_name"] else np.inf}
 
     def stream(self) -> dict[str, float]:
-        """Parse a stream frame, and return the errors of its entries by vector name; infinity: its header is wrong."""
+        """Parse a stream frame, and return the errors of its entries, by vector name.
+
+        If the header of the frame is wrong, the error is infinite.
+        """
         d, raw = self.data, base64.b64decode(self.data["stream"])
         mark, sequence, server, clip, links, joints, flags = _HEAD.unpack_from(raw)
         numbers = np.frombuffer(raw, "<f4", offset=_HEAD.size).astype(float)

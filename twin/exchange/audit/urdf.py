@@ -56,7 +56,10 @@ class UrdfJoint:
     mimic: tuple[str, float, float] | None
 
     def values(self, clip: Clip) -> Array | None:
-        """Return the joint's values (k,) in a track, computed from its leader if it has a `mimic`; None if missing."""
+        """Return the joint's values (k,) in a track; None if the track lacks the values.
+
+        The values of a joint with `mimic` are computed from the values of its leader.
+        """
         if self.mimic is None or self.mimic[0] not in clip.joints:
             return clip.joints.get(self.name)
         leader, multiplier, offset = self.mimic
@@ -206,7 +209,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     T = _origin(origin)
     a = numbers(None if axis is None else axis.get("xyz"), 3, (1, 0, 0))
     if abs(np.linalg.norm(a) - 1) > 1e-6 and KINDS[kind] != "fixed":
-        text = f"the axis of joint '{name}' has length {np.linalg.norm(a):.6g}."
+        text = f"the axis of joint '{name}' has length {np.linalg.norm(a):.6g}, not 1."
         ledger.wrong("urdf.axis", text, name, size=Measured(float(np.linalg.norm(a)), 1.0))
     limit = element.find("limit")
     limits = None

@@ -48,7 +48,7 @@ def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
 
 
 def version() -> str:
-    """Return the version of OpenUSD in the form of its Python package, such as 26.11."""
+    """Return the version of OpenUSD as the Python package usd-core states it, such as 26.11."""
     return ".".join(str(n) for n in Usd.GetVersion()[1:])
 
 

@@ -12,10 +12,10 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
 AXES = {"X": 0, "Y": 1, "Z": 2}
-"""Index of an axis in a vector, by the token of the axis in USD."""
+"""Index 0, 1 or 2 of an axis, by the axis token of USD (X, Y or Z)."""
 
 SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
-"""Directions of a generic joint, as instance names of its limits."""
+"""The six directions of a generic joint: instance names of the joint's limits in USD."""
 
 
 class _World(Protocol):
@@ -27,7 +27,7 @@ class _World(Protocol):
 
 
 def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> Iterator[tuple[str, Array]]:
-    """Yield (path, gap) of each joint; the gap is the distance (k,) in m of its two frames in its locked directions.
+    """Yield (path, gap) of each joint; the gap (k,) is the distance in m of its two frames in the locked directions.
 
     `placed` has T_world_body (k, 4, 4) by prim path.
     """

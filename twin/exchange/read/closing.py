@@ -48,7 +48,8 @@ def close(imported: Imported) -> Imported:
     moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - _drawn(mechanism, j.name)) > 1e-9]
     if moved:
         names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home.q_full[j.name])}" for j in moved)
-        findings.note("moved", f"Driven joints were moved to close the loops; at home: {names}.", moved[0].name)
+        text = f"Driven joints were moved to close the loops; their values at home: {names}."
+        findings.note("moved", text, moved[0].name)
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
         if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
@@ -77,8 +78,8 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
         if offset > MEETING[0] or tilt > MEETING[1]:
             text = (
                 f"joint '{joint.name}' is open by {mm(offset)} and {deg(tilt)} at the body poses of the file"
-                f"{'' if imported.posed else ' (all coordinates zero)'}; home is the nearest state in which it is "
-                "closed"
+                f"{'' if imported.posed else ' (all coordinates zero)'}; home is the nearest state in which this joint "
+                "is closed"
             )
             yield finding(
                 "warning" if imported.posed else "info",
@@ -114,13 +115,13 @@ def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tup
             break
         best, margin = better[1], better[0].margin
     if margin < SINGULAR:
-        text = f"{why}, and no less singular state was found nearby: small moves from home may fail."
+        text = f"{why}, and no nearby state was found that is less singular: small moves from home may fail."
         return drawn, [warning("singular", text, name)]
     return model.state(best), [warning("home", f"{why}: home is a nearby state that is less singular.", name)]
 
 
 def _lost(r: Regularity) -> str:
-    return f"the mechanism is singular (rank of its loop equations {r.rank}, nearby {r.usual})"
+    return f"the mechanism is singular (rank of the loop equations {r.rank}; at nearby states {r.usual})"
 
 
 def _open(offset: float, tilt: float) -> bool:
@@ -136,9 +137,9 @@ def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Se
         return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
     alone = closes_alone(mechanism, name)
     if _open(*alone):
-        why = f"With all other loops cut, {mm(alone[0])} and {deg(alone[1])} remain: "
+        why = f"With all other loops cut, a gap of {mm(alone[0])} and {deg(alone[1])} remains. "
         left = f"{len(unread)} elements of the file are not supported; the first: {unread[0].message}" if unread else ""
-        why += left or "a defect of the model."
+        why += left or "The gap is a defect of the model."
     else:
         why = "With all other loops cut, this loop closes: the loops contradict each other, or need another start pose."
     text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {why}"

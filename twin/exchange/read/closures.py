@@ -55,7 +55,8 @@ def read_closures(path: Path) -> Closures:
             raise SourceError(f"{path}: {unknown('key', str(key), _KEYS)}")
     pairs, types, motors = (_list(path, data, k) for k in ("closed_loop", "type", "name_mot"))
     if len(types) != len(pairs):
-        raise SourceError(f"{path}: {len(pairs)} pairs in closed_loop, but {len(types)} in type; give one for each")
+        text = f"closed_loop has {len(pairs)} pairs, but type has {len(types)} entries; give one type for each pair"
+        raise SourceError(f"{path}: {text}")
     loops = []
     for pair, kind in zip(pairs, types, strict=True):
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(p, str) for p in pair)):
@@ -72,7 +73,8 @@ def read_closures(path: Path) -> Closures:
     _distinct(path, "joint_name", names)
     if len(kinds) != len(names):
         raise SourceError(
-            f"{path}: {len(names)} names in joint_name, but {len(kinds)} in joint_type; give one for each"
+            f"{path}: joint_name has {len(names)} names, but joint_type has {len(kinds)} entries; give one type for "
+            "each name"
         )
     for kind in kinds:
         if not isinstance(kind, str) or kind.upper() not in RETYPED:
@@ -96,12 +98,12 @@ def _data(path: Path) -> Any:
         text = read_text(path, "YAML")
         # Repeated aliases may expand to data far larger than the file.
         if any(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader)):
-            raise SourceError(f"{path}: aliases (*name) are not supported; write the list out")
+            raise SourceError(f"{path}: aliases (*name) are not supported; write the full list instead")
         return yaml.safe_load(text)
     except OSError as error:
         raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
     except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError, TypeError) as error:
-        raise SourceError(f"{path}: not YAML: {' '.join(str(error).split())[:200]}") from error
+        raise SourceError(f"{path}: the file is not YAML: {' '.join(str(error).split())[:200]}") from error
 
 
 def _list(path: Path, data: dict, key: str) -> list:

@@ -16,13 +16,13 @@ from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
 
 FREQUENCY = 5.0
-"""Natural frequency in Hz of an assumed drive, critically damped."""
+"""Natural frequency in Hz that the gains of an assumed drive give; the drive is critically damped."""
 
-NOTE = f"no gains in the file: {FREQUENCY:g} Hz, critically damped, for the inertia moved by the joint at rest"
+NOTE = f"the file has no gains; these give {FREQUENCY:g} Hz and critical damping for the inertia moved at rest"
 """Note about an assumed drive in the description of the robot."""
 
 _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
-"""Assumed moved inertia in kg m2 (revolute) or mass in kg (prismatic), if the file has no masses."""
+"""Assumed inertia in kg m2 (revolute) or mass in kg (prismatic) that a joint moves, if the file has no masses."""
 
 
 def with_drives(imported: Imported) -> Imported:
@@ -37,7 +37,10 @@ def with_drives(imported: Imported) -> Imported:
             effort = imported.efforts.get(joint.name)
             joint = replace(joint, drive=Drive(carried * rate**2, 2 * carried * rate, effort))
             assumed.add(joint.name)
-            text = f"joint '{joint.name}' is driven without gains in the file: its drive is ASSUMED ({FREQUENCY:g} Hz)."
+            text = (
+                f"joint '{joint.name}' is driven, but the file states no gains: they are ASSUMED, with a natural "
+                f"frequency of {FREQUENCY:g} Hz."
+            )
             findings.warn("drive", text, joint.name)
         joints.append(joint)
     left = {n: e for n, e in imported.efforts.items() if e and not m.joint(n).active}
@@ -61,7 +64,10 @@ def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings
                 felt = carried + (a.rotor_inertia or 0.0)
                 found[name] = replace(a, stiffness=float(felt * rate**2), damping=float(2 * felt * rate))
                 assumed.add(name)
-                text = f"actuator '{name}' has no gains in the file: its drive is ASSUMED ({FREQUENCY:g} Hz)."
+                text = (
+                    f"the file states no gains for actuator '{name}': they are ASSUMED, with a natural frequency of "
+                    f"{FREQUENCY:g} Hz."
+                )
                 findings.warn("drive", text, name)
         for joint in (n for n in t.joints if efforts.get(n)):
             if single := t.single(joint):
@@ -69,7 +75,7 @@ def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings
                 known = found[name].max_effort
                 found[name] = replace(found[name], max_effort=known or efforts[joint] * abs(ratio))
             else:
-                text = f"joint '{joint}': effort {efforts[joint]:g} is not imported: several motors move it."
+                text = f"joint '{joint}': effort {efforts[joint]:g} is not imported: several motors move the joint."
                 findings.warn("effort", text, joint)
     return tuple(found.values())
 

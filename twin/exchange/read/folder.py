@@ -52,13 +52,13 @@ def require_free(target: Path, force: bool = False) -> None:
         OutputError: `target` is a file, or a folder that must not be overwritten.
     """
     if target.exists() and not target.is_dir():
-        raise OutputError(f"{target}: a file has this name; choose another folder with --out")
+        raise OutputError(f"{target} is a file; choose another folder with --out")
     if target.is_dir() and any(target.iterdir()):
         if not force:
-            raise OutputError(f"{target}: the folder is not empty; choose another with --out, or use --force")
+            raise OutputError(f"{target}: the folder is not empty; choose another folder with --out, or use --force")
         others = [p.name for p in (target / "cad").glob("*.toml")]
         if any(target.iterdir()) and not others:
-            raise OutputError(f"{target}: it is not a robot folder, so --force does not overwrite it")
+            raise OutputError(f"{target}: the folder is not a robot folder, so --force does not overwrite it")
 
 
 def write_folder(imported: Imported, name: str, target: Path, source: Path, force: bool = False) -> list[Path]:

@@ -101,7 +101,7 @@ class _Mjcf:
         m = self.m
         for count, what in ((m.nflex, "a flexible body"), (m.nskin, "a skin")):
             if count:
-                raise SourceError(f"{self.path}: it has {what}: only rigid bodies are supported")
+                raise SourceError(f"{self.path}: the model has {what}, but only rigid bodies are supported")
         names = Names("body", (self._name("BODY", i) for i in range(m.nbody)), self.findings)
         self.bodies = [names[self._name("BODY", i)] for i in range(m.nbody)]
         joint_names = Names("joint", (self._name("JOINT", i) for i in range(m.njnt)), self.findings)
@@ -181,7 +181,7 @@ class _Mjcf:
             ref = np.eye(4)
             if kind in (_SLIDE, _HINGE):
                 if not np.abs(m.jnt_axis[k]).max() > 0.5:  # not a unit vector: MuJoCo could not normalise the axis
-                    raise SourceError(f"{self.path}: joint '{self.joints[k]}': its axis has length 0, or is too long")
+                    raise SourceError(f"{self.path}: the axis of joint '{self.joints[k]}' has length 0, or is too long")
                 at = at @ along(m.jnt_axis[k])
                 q0 = float(m.qpos0[m.jnt_qposadr[k]])
                 ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))
@@ -208,7 +208,7 @@ class _Mjcf:
             return None
         if kind == _BALL:
             raise SourceError(
-                f"{self.path}: ball joint '{self.joints[k]}' limits its rotation angle; only a cone limit is supported"
+                f"{self.path}: ball joint '{self.joints[k]}' has a range of its rotation angle, which is not supported"
             )
         low, high = map(float, m.jnt_range[k])
         return low, high
@@ -228,12 +228,13 @@ class _Mjcf:
                     f"actuator '{name}' pulls a fixed tendon: joint '{self.joints[tied[0]]}' is imported as "
                     "driven, without gains."
                 )
-                text += f" Its other joints, {others}, move only if an equality couples them." if others else ""
+                if others:
+                    text += f" The tendon's other joints, {others}, move only if an equality couples them."
                 self.findings.warn("actuator", text, name)
                 yield tied[0], None
                 continue
             if trn(int(m.actuator_trntype[i])) not in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT):
-                text = f"actuator '{name}' acts on a spatial tendon, a site or a body: it drives no joint."
+                text = f"actuator '{name}' acts on a spatial tendon, a site or a body, so it drives no joint."
                 self.findings.warn("actuator", text, name)
                 continue
             k, gear = int(m.actuator_trnid[i, 0]), float(m.actuator_gear[i, 0])
@@ -288,7 +289,7 @@ class _Mjcf:
             couplings.append(self._tendon(i, name, label))
         else:
             what = "couples two tendons" if kind == eq.mjEQ_TENDON else f"has the type {kind.name[5:].lower()}"
-            known = "supported: connect, weld, joint, tendon (one)"
+            known = "supported are connect, weld, joint and tendon (a single tendon)"
             raise SourceError(f"{self.path}: equality '{name}' {what}, which a mechanism cannot express; {known}")
 
     def _tendon(self, i: int, name: str, label: str) -> Coupling:
@@ -342,7 +343,7 @@ def _without_missing(spec, path: Path, findings: Findings) -> set[str]:
         if geom.meshname not in lost:
             continue
         body = geom.parent
-        text = f"body '{body.name}': mesh {lost[geom.meshname]} is missing: the body is shown without it."
+        text = f"body '{body.name}': mesh {lost[geom.meshname]} is missing: the body is shown without this mesh."
         findings.warn("mesh", text, lost[geom.meshname])
         if not body.explicitinertial and body.name != "world":
             weightless.add(body.name)
@@ -420,7 +421,7 @@ def _left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] 
         a, b = (name("GEOM", int(v)) for v in (m.pair_geom1[i], m.pair_geom2[i]))
         found.note("contact", f"contact pair of '{a}' and '{b}' is not imported.", a)
     if m.neq:
-        found.note("soft", "equalities are soft in MuJoCo, but exact in the mechanism.", name("EQUALITY", 0))
+        found.note("soft", "equality constraints are soft in MuJoCo, but exact in the mechanism.", name("EQUALITY", 0))
     for count, what in ((m.nsensor, "sensors"), (m.ncam, "cameras"), (m.nlight, "lights")):
         if count:
             found.note("unread", f"{count} {what} are not imported.", what)

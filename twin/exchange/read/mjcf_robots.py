@@ -9,7 +9,7 @@ from twin.core.errors import SourceError, unknown
 from twin.exchange.read.source import Findings, note, warning
 
 WORLD = "world"
-"""Value of `root` that reads all robots of the file as one."""
+"""Value of `root` with which all robots of the file are read as one mechanism."""
 
 
 def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], findings: Findings) -> list[int]:
@@ -28,7 +28,7 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
         if len(robots) > 1:
             tops = ", ".join(_title(m, g, name) for g in robots)
             raise SourceError(
-                f"{path}: {len(robots)} robots in the world: {tops}. Choose one with --root NAME, or read all as one "
+                f"{path}: the file has {len(robots)} robots: {tops}. Choose one with --root NAME, or read all as one "
                 f"with --root {WORLD}."
             )
         if len(moving) <= 1:

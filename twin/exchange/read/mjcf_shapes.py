@@ -54,6 +54,6 @@ def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: F
         T = spatial.pose(spatial.matrix_from_quat_wxyz(m.geom_quat[i]), m.geom_pos[i])
         out[body].append(placed(names[str(i)], *solid, T, (r, g, b, a)))
     for body in sorted(hidden):
-        text = f"body '{bodies[body]}': its colliders are not imported: the visual meshes are used instead."
+        text = f"body '{bodies[body]}': the colliders are not imported; the visual meshes are used for collision."
         findings.note("collision", text, bodies[body])
     return out

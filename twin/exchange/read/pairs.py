@@ -17,7 +17,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
 GROSS = (1.0 * MM, 2.0 * DEG)
-"""(distance in m between two axes or two centres, angle in rad between two axes) below which two faces are a fit."""
+"""Maximum distance in m between the axes or centres, and angle in rad between the axes, of two faces that fit."""
 
 _APART = 0.01 * MM
 """Distance in m below which two axes or two centres count as coincident."""

@@ -110,7 +110,7 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
     balls = [p for p in pairs if p.kind == "concentric"]
     axes = sorted((p for p in pairs if p.kind == "coaxial"), key=lambda p: (p.near, p.clearance, -p.overlap))
     if balls:
-        return [("spherical", p, f"a ball, {p.radii}") for p in balls], axes
+        return [("spherical", p, f"A ball fits a socket: {p.radii}.") for p in balls], axes
     first = axes[0]
     # A second fit that is nearly on the axis of the first is a defect of the CAD, not a second axis.
     again = [p for p in axes[1:] if same_axis(first.a, p.a, GROSS) and same_axis(first.b, p.b, GROSS)]
@@ -119,15 +119,15 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
     left = again + doubtful
     if [p for p in axes if np.linalg.norm(np.cross(p.a.face.direction, first.a.face.direction)) > np.sin(GROSS[1])]:
         text = (
-            f"{len(axes)} fits of pins in bores with axes that are not parallel: the parts are bolted, or one axis is "
-            f"a hinge; {first.radii}"
+            f"{len(axes)} pins fit bores, and their axes are not parallel: the parts are bolted, or one axis is a "
+            f"hinge. The closest fit: {first.radii}."
         )
         return [("fixed", first, text)], left + [p for p in axes[1:] if p.near]
     if len(axes) > 1:
         longest = max(axes, key=lambda p: (not p.near, p.overlap))
-        text = f"{len(axes)} parallel fits: a slide on rails, or bolted parts; {longest.radii}"
+        text = f"{len(axes)} fits have parallel axes: a slide on rails, or bolted parts. The longest: {longest.radii}."
         return [("prismatic", longest, text)], left + [p for p in axes if p.near and p is not longest]
-    return [(None, first, f"one coaxial fit, {first.radii}")], left
+    return [(None, first, f"One coaxial fit: {first.radii}.")], left
 
 
 def _joint(
@@ -150,7 +150,7 @@ def _joint(
         frames = [s.measured(parts[s.body]) for s in specs]
     except CadError as error:
         at = spatial.pose(specs[0].R, p.face.point)
-        why += f". NOT MEASURED: both frames are given as numbers, because {error}"
+        why += f" NOT MEASURED: both frames are given as numbers, because {error}"
         return Proposal(name, kind, parent, child, Side(given(at), {}), Side(given(at), {}), pair, 0.0, 0.0, why)
     offset, tilt = locked_error(spatial.inverse(frames[0]) @ frames[1], kind)
     return Proposal(name, kind, parent, child, specs[0].side(), specs[1].side(), pair, offset, tilt, why)
@@ -190,7 +190,7 @@ class _Frame:
         return {**self.keys, **typed}
 
     def measured(self, parts: Sequence[Part]) -> Array:
-        """Return the frame (4, 4) in the coordinates of the CAD, measured as when a description is read."""
+        """Return the frame (4, 4) in the coordinates of the CAD, measured in the same way as a description's frames."""
         found = {n: find(self.body, n, s, parts, _TOLERANCE) for n, s in self.features.items()}
         return frame(FrameSpec(**self._spec()), found)
 
@@ -222,21 +222,22 @@ def _along_axis(
     if touching:
         _, _, i, k = touching[0]
         stops = [across[0][i], across[1][k]]
-        more = ", stopped along its axis: assumed to be a pin; could be cylindrical or a slide" if kind is None else ""
+        more = ""
+        if kind is None:
+            more = " Faces stop the motion along the axis: assumed to be a pin; could also be cylindrical or a slide."
         kind = kind or "revolute"
     else:
         stops = [min(own, key=lambda s: abs(s[2]), default=None) for own in across]
         if kind is None:
             rail = max(p.length, c.length) > _RAIL * min(p.length, c.length)
             kind = "prismatic" if rail else "revolute"
-            guess = (
-                "assumed to be a slide, because the shaft is long"
+            more = " No face stops the motion along the axis: " + (
+                "assumed to be a slide, because the shaft is long; it could also be a pin or cylindrical."
                 if rail
-                else "assumed to be a pin, because the shaft is short"
+                else "assumed to be a pin, because the shaft is short; it could also be a slide or cylindrical."
             )
-            more = f", nothing stops it along its axis: {guess}; could be a pin, a slide or cylindrical"
         else:
-            more = ", nothing stops it along its axis"
+            more = " No face stops the motion along the axis."
     flats = _flats([parts[r.body] for r in (p, c)], zs, MEETING[1] if kind == "revolute" else GROSS[1])
     x = flats[0][1].direction if flats else np.eye(3)[int(np.argmin(np.abs(zs[0])))]
     frames, origins = [], []
@@ -253,7 +254,7 @@ def _along_axis(
         origins.append(at)
         frames.append(made)
     if not flats and kind != "revolute":
-        more += "; its rotation about the axis is given as a number, because no two flat faces match"
+        more += " The rotation about the axis is given as a number, because no two flat faces match."
     return kind, frames, more
 
 

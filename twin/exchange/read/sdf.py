@@ -54,7 +54,7 @@ _HARMLESS |= {"specular", "emissive", "lighting", "laser_retro", "meta", "must_b
 """Elements that affect only simulation or lighting: reported as notes."""
 
 _EMPTY = ("0", "0.0", "-1", "inf", "1e+16", "1e16", "")
-"""Values that have no effect and are not reported."""
+"""Texts of elements that have no effect, so that no finding reports the element."""
 
 
 def read_sdf(path: Path, root: str | None = None) -> Imported:
@@ -78,7 +78,7 @@ class _Sdf:
     def read(self) -> Imported:
         links, joints, marks = (self.xml.named(self.model, k) for k in ("link", "joint", "frame"))
         if not links:
-            raise SourceError(f"{self.path}: no <link>, so there is no mechanism")
+            raise SourceError(f"{self.path}: the model has no <link>, so there is no mechanism")
         self.links, self.elements = links, {**links, **joints, **marks}
         self.poses: dict[str, Array] = {}
         body_names = Names("link", links, self.findings)
@@ -86,7 +86,7 @@ class _Sdf:
         made = [self._joint(n, joint_names[n], e, body_names) for n, e in joints.items()]
         grounded = any(j.parent == "world" for j in made)
         if grounded and "world" in links:
-            self.xml.fail("link 'world'", "this name is reserved for the world")
+            self.xml.fail("link 'world'", "the name 'world' is reserved for the world")
         base = "world" if grounded else self._base(made, body_names)
         bodies = [Body("world")] if grounded else []
         bodies += [Body(body_names[n], tuple(self._meshes(n, e)), self._inertia(n, e)) for n, e in links.items()]
@@ -155,7 +155,8 @@ class _Sdf:
         children = {j.child for j in joints}
         roots = [names[n] for n in self.links if names[n] not in children]
         if len(roots) != 1:
-            raise SourceError(f"{self.path}: expected one base link, found {', '.join(roots) or 'none: a cycle'}")
+            found = ", ".join(roots) or "none: the joints form a cycle"
+            raise SourceError(f"{self.path}: expected one base link, found {found}")
         return roots[0]
 
     # -- poses ----------------------------------------------------------------------------------------
@@ -179,7 +180,7 @@ class _Sdf:
         if name not in self.elements:
             raise SourceError(f"{self.path}: pose, relative_to: {unknown('link, joint or frame', name, self.elements)}")
         if name in seen:
-            self.xml.fail(f"'{name}'", f"its pose is relative to itself, by {' -> '.join((*seen, name))}")
+            self.xml.fail(f"'{name}'", f"the pose is relative to itself: {' -> '.join((*seen, name))}")
         element = self.elements[name]
         pose = element.find("pose")
         relative = (pose.get("relative_to") if pose is not None else None) or ""
@@ -215,7 +216,7 @@ class _Sdf:
                 self.xml.fail(f"{where}, {end}", unknown("link", link, self.links))
             ends.append(link if link == "world" else self._attached(link))
         if ends[1] == "world":
-            self.xml.fail(where, "the child of the joint is the world: swap parent and child")
+            self.xml.fail(where, "the child of the joint is the world: exchange parent and child")
         T = self._at(name)
         values: dict = {}
         if kind in ("revolute", "continuous", "prismatic"):

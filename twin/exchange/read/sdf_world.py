@@ -41,7 +41,7 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
                 if model is None:
                     uri = (element.findtext("uri") or "").strip()
                     where = f"include {uri}"
-                    findings.warn("include", f"{where} is missing: its content is left out.", where)
+                    findings.warn("include", f"{where} is missing: the included model is left out.", where)
                     continue
             elif element.tag == "model":
                 model = copy.deepcopy(element)
@@ -53,7 +53,7 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
                 raise SourceError(f"{xml.path}: model '{name}': the name is used twice")
             known[name] = model
     if not known:
-        raise SourceError(f"{xml.path}: it has no <model>")
+        raise SourceError(f"{xml.path}: the file has no <model>")
     jointed = [n for n, m in known.items() if next(m.iter("joint"), None) is not None]
     if root is not None:
         if root not in known:
@@ -63,11 +63,12 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
         robots = jointed or list(known)
         if len(robots) > 1:
             what = "models with joints" if jointed else "models, none with joints"
-            raise SourceError(f"{xml.path}: {len(robots)} {what}: {', '.join(robots)}. Choose one with --root NAME.")
+            text = f"the file has {len(robots)} {what}: {', '.join(robots)}. Choose one with --root NAME."
+            raise SourceError(f"{xml.path}: {text}")
         own = robots[0]
     for name in known:
         if name != own:
-            text = f"model '{name}' is left out: it does not belong to robot '{own}'."
+            text = f"model '{name}' is left out, because it does not belong to robot '{own}'."
             findings.append((warning if name in jointed else note)("prop", text, name))
     _flatten(xml, known[own])
     return known[own]
@@ -96,7 +97,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
     """Return the model of an include, with the name and pose stated in the include; None if its file is missing."""
     uri = (include.findtext("uri") or "").strip()
     if not uri:
-        xml.fail("<include>", "it has no <uri>")
+        xml.fail("<include>", "the <uri> is missing")
     for key in ("placement_frame", "merge"):
         if (value := include.findtext(key) or include.get(key) or "") not in ("", "false", "0"):
             xml.fail(f"include {uri}", f"{key} = '{value}' is not supported: expand the model (gz sdf -p)")

@@ -58,19 +58,19 @@ def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> 
         float(s) for k in SIZES[kind] for s in xml.numbers(where, f"{kind} {k}", text(k), 3 if k == "size" else 1, None)
     ]
     if min(size) <= 0:
-        xml.fail(where, f"{kind} of size {min(size):g}: it must be positive")
+        xml.fail(where, f"a size of the {kind} is {min(size):g}, but must be positive")
     return size
 
 
 def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:
-    """Return a mesh transformed to the frame of its body, with its colour converted to linear components."""
+    """Return a mesh transformed to the frame of its body, with the colour converted to linear components."""
     points = vertices @ T_body_mesh[:3, :3].T + T_body_mesh[:3, 3]
     r, g, b, a = color
     return Mesh(name, points, np.asarray(triangles, np.int32), (linear(r), linear(g), linear(b), a))
 
 
 def find(uri: str, beside: Path) -> Path | None:
-    """Return the file of a `package://`, `model://` or `file://` address or a plain path; None if it is not found.
+    """Return the file for a `package://`, `model://` or `file://` address or a path; None if there is no such file.
 
     A package is searched in the folder `beside` and in up to four folders above it; environment variables are not used.
     """
@@ -94,12 +94,12 @@ def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Finding
     path = find(uri, beside)
     if path is None or path.suffix.lower() not in SUFFIXES:
         why = "was not found" if path is None else f"is not a file of type {', '.join(SUFFIXES)}"
-        findings.warn("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without it.", uri)
+        findings.warn("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without this mesh.", uri)
         return None
     try:
         mesh, _ = load_mesh(path, "m")
     except CadError as error:
-        findings.warn("mesh", f"link '{link}': {error}: the link is shown without it.", uri)
+        findings.warn("mesh", f"link '{link}': {error}: the link is shown without this mesh.", uri)
         return None
     triangles = mesh.triangles[:, ::-1] if np.prod(scale) < 0 else mesh.triangles
     return mesh.vertices * scale, triangles

@@ -44,7 +44,7 @@ class Imported:
         efforts: maximum effort in N or N m of joints without gains in the file.
         assumed: joints and actuators whose drives are ASSUMED.
         posed: whether the file states rest poses; a URDF does not.
-        keys: named states of the file; each has the value in m or rad of every joint of the tree, active or passive.
+        keys: key frames of the file by name; each has values in m or rad by joint of the tree, active or passive.
     """
 
     mechanism: Mechanism
@@ -129,10 +129,11 @@ def along(axis: Array) -> Array:
 
 def possible(inertia: Inertia, link: str, findings: Findings) -> Inertia | None:
     """Return the inertia; if it is physically impossible, add a warning and return None."""
-    bad = inertia.violations() if np.all(np.isfinite(inertia.I_com)) else ["its numbers are not finite"]
+    finite = np.all(np.isfinite(inertia.I_com))
+    bad = inertia.violations() if finite else ["the inertia has numbers that are not finite"]
     if not bad:
         return inertia
-    findings.warn("inertia", f"link '{link}': {'; '.join(bad)}: its mass is left out.", link)
+    findings.warn("inertia", f"link '{link}': {'; '.join(bad)}: mass and inertia of the link are left out.", link)
     return None
 
 
@@ -151,7 +152,7 @@ def limits(
         findings.warn("limits", f"joint '{joint}': limits 0 .. 0 are read as missing: the joint is unlimited.", joint)
         return None
     if low >= high:
-        raise SourceError(f"{path}: joint '{joint}': limits {low:g} .. {high:g} are not ordered")
+        raise SourceError(f"{path}: joint '{joint}': the lower limit {low:g} is not below the upper limit {high:g}")
     return None if (low, high) == (-math.inf, math.inf) else (low, high)
 
 
@@ -166,7 +167,7 @@ def assemble(
     findings: Findings,
     efforts: dict[str, float] | None = None,
 ) -> Imported:
-    """Return the mechanism that consists of the given parts, with a tool; its rest pose has zero joint values.
+    """Return the mechanism that consists of the given parts and a tool; at rest, all joint values are zero.
 
     The tool is the frame named `tool`, else the only frame, else a new frame at the end of the longest chain. A finding
     states the choice if no frame is named `tool`.
@@ -175,7 +176,7 @@ def assemble(
         SourceError: the parts do not form a mechanism.
     """
     if not joints:
-        raise SourceError(f"{path}: no joints, so there is no mechanism")
+        raise SourceError(f"{path}: the file has no joints, so there is no mechanism")
     try:
         bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
         mechanism = replace(bare, rest=rest_poses(bare), couplings=tuple(couplings))
@@ -197,7 +198,7 @@ def tooled(mechanism: Mechanism, findings: Findings) -> Mechanism:
     """Return the mechanism with a tool frame; if a frame is added, a warning reports it."""
     out, said = with_tool(mechanism)
     if out.frames != mechanism.frames:
-        findings.warn("tool", f"{said} Edit [frame.tool] to place it correctly.", out.frame(out.tool).body)
+        findings.warn("tool", f"{said} Edit [frame.tool] to move this frame to the tool.", out.frame(out.tool).body)
     elif said:
         findings.note("tool", said, out.tool)
     return out

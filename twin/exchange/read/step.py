@@ -79,7 +79,7 @@ def read_skeleton(path: Path) -> Skeleton:
     by_node = bodies(step.parts)
     if len(by_node) < 2:
         raise SourceError(
-            f"{path}: it contains one body, '{next(iter(by_node))}': a mechanism requires an assembly with a node for "
+            f"{path}: the file has one body, '{next(iter(by_node))}': a mechanism requires an assembly with a node for "
             "each body"
         )
     names = Names("node", by_node, findings)
@@ -89,8 +89,8 @@ def read_skeleton(path: Path) -> Skeleton:
         twice = {p.name for p in own if (key := (*p.path, p.name)) in seen or seen.add(key)}
         if twice:
             text = (
-                f"node '{node}' holds several parts named '{min(twice)}': if the node occurs several times, its copies "
-                "are read as one body. Give the copies different names in the CAD."
+                f"node '{node}' has several parts named '{min(twice)}'. If the node occurs several times in the "
+                "assembly, all its copies are read as one body; give the copies different names in the CAD."
             )
             findings.warn("copies", text, node)
     base = next((b for w in _GROUND for b in parts if w in b.split("_")), next(iter(parts)))
@@ -126,9 +126,9 @@ def read_skeleton(path: Path) -> Skeleton:
 
 def _near(p: Proposal) -> Finding:
     text = (
-        f"joint {p.name} of '{p.parent}' and '{p.child}' ({p.pair.radii}): its frames are {p.miss} apart in the CAD "
-        f"(confidence {p.pair.confidence}). It is proposed, but `info` and `validate` will report cad.meeting or "
-        "cad.tilt"
+        f"joint {p.name} of '{p.parent}' and '{p.child}' ({p.pair.radii}): the joint's two frames are {p.miss} apart "
+        f"in the CAD. The joint is proposed (confidence {p.pair.confidence}), but `info` and `validate` will report "
+        "cad.meeting or cad.tilt"
     )
     return finding("warning", "import.near", p.name, text, Quantity(p.offset, "m"), word="")
 
@@ -148,7 +148,7 @@ def _inside(node: str, parts: list[Part]) -> Finding | None:
     some = ", ".join(f"'{p.a.part.name}' in or on '{p.b.part.name}'" for p in pairs[:3])
     inner = sorted({(*part.path, part.name)[part.path.index(node) + 1] for part in parts if node in part.path})
     text = (
-        f"node '{node}' is read as one body, but some of its parts can move in others: {some}"
+        f"node '{node}' is read as one body, but some parts of the node can move in other parts: {some}"
         f"{f' and {len(pairs) - 3} more' if len(pairs) > 3 else ''}. If these are joints, write a [body.*] with `node` "
         f"for each moving inner node ({', '.join(inner[:6])}{', ...' if len(inner) > 6 else ''}), or export the "
         "sub-assembly as separate nodes."
@@ -207,6 +207,12 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         '# provenance = "ASSUMED"',
         '# note = "where the density comes from"',
         *DRIVE,
+        "",
+        "# [[limit]]",
+        '# joints = ["NAME"]',
+        "# limits_deg = [-90, 90] # of a slide: limits_mm",
+        '# provenance = "ASSUMED"',
+        '# note = "where the limits come from"',
     ]
     for body in s.parts:
         lines += table(f"[body.{body}]", node=s.nodes[body] if s.nodes[body] != body else None)
@@ -221,7 +227,7 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         lines += ["", f"# {one_line(p.why)}"]
         if p.misses:
             lines.append(f"# In the CAD, the two frames of this joint are {p.miss} apart.")
-            lines.append(f"# Confidence that its faces fit: {p.pair.confidence}.")
+            lines.append(f"# Confidence that the faces of the two bodies fit: {p.pair.confidence}.")
         joint = table("[[joint]]", name=p.name, type=p.type, parent=p.parent, child=p.child, **sides)
         lines += [f"# {line}" for line in joint[1:]]
     here = "{ position_mm = [0, 0, 0], angles_deg = [0, 0, 0] }"
@@ -235,7 +241,7 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         f"body = {toml(s.tool)}",
         f"at = {{ position_mm = {toml(round(float(v), 3) for v in centre)}, angles_deg = [0, 0, 0] }}",
         "",
-        "[posture.home]",
+        "[posture.home] # a value for each driven joint, such as NAME_deg = 0 or NAME_mm = 0 for the drawn state",
     ]
     return "\n".join(lines) + "\n"
 

@@ -133,7 +133,7 @@ class _Urdf:
         for name, element in out.items():
             self._strange(element, kind, f"{kind} '{name}'")
         if not out:
-            raise SourceError(f"{self.path}: no <{kind}>, so there is no mechanism")
+            raise SourceError(f"{self.path}: the file has no <{kind}>, so there is no mechanism")
         return out
 
     def _strange(self, element: Element, kind: str, where: str) -> None:
@@ -156,7 +156,7 @@ class _Urdf:
             element = joint.find(end)
             link = element.get("link") if element is not None else None
             if link is None:
-                self.xml.fail(f"joint '{name}'", f"it has no <{end} link>")
+                self.xml.fail(f"joint '{name}'", f"the joint has no <{end} link>")
             if link not in links:
                 raise missing(self.path, "link", link, links, f"joint '{name}', {end}")
             out.append(link)
@@ -167,14 +167,15 @@ class _Urdf:
         for joint, (_, child) in ends.items():
             if child in above:
                 text = (
-                    f"joints '{above[child]}' and '{joint}' are both parents of the link, but a URDF is a tree. "
-                    "Remove one, and close the loop in a YAML file given with --closures"
+                    f"the link is the child of two joints, '{above[child]}' and '{joint}', but a URDF is a tree. "
+                    "Remove one of the joints, and close the loop in a YAML file given with --closures"
                 )
                 self.xml.fail(f"link '{child}'", text)
             above[child] = joint
         roots = [n for n in links if n not in above]
         if len(roots) != 1:
-            raise SourceError(f"{self.path}: expected one root link, found {', '.join(roots) or 'none: a cycle'}")
+            found = ", ".join(roots) or "none: the joints form a cycle"
+            raise SourceError(f"{self.path}: expected one root link, found {found}")
         return roots[0]
 
     def _marks(
@@ -208,9 +209,9 @@ class _Urdf:
         if ends:
             text = (
                 f"{len(ends)} pairs such as '{ends[0]}A' and '{ends[0]}B' look like ends of cut loops, but there is no "
-                "closure YAML, "
+                "closure YAML, so the robot is read as a tree. Put the YAML file next to the URDF, or name the file "
+                "with --closures."
             )
-            text += "so the robot is read as a tree. Put the YAML next to the URDF, or name it with --closures."
             self.findings.warn("closures", text, ends[0])
 
     def _retyped(self, joints: dict[str, Element]) -> dict[str, str]:
@@ -263,7 +264,7 @@ class _Urdf:
             ratios = [self.xml.number(where, r.tag, r.text, 1.0) for r in t.iter("mechanicalReduction")]
             offsets = [self.xml.number(where, o.tag, o.text, 0.0) for o in t.iter("offset")]
             if any(offsets):
-                text = f"{where}: its offset is not imported; motor and joint get the same zero position."
+                text = f"{where}: the offset is not imported; motor and joint get the same zero position."
                 self.findings.warn("gear", text, name)
             single = len(told) == len(t.findall("actuator")) == len(ratios) == 1 and ratios[0] != 0
             if single and told[0] in driven - set(found) - set(self.retyped):
@@ -317,7 +318,7 @@ class _Urdf:
         kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
         T = T @ _origin(self.xml, joint, where)
         child = self.home[ends[1]][0]
-        text = f"{where} is {kind} by the closure YAML: the axis and limits of the URDF are not imported."
+        text = f"{where}: the closure YAML sets the type {kind}, so the axis and limits of the URDF are not imported."
         self.findings.note("retyped", text, name)
         if not kind.startswith("UJOINT"):
             yield Joint(names[name], "spherical" if kind == "SPHERICAL" else "fixed", parent, child, T)
@@ -349,7 +350,7 @@ class _Urdf:
                 # In URDF a missing limit means zero.
                 out["limits"] = limits(self.path, low or 0.0, high or 0.0, name, self.findings)
         elif any(limit.get(k) is not None for k in ("lower", "upper")):
-            self.findings.note("limits", f"{where} is continuous: its limits lower and upper are ignored.", name)
+            self.findings.note("limits", f"{where} is continuous: the limits lower and upper are ignored.", name)
         if limit is not None:
             speed, effort = value(limit, "velocity"), value(limit, "effort")
             if speed is not None and speed < 0:
@@ -376,8 +377,11 @@ class _Urdf:
         if not out["soft_limits"][0] < out["soft_limits"][1]:
             del out["soft_limits"]
         done = "clipped to the limits" if "soft_limits" in out else "left out"
-        text = f"its soft limits {first:g} .. {last:g} exceed its limits {low:g} .. {high:g}; they are {done}"
-        self.findings.note("soft_limits", f"joint '{name}': {text}.", name)
+        text = (
+            f"joint '{name}': the soft limits {first:g} .. {last:g} exceed the limits {low:g} .. {high:g}; the soft "
+            f"limits are {done}."
+        )
+        self.findings.note("soft_limits", text, name)
 
     def _mimic(self, name: str, names: Names, joints: dict[str, Element]) -> Coupling:
         where, mimic = f"joint '{name}', mimic", joints[name].find("mimic")
@@ -419,7 +423,7 @@ class _Urdf:
         mass, tensor = element.find("mass"), element.find("inertia")
         kilograms = self.xml.number(where, "mass", mass.get("value") if mass is not None else None)
         if tensor is None:
-            self.xml.fail(where, "its <inertial> has no <inertia>")
+            self.xml.fail(where, "the <inertial> has no <inertia>")
         R = T[:3, :3]
         I = R @ self.xml.tensor(where, tensor.get) @ R.T  # noqa: E741
         return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)

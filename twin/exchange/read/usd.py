@@ -82,7 +82,7 @@ def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Fin
             mass = UsdPhysics.MassAPI(prim)
             kilograms, tensor = mass.GetMassAttr().Get(), mass.GetDiagonalInertiaAttr().Get()
             if kilograms and not any(tensor or ()):
-                text = f"{where}: its mass of {kilograms:g} kg is not imported: the stage does not state its inertia."
+                text = f"{where}: the mass of {kilograms:g} kg is not imported: the stage does not state the inertia."
                 found.warn("inertia", text, where)
         if joint:
             names = [a.GetName() for a in prim.GetAttributes() if a.HasAuthoredValue()]

@@ -26,7 +26,7 @@ class Xml:
         except OSError as error:
             raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
         except (ElementTree.ParseError, ValueError, LookupError) as error:
-            raise SourceError(f"{path}: not XML: {error}") from error
+            raise SourceError(f"{path}: the file is not XML: {error}") from error
         if self.root.tag != root:
             hint = "Expand a xacro first; a file of another format needs the suffix of its format."
             raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")
@@ -39,7 +39,7 @@ class Xml:
         """Return the name of an element; raise `SourceError` if the name is missing."""
         name = (element.get("name") or "").strip()
         if not name:
-            self.fail(f"<{kind}>", "it has no name")
+            self.fail(f"<{kind}>", "the name is missing")
         return name
 
     def named(self, parent: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
@@ -74,7 +74,7 @@ class Xml:
         """Return a direction (3,) parsed from a text; raise `SourceError` if its length is 0."""
         axis = self.numbers(where, what, text, 3, default)
         if not np.abs(axis).max() > 1e-9:
-            self.fail(where, "its axis has length 0")
+            self.fail(where, f"{what}: the axis has length 0")
         return axis
 
     def tensor(self, where: str, text: Callable[[str], str | None], default: Array | None = None) -> Array:

@@ -30,7 +30,7 @@ PROOF = "proof.json"
 _BUDGET = Kind(
     "export.budget",
     "disagreement",
-    "no higher key rate is available: use a larger --budget-um, or make the protocol slower",
+    "the highest key rate is already used: use a larger --budget-um, or make the protocol slower",
     word="budget",
 )
 
@@ -110,7 +110,7 @@ class Bundle(Result):
 _VERDICTS = {
     "agree": "PASS: independent readers find the same robot in every file, at every key",
     "disagree": "FAIL: the exported files disagree; see the findings",
-    "unchecked": "UNCHECKED: not every file could be read again",
+    "unchecked": "UNCHECKED: the audit could not read all exported files",
 }
 
 
@@ -188,7 +188,7 @@ def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding
         error(
             "export.unjudged",
             min(files),
-            f"format '{name}': the audit read none of its files, so they are unchecked",
+            f"the audit read none of the files of format '{name}', so these files are unchecked",
             suggestion="add a reader for the format in twin/exchange/audit",
         )
         for name, files in written.items()

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from twin.planning.trajectory import Trajectory
 
 RATES = (10, 12, 15, 20, 24, 30, 40, 60, 120)
-"""Available key rates in Hz; the times of their keys are multiples of 1/120 s."""
+"""Available key rates in Hz; with each rate, the key times are multiples of 1/120 s."""
 
 _LOOKS = 4
 """Minimum ratio of sample rate to key rate."""
@@ -193,7 +193,7 @@ def key_rows(count: int, stride: int) -> Index:
 
 
 def extremes(mechanism: Mechanism, body: Body) -> Array:
-    """Return the corner points (n, 3) in m of a body, in its frame; their convex hull contains the body.
+    """Return points (n, 3) in m, in the frame of a body, whose convex hull contains the body.
 
     The position error of the body has its maximum at one of these points: the corners of the meshes' bounding box,
     named frames, named points, and the origin.
@@ -276,7 +276,7 @@ def _apart(joint: Joint, links: Mapping[str, Array]) -> Array:
 
 
 def quaternions_xyzw(Ts: Array) -> Array:
-    """Return unit quaternions (k, 4), x y z w, of poses (k, 4, 4), without sign changes between neighbours.
+    """Return unit quaternions (k, 4), x y z w, of poses (k, 4, 4), without sign changes between poses.
 
     The first quaternion has w >= 0. Many players interpolate the four numbers; a change of sign would appear as a
     rotation by up to 180 degrees.

@@ -40,7 +40,7 @@ def write_glb(
     path: Path,
     link_poses: Mapping[str, Array] | None = None,
 ) -> Path:
-    """Write the robot with its clips and return the path.
+    """Write a robot with its clips as a .glb file, and return the path of the file.
 
     Each clip becomes an animation with its name. `link_poses` has T_world_body (4, 4) of every body at rest; default:
     home with closed loops.
@@ -306,7 +306,10 @@ class _Document:
     def packed(
         self, name: str, about: Mapping[str, Any], nodes: list[dict[str, Any]], animations: list[dict[str, Any]]
     ) -> bytes:
-        """Return the .glb file with one scene, whose root is the first node; `about` are the extras of the asset."""
+        """Return the content of a .glb file with one scene, whose root is the first node.
+
+        `about` has the extras of the asset.
+        """
         document: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": f"twin {__version__}", "extras": about},
             "scene": 0,

@@ -9,7 +9,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
 Told = Mapping[str, Callable[[Joint], object]]
-"""Functions that return one kind of joint data (None if the joint has none), by the name of the data."""
+"""Kinds of joint data: by name of the data, a function that returns a joint's value, or None if it has no value."""
 
 SOFT_LIMITS: Told = {"soft limits": lambda j: j.soft_limits}
 MAX_SPEEDS: Told = {"maximum speeds": lambda j: j.max_speed}

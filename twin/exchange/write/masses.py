@@ -19,7 +19,7 @@ LEAST = 1e-3
 
 
 def inertia_of(body: Body) -> Inertia:
-    """Return the body's inertia or, if it is unknown, the inertia of its bounding box filled with water."""
+    """Return a body's inertia or, if it is unknown, the inertia of the body's bounding box filled with water."""
     if body.inertia is not None:
         return body.inertia
     corners = [m.vertices.min(axis=0) for m in body.meshes] + [m.vertices.max(axis=0) for m in body.meshes]
@@ -30,7 +30,7 @@ def inertia_of(body: Body) -> Inertia:
 
 
 def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:
-    """Yield findings that name the bodies whose mass is unknown, so that `inertia_of` assumes it; not the base."""
+    """Yield findings that name the bodies of unknown mass, whose mass `inertia_of` assumes; the base needs no mass."""
     unknown = [b for b in mechanism.bodies if b.inertia is None and b.name != mechanism.base]
     for names, given in (
         ([b.name for b in unknown if b.meshes], "its bounding box filled with water"),

@@ -81,7 +81,7 @@ MOTORS = (
 
 
 def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
-    """Write <robot>.xml, or <name>.xml, and its meshes; return the .xml file.
+    """Write <robot>.xml, or <name>.xml, and the mesh files that it uses; return the path of the .xml file.
 
     The mechanism has masses; missing masses are assumed (see `mjcf_findings`). `name` is the file name without suffix,
     if a robot has several files (one for each trocar position).

@@ -22,7 +22,7 @@ from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 
 _KINDS = {".toml": "TOML", ".step": "STEP", ".stp": "STEP", ".py": "text"}
-"""Formats of source files whose bytes the reader of a robot keeps, by suffix; bytes of meshes are not kept."""
+"""Format of a source file by its suffix, for files whose bytes the reader of a robot keeps (not mesh files)."""
 
 _DRAWN = "drawing."
 """Prefix of the names of lengths that affect only the appearance of parts."""
@@ -121,7 +121,8 @@ def order(
     if robot.files is None:
         if protocols or trajectory is not None:
             raise TwinError(
-                f"{robot.name} is a USD stage: it has no protocols, only its baked motion; name no protocol"
+                f"{robot.name} is a USD stage, which has no protocols; only its baked motion is exported: name no "
+                "protocol"
             )
         return _of_stage(robot, progress)
     progress("read CAD, compute masses", 0.0)

@@ -65,7 +65,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
 
 
 def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder: Path) -> None:
-    """Add a planned trajectory to the stage of `mechanism` in `folder`, sampled every 1/60 s and at its end.
+    """Add a planned trajectory to the stage of `mechanism` in `folder`, sampled every 1/60 s and at the last time.
 
     `bound` is the mechanism with the trocar positions of the protocol.
     """

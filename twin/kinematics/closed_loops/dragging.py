@@ -150,7 +150,7 @@ class Dragger:
     # -- by a point -----------------------------------------------------------------------------------
 
     def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
-        """Return a grip on a point of a body; it moves the point along straight lines by the smallest joint motion.
+        """Return a grip on a point of a body; the grip moves the point along straight lines by minimum joint motion.
 
         u (m,) contains the loop unknowns that close the loops at q (n,). `p_body` (3,) is the point in the body frame,
         in m.

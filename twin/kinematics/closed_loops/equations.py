@@ -130,7 +130,10 @@ class Equations:
         self.T_base_tool = self.pose(tool.body, tool.T_body_frame)
 
     def pose(self, body: str, T_body_frame: Array | None = None, stepping: bool = False) -> ca.SX:
-        """Return T_base_frame (4, 4) of a frame on a body; with `stepping`, to first order after a step of unknowns."""
+        """Return T_base_frame (4, 4) of a frame on a body.
+
+        With `stepping`, the pose is that after a step of the unknowns, to first order in the step.
+        """
         chain = self._chain(self.mechanism.path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
         axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
         T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))

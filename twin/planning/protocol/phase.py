@@ -25,7 +25,7 @@ Positive = Annotated[float, Field(gt=0)]
 Depth = Annotated[float, Field(ge=0)]
 Trocar = Annotated[
     Identifier | None,
-    Field(description="the entry of [trocars_mm] that the shaft passes through; required if there are several"),
+    Field(description="the entry of [trocars_mm] that the shaft passes through; required if there are several entries"),
 ]
 JointValue = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*_(deg|mm)$")]
 
@@ -40,8 +40,8 @@ class Walk:
         trocars: names in [trocars_mm].
         home: name of the home waypoint.
         inside: whether an RCM is registered.
-        here: name of the waypoint at which the robot is; None if it is at none.
-        goal: name of the waypoint at which the current phase ends; None if it ends at none.
+        here: name of the waypoint at which the robot is; None if the robot is not at a waypoint.
+        goal: name of the waypoint at which the current phase ends; None if the phase does not end at a waypoint.
         stays: whether the current phase ends where it began.
         used: names of the waypoints used so far.
     """
@@ -131,7 +131,7 @@ class PhaseTable(Table):
 
     @abstractmethod
     def follow(self, walk: Walk) -> None:
-        """Check the phase against the phases before it, and set the waypoint at which it ends in `walk`."""
+        """Check that the phase can follow the phases before it; set the waypoint at which it ends in `walk`."""
 
     @abstractmethod
     def phase(self, walk: Walk) -> Phase:
@@ -187,7 +187,9 @@ class Begin:
     mode: RcmMode | None
 
     def pose(self, name: str) -> tuple[Array, Array]:
-        """Return angles (3,) in rad and position (3,) in m of a waypoint; the current values if it has joint values.
+        """Return angles (3,) in rad and position (3,) in m of a waypoint.
+
+        If the waypoint has joint values and the mechanism determines the path, the present values are returned.
 
         Raises:
             ProtocolError: the waypoint has no position.
@@ -275,5 +277,5 @@ class Phase(ABC):
 
 
 def trocar_of(phase: Phase) -> str:
-    """Return the name of the trocar that a phase uses; "" if it names none."""
+    """Return the name of the trocar that a phase uses; "" if the phase names no trocar."""
     return getattr(phase, "trocar", "")

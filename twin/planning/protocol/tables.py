@@ -23,7 +23,7 @@ class WaypointTable(Table):
     depth_mm: Depth | None = None
     joints: Annotated[
         dict[JointValue, float] | None,
-        Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; others are as drawn"),
+        Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; other joints are as drawn"),
     ] = None
     label: str = ""
     provenance: Origin
@@ -64,13 +64,15 @@ class TolerancesTable(Table):
 class PatientTable(Table):
     """The patient: `body` of cad/patients, with its `port` at the RCM, rotated by `turn_deg` about z of the base.
 
-    Links that the patient `replaces` (a phantom) are not shown together with it.
+    The links in `replaces` (such as a phantom) are not shown together with the patient.
     """
 
     body: Identifier
     port: Identifier
     turn_deg: float = 0.0
-    trocar: Annotated[Identifier | None, Field(description="the trocar at the port, if there are several")] = None
+    trocar: Annotated[
+        Identifier | None, Field(description="name of the trocar at the port, if the robot has several trocars")
+    ] = None
     replaces: list[Identifier] = Field(default_factory=list)
     provenance: Origin
     note: _Text

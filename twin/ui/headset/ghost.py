@@ -17,7 +17,7 @@ _CHUNK = 8
 """Number of samples that one job of the worker solves."""
 
 _PATIENCE = 10
-"""Waiting time after a failed solution, as a multiple of its computing time, because drags have priority."""
+"""Pause after a sample that has no solution, as a multiple of the time for this sample, as drags have priority."""
 
 
 class Ghost:

@@ -170,7 +170,10 @@ class Live:
             if not meant:
                 raise RefusedError("not_held", "grab first, then drag")
         if len(meant) > 1:
-            raise RefusedError("invalid", f"robot: name one of {', '.join(t.name for t in meant)}")
+            names = ", ".join(t.name for t in meant)
+            raise RefusedError(
+                "invalid", f"robot: required, as the message could be for several robots; name one of {names}"
+            )
         return meant[0]
 
     def _time(self, message: wire.Message) -> None:

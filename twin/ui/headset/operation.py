@@ -38,7 +38,7 @@ from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import RATE
 
 REPORT = "/report-{}.html"
-"""Path of the report of an attempt at a task."""
+"""URL path of the report of an attempt at a task, by the number of the attempt."""
 
 _PAPER = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 """Content-Security-Policy of a report, which has no scripts and contains its styles and pictures."""
@@ -56,8 +56,8 @@ class Operation(LiveConsole):
     Attributes:
         device: the input device, which receives the hands of a client, or of UDP packets.
         owner: identifier of the client whose hands control the robots; `UDP`: packets; None: no owner.
-        packets: hands by UDP; None before `listen`.
-        tablet: motion scale by MQTT; None before `connect`.
+        packets: receiver of the hands' UDP packets; None before `listen`.
+        tablet: topic by which the motion scale is set over MQTT; None before `connect`.
         send: function that sends a document to all clients.
         files: reports of finished attempts, by path.
     """

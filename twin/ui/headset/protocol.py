@@ -341,7 +341,7 @@ class Fulcrum(_Message):
 
 
 class Training(_Message):
-    """Request a mode of a machine's trainer: teleoperation, rehearsal with the model, check of the record, replay."""
+    """Request a mode of the machines' trainer: teleoperation, rehearsal, check of the rehearsed motion, or replay."""
 
     type: Literal["training"]
     mode: Literal["teleoperate", "rehearse", "judge", "replay"]

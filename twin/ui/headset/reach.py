@@ -18,7 +18,7 @@ _MOST = 4000
 
 
 class Reach:
-    """Computation of the workspace of a desk.
+    """Computation of the workspace of a robot at its present orientation.
 
     Attributes:
         on: whether the workspace is shown.

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from twin.ui.session.mirror import Mirror
 
 _ROBOTS = "robots/{}/"
-"""Path of the files of a robot in a scene."""
+"""URL path of the folder with the files of a robot in a scene, by the name of its place."""
 
 _PROPS, _OBJECTS = "props.glb", "objects.glb"
 
@@ -76,7 +76,7 @@ def of_robot(
 ) -> Served:
     """Return the content for one robot, with the patients of its protocols; call this function in an event loop.
 
-    The arguments are those of `Twin`.
+    `robot`, `source`, `protocol` and `plans` are arguments of `Twin`; `feed` is the source of deformables, None: none.
     """
     from twin.exchange.write.glb import glb_bytes
 
@@ -113,7 +113,7 @@ def of_console(
 
     Args:
         loaded: the scene; the models of its machines are shown beside them.
-        exercise: what is done at the console.
+        exercise: task, condition, session file and report.
         packets: host and port at which poses of the hands are received by UDP; None: no UDP.
         mqtt: address of the MQTT broker for the motion scale; None: no broker.
         topic: topic of the motion scale; None: twin/<scene>/scale.

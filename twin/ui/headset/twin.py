@@ -41,7 +41,7 @@ class Twin:
 
     Attributes:
         desk: state of the robot while it does not play; only jobs of the worker thread change it.
-        clock: clock of the protocol, shared in a scene.
+        clock: clock of the protocol, which all robots of a scene share.
         patients: patients by protocol name.
         send: function that sends a document to all clients.
         planned: function called when a protocol has been planned.

@@ -6,7 +6,7 @@ import base64
 import json
 import threading
 import urllib.request
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,10 +24,11 @@ _AGAIN, _PATIENCE = 1.0, 10.0
 
 
 class Watched:
-    """The stream of a running server, read by a thread.
+    """The stream of a running server, read by a thread. After a break, the server must show the same as before.
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
+        objects: names of the movable objects.
         reading: last state of the console; None before the first state, and for a scene without a console.
         problem: reason for missing frames; "" while frames arrive.
     """
@@ -38,31 +39,30 @@ class Watched:
         Raises:
             TwinError: no server answers, or the server shows a different scene.
         """
-        self._port, self.problem = port, ""
+        self._port, self._scene, self.problem = port, scene, ""
         self.reading: dict[str, Any] | None = None
         self._frame: bytes | None = None
         self._stop = threading.Event()
-        try:
-            with urllib.request.urlopen(f"http://127.0.0.1:{port}/scene.json", timeout=_PATIENCE) as answer:
-                about = json.load(answer)
-        except (OSError, ValueError) as error:
-            raise TwinError(f"--watch {port}: no `twin serve {scene}` answers on this port: {error}") from None
-        if about["name"] != scene:
-            raise TwinError(f"--watch {port}: the server shows '{about['name']}', not '{scene}'")
+        about = self._about()
+        self._model = about["model_hash"]
         self._links = {r["name"]: r["links"] for r in about["robots"]}
+        self.objects: Sequence[str] = tuple(about.get("objects", {}).get("names", ()))
+        if self.objects:
+            self._links[wire.OBJECTS] = self.objects
         self.surfaces: Mapping[str, Surface] = {f["name"]: _surface(f) for f in about["fields"]}
         threading.Thread(target=self._read, daemon=True).start()
 
     def take(self) -> tuple[dict[str, dict[str, Array]], dict[str, Array]] | None:
         """Return (link poses, vertices) of the newest frame; None if no frame has arrived since the last call.
 
-        Poses are T_base_link (4, 4), by robot and link; vertices are (n, 3) in m in the World, by deformable.
+        Poses are T_base_link (4, 4), by robot and link; those of movable objects, under "objects", are in the World.
+        Vertices are (n, 3) in m in the World, by deformable.
         """
         data, self._frame = self._frame, None
         if data is None:
             return None
         shown = unpack_scene(data)
-        parts = zip(self._links.items(), shown.robots, strict=False)  # movable objects come after the robots
+        parts = zip(self._links.items(), shown.robots, strict=True)
         links = {r: {n: wire.pose_of(p) for n, p in zip(names, part.poses, strict=True)} for (r, names), part in parts}
         return links, dict(zip(self.surfaces, shown.fields, strict=True))
 
@@ -70,14 +70,37 @@ class Watched:
         """End the connection."""
         self._stop.set()
 
+    def _about(self) -> dict[str, Any]:
+        """Return the document scene.json of the server.
+
+        Raises:
+            TwinError: no server answers, or it serves something else.
+        """
+        port, scene = self._port, self._scene
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/scene.json", timeout=_PATIENCE) as answer:
+                about = json.load(answer)
+        except (OSError, ValueError) as error:
+            raise TwinError(f"--watch {port}: no `twin serve {scene}` answers on this port: {error}") from None
+        if about["name"] != scene:
+            raise TwinError(f"--watch {port}: the server shows '{about['name']}', not '{scene}'")
+        return about
+
     def _read(self) -> None:
         while not self._stop.is_set():
             try:
+                if self._about()["model_hash"] != self._model:
+                    raise TwinError(
+                        f"--watch {self._port}: the server shows '{self._scene}' with another task or other files: "
+                        "start this command again"
+                    )
                 origin = f"http://127.0.0.1:{self._port}"
                 with connect(f"ws://127.0.0.1:{self._port}/ws", origin=origin, max_size=None) as ws:  # type: ignore[arg-type]
                     self._hear(ws)
             except (OSError, WebSocketException, TimeoutError) as error:
-                self.problem = f"The server on port {self._port} does not answer: {error}"
+                self.problem, self.reading = f"The server on port {self._port} does not answer: {error}", None
+            except TwinError as error:
+                self.problem, self.reading = str(error), None
             self._stop.wait(_AGAIN)
 
     def _hear(self, ws: Any) -> None:

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 def figure(found: Contract) -> Figure:
     """Return a figure with two panels: clauses of each equation, and distance of the tool from its start.
 
-    A satisfied clause is green, another clause red. The distance is drawn for a hand motion that ends where it began.
+    Satisfied clauses are green, unsatisfied clauses red. The distance is drawn for a hand motion that ends where it
+    began.
     """
     names = sorted({c.equation for c in found.clauses})
     readings = ", ".join(f"{n}={found.variants.get(n, '?')}" for n in names)

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.ui.report.style import GRID, INK, PALETTE, sheet, styled
-from twin.validation.ranks import Ranks
+from twin.validation.ranks import Ranks, label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +34,7 @@ def figure(found: Ranks) -> Figure:
     axes = out.subplots(len(names), 2 if curve else 1, squeeze=False)
     out.subplots_adjust(left=0.1, right=0.98, top=1 - 0.8 / height, bottom=0.45 / height, hspace=0.55, wspace=0.25)
     if same:
-        equal = ", ".join(f"{name} {x[0]:g}" for name, x in same.items())
+        equal = ", ".join(f"{label(name)} {x[0]:g}" for name, x in same.items())
         out.text(0.012, 1 - 0.46 / height, f"Equal for all users: {equal}", fontsize=8, va="center")
     for row, name in zip(axes, names, strict=True):
         _boxes(row[0], users.samples(name), name)
@@ -56,7 +56,7 @@ def _boxes(ax: Axes, samples: dict[str, Array], name: str) -> None:
         aside = 0.12 * np.sin(2.4 * np.arange(len(x)))  # equal values lie beside each other
         ax.plot(k + 1 + aside, x, "o", ms=4, alpha=0.7, color=PALETTE[k % len(PALETTE)])
     ax.set_xticks(range(1, len(drawn) + 1), [f"{n}\nn = {len(x)}" for n, x in drawn.items()])
-    ax.set_title(name, loc="left", fontsize=9)
+    ax.set_title(label(name), loc="left", fontsize=9)
     ax.grid(True, axis="y", color=GRID)
     ax.tick_params(length=2.5)
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 @styled()
 def figure(found: Sweep) -> Figure:
-    """Return a figure with a panel for the trade-off of the first two objectives, and a panel for each pair.
+    """Return a figure with the trade-off of the first two objectives, and a panel for each objective and factor.
 
-    The pairs are those of a factor of the design and an objective; each point is a design.
+    Such a panel shows the objective over the factor. Each point is a design; a star is the design of the CAD.
     """
     robot, judged, best, names = found.robot, found.judged, found.best, list(found.rows[0])[1:-1]
     scales = np.array([f.scale for f in found.work.factors])

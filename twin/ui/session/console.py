@@ -52,7 +52,7 @@ _OWED = 0.1
 """Maximum delay in s that the World makes up for; any further delay remains, so that it runs slower than real time."""
 
 _NICE = 10
-"""Increase of the nice value of the process that makes a report: a lower priority keeps the World in real time."""
+"""Increase of the nice value of the process that makes a report; its lower priority keeps the World in real time."""
 
 PlanStep = Literal["aim", "find", "accept", "cancel"]
 
@@ -191,7 +191,7 @@ class LiveConsole:
 
     def _require_task(self) -> None:
         if self.referee is None:
-            raise TwinError("there is no task to end or restart: start this program with --task")
+            raise TwinError("there is no judged task to end or restart: start this program with --task")
 
     def _finish(self, why: str) -> None:
         """Stop the World, complete the session file, and begin to make the report."""
@@ -289,7 +289,7 @@ class LiveConsole:
             self.machines.exchange.receive()
 
     def _after_steps(self, behind: bool) -> None:
-        """Finish a call of `advance`; `behind`: whether the machine was too slow for all steps."""
+        """Finish a call of `advance`; `behind`: whether this computer was too slow for all steps."""
         if self.machines is not None:
             self.machines.exchange.send()
         if self.recorder is not None:

@@ -1,4 +1,4 @@
-"""The state of a console as plain data, from the signals of its World, and the log of what is new in it."""
+"""Read the state of a console as plain data from the signals of its World, and log what is new in the state."""
 
 from __future__ import annotations
 

@@ -43,4 +43,4 @@ class Exercise:
 
 
 NO_TASK = Exercise()
-"""No task, recording or report."""
+"""Exercise without a task, a session file and a report."""

@@ -11,7 +11,7 @@ from twin.simulation.world import Block, Signals
 
 
 class ForcePeaks(Block):
-    """Block of a World that stores the largest `<hand>.force` (3,) in N since the last call of `take`; no output."""
+    """Block of a World, without outputs: stores the largest `<hand>.force` (3,) in N since the last call of `take`."""
 
     def __init__(self, hands: Sequence[str]) -> None:
         """Watch the forces on the hands with these names."""

@@ -70,7 +70,7 @@ class Hand:
         return found, dragged
 
     def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Dragged]:
-        """Move the active joints towards q (n,) in m or rad; return as `point`."""
+        """Move the active joints towards q (n,) in m or rad; return the same as `point`."""
         dragged = self.dragger.joints(now.q, self._unknowns(now), q, SECONDS)
         return self._closed(now, dragged), dragged
 

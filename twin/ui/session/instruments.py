@@ -28,8 +28,8 @@ class Residual(NamedTuple):
 AGREE = 1e-6
 """Difference in m or rad between equations and mechanism above which it is shown red; reports have smaller limits."""
 
-OTHER = "other assembly: equations not comparable"
-BEYOND = "beyond the reach of the equations: not comparable"
+OTHER = "not comparable: different assembly modes"
+BEYOND = "not comparable: beyond the reach of the equations"
 
 
 @dataclass(frozen=True)

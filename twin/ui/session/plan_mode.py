@@ -47,7 +47,7 @@ _SAID = 6.0
 """Time in s for which the message about the end of a motion is shown."""
 
 _SAME = 1e-4
-"""Largest joint difference in rad or m between arm and target below which the target is the arm's present pose."""
+"""The arm is at the target if the values of each joint at arm and target differ by less than this, in rad or m."""
 
 _NEAR = 0.1 * MM, 0.1 * DEG
 """Largest motion of the target in m and rad that the ghost does not follow. Such a motion is too small to be seen, and

@@ -19,9 +19,7 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model import alignment
-from twin.model.body import Body
 from twin.model.console import CameraTable
-from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.camera import Drag
@@ -35,7 +33,7 @@ from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.pens import Pens
 from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import Loop
-from twin.ui.viewer.nodes import BLUE, RobotNodes
+from twin.ui.viewer.nodes import BLUE, RobotNodes, object_nodes
 from twin.ui.viewer.planning import PlanningPanel
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 from twin.ui.viewer.score import ScorePanel
@@ -99,7 +97,7 @@ class ConsoleFront(Loop):
             title: title of the page.
             loaded: a scene with a console; the models of its machines are shown as ghosts.
             server: the server of viser.
-            exercise: what is done at the console.
+            exercise: task, condition, session file and report.
             stopping: set when the page shall end.
 
         Raises:
@@ -117,8 +115,7 @@ class ConsoleFront(Loop):
             for n, m in self.console.shown.items()
         }
         for item in self.console.objects:
-            alone = Mechanism(item.name, item.name, (Body(item.name, (item.mesh(),)),), ())
-            self.nodes[item.name] = RobotNodes(server, f"/{item.name}", alone, poses[item.name])
+            self.nodes[item.name] = object_nodes(server, item, poses[item.name][item.name])
         boxes = [n.box for n in self.nodes.values()]
         self.props: RobotNodes | None = None
         goal = None if exercise.task is None else exercise.task.alignment

@@ -18,7 +18,10 @@ _COLORS = ("#0a66c2", "#c7741b")
 
 
 class DeviationCurve:
-    """Plot of the tip distance in mm of each machine over the last `_SECONDS` s, with a dashed line at the limit."""
+    """Plot over the last `_SECONDS` s of the distance in mm between the tips of each machine and its model.
+
+    A dashed line marks the limit, if there is one.
+    """
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str], limit: float | None = None) -> None:
         """Add an empty plot for the machines `names`; `limit` in m is the deviation at which the force cue begins."""

@@ -1,4 +1,4 @@
-"""The loop of a viser page: one thread solves and draws, so that all browsers show the same.
+"""The loop of a viser page: one thread solves and draws, so that all browsers show the same state.
 
 Callbacks of the page only store requests; a new request replaces an earlier one of the same kind, so that fast input
 does not queue up.

@@ -33,7 +33,7 @@ Ask = Callable[[Any, str, Callable[[str], object]], None]
 
 
 class PlanningPanel:
-    """Buttons of planning mode, and its displays in the scene; all browsers show the same."""
+    """Buttons of planning mode, and its displays in the scene; all browsers show the same state."""
 
     def __init__(self, server: viser.ViserServer, console: LiveConsole, pens: Pens, on_click: Ask) -> None:
         """Add the controls; `on_click` connects a button to a request with the name of the client."""

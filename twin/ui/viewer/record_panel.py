@@ -56,7 +56,7 @@ class RecordPanel:
         gui.add_button("as the protocol's last phase").on_click(lambda _: front.ask("save", self._save_phase))
 
     def close(self) -> None:
-        """End recording and replay; the controls are removed with the list `handles`."""
+        """End recording and replay; the owner of the list `handles` removes the controls."""
         self.front.after_frame.remove(self._tick)
 
     def _toggle(self) -> None:

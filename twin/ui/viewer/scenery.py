@@ -72,7 +72,7 @@ class Scenery:
             self._trail[a.name] = [line]
 
     def follow(self) -> None:
-        """Draw trocars and shafts at the robots' present poses; a shaft that misses its trocar by 2 mm is not drawn."""
+        """Draw trocars and shafts at the robots' present poses; a shaft 2 mm beside its trocar is not drawn."""
         shown = set()
         for a in self.front.actors if self._trail_shown else ():
             size = self.front.nodes[a.name].size

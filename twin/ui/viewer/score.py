@@ -15,7 +15,7 @@ _BOX = "padding:0 1em .5em;font-size:.9em"
 
 
 class ScorePanel:
-    """Scoreboard and buttons of a task; all browsers show the same."""
+    """Scoreboard and buttons of a task; all browsers show the same state."""
 
     def __init__(
         self,

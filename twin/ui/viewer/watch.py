@@ -1,9 +1,9 @@
-"""A read-only page: shows the robots and organs of a scene as a running `twin serve` simulates them."""
+"""A read-only page: shows robots, organs and objects of a scene as a running `twin serve` simulates them."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Protocol
 
@@ -13,12 +13,16 @@ import viser
 from twin.core.spatial import Array
 from twin.core.units import srgb
 from twin.reference import ReferenceModel
+from twin.simulation.plants.tissue import clips_of
 from twin.ui.session.feed import Surface
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.viewer.console import AWAY, hand_text, status
 from twin.ui.viewer.loop import Loop
-from twin.ui.viewer.nodes import RobotNodes
+from twin.ui.viewer.nodes import RobotNodes, object_nodes
 from twin.ui.viewer.room import OUTSIDE, corners, furnish
+
+OBJECTS = "objects"
+"""Name under which a stream has the poses of movable objects."""
 
 
 class Stream(Protocol):
@@ -26,18 +30,21 @@ class Stream(Protocol):
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
+        objects: names of the movable objects.
         reading: last state of the console; None before the first state, and for a scene without a console.
         problem: reason for missing frames; "" while frames arrive.
     """
 
     surfaces: Mapping[str, Surface]
+    objects: Sequence[str]
     reading: dict[str, Any] | None
     problem: str
 
     def take(self) -> tuple[Mapping[str, Mapping[str, Array]], Mapping[str, Array]] | None:
         """Return (link poses, vertices) of the newest frame; None if no frame has arrived since the last call.
 
-        Poses are T_base_link (4, 4), by robot and link; vertices are (n, 3) in m in the World, by deformable.
+        Poses are T_base_link (4, 4), by robot and link; those of movable objects, under "objects", are in the World.
+        Vertices are (n, 3) in m in the World, by deformable.
         """
         ...
 
@@ -75,6 +82,8 @@ class WatchFront(Loop):
             boxes.append(drawn.box)
             for body, handle in drawn.meshes:
                 handle.opacity = 0.3 if body == "patient" else None
+        known = {item.name: item for item in (*loaded.scene.objects, *clips_of(loaded.scene.tools))}
+        self._objects = {n: object_nodes(server, known[n], np.eye(4)) for n in stream.objects}
         self._meshes: dict[str, viser.MeshHandle] = {}
         found = np.concatenate([corners(b) for b in boxes])
         low, high = found.min(axis=0), found.max(axis=0)
@@ -104,7 +113,11 @@ class WatchFront(Loop):
         super().close()
 
     def _draw(self, links: Mapping[str, Mapping[str, Array]], fields: Mapping[str, Array]) -> None:
+        for name, pose in links.get(OBJECTS, {}).items():
+            self._objects[name].write({name: pose})
         for robot, poses in links.items():
+            if robot == OBJECTS:
+                continue
             T = self._places[robot]
             self.nodes[robot].write({n: T @ pose for n, pose in poses.items()})
         for name, vertices in fields.items():

@@ -54,5 +54,5 @@ def check_stage(path: str | Path) -> list[Finding]:
             *check_meshes(scene),
         ]
     except StageError as failed:  # a transform op that cannot be evaluated; check_ops has already reported it
-        findings.append(_UNCHECKED(scene.path, f"{failed} Poses, joints and bodies are not checked"))
+        findings.append(_UNCHECKED(scene.path, f"{failed} Therefore poses, joints and bodies are not checked"))
     return by_severity(findings)

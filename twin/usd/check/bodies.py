@@ -18,10 +18,10 @@ from twin.usd.read.bodies import below, mesh_triangles
 from twin.usd.scan import Scene, quaternion_attributes
 
 QUATERNION_TOL = 1e-4
-"""Deviation of a quaternion's length from 1 that counts as rounding of single precision."""
+"""Maximum difference of a quaternion's length from 1 that is taken as a rounding error of single precision."""
 
 COM_MARGIN = 1 * MM
-"""Accepted distance in m of a centre of mass from the bounding box of the meshes, which may be thin or coarse."""
+"""Maximum distance in m of a centre of mass from the bounding box of the meshes, which may be thin or coarse."""
 
 GYRATION = (0.02, 1.0)
 """Plausible range of the maximum radius of gyration, divided by the diagonal of the meshes' bounding box."""
@@ -33,7 +33,7 @@ LARGEST = 20.0
 _QUATERNION = Kind(
     "stage.quaternion",
     "disagreement",
-    "normalise the quaternion (engines may scale by it or fail); its order in USD text is (w, x, y, z)",
+    "normalise the quaternion (engines may scale the prim or fail); the order in USD text is (w, x, y, z)",
     word="expected",
 )
 _NESTED = Kind(
@@ -47,12 +47,12 @@ _COM = Kind("stage.com", "disagreement", "author the centre of mass in the body 
 _INERTIA_SIZE = Kind(
     "stage.inertia_size",
     "disagreement",
-    "author the inertia in kg m2 about the centre of mass; values in kg mm2 are 1e6 times, in g mm2 1e9 times larger",
+    "author the inertia in kg m2 about the centre of mass; 1 kg m2 is 1e6 kg mm2 or 1e9 g mm2",
 )
 _SUBDIVISION = Kind("stage.subdivision", "warning", 'author subdivisionScheme = "none"')
 _EXTENT = Kind("stage.extent", "disagreement", "recompute the extent from the points")
 _POINT_INDEX = Kind("stage.point_index", "disagreement", "number the points from 0 to their count minus 1")
-_WINDING = Kind("stage.winding", "disagreement", "reverse its faces, or author orientation = leftHanded")
+_WINDING = Kind("stage.winding", "disagreement", "reverse the faces of the mesh, or author orientation = leftHanded")
 
 
 _MASS = Kind("stage.mass", "disagreement", "author a positive physics:mass")
@@ -97,7 +97,7 @@ def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
 def _check_size(path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]:
     diagonal = 0.0 if box is None else float(np.linalg.norm(box[1] - box[0]))
     if diagonal > LARGEST:
-        text = f"body {path} is too large: its numbers look like millimetres, but the stage is in metres"
+        text = f"body {path} seems to be in millimetres, but the stage is in metres; diagonal of the body's meshes"
         yield _SIZE(path, text, Quantity(diagonal, "m"), LARGEST)
 
 
@@ -131,9 +131,9 @@ def _check_mass(
             path,
             f"body {path} has no mass"
             + (
-                ": simulators assume 1000 kg/m³ for its colliders, or a mass of 1 kg"
+                ": simulators assume a density of 1000 kg/m³ for the body's colliders, or a mass of 1 kg"
                 if weighed
-                else ", like every other body"
+                else "; no body of the stage has a mass"
             ),
             suggestion="author physics:mass with PhysicsMassAPI"
             + ("" if weighed else ", if a simulator needs the mass"),
@@ -144,7 +144,7 @@ def _check_mass(
         outside = np.maximum(np.maximum(box[0] - center, center - box[1]), 0)
         gap = float(np.linalg.norm(outside))
         if gap > COM_MARGIN:
-            text = f"the centre of mass of {path} is outside the bounding box of its meshes"
+            text = f"the centre of mass of body {path} is outside the bounding box of the body's meshes"
             yield _COM(path, text, mm(gap), mm(COM_MARGIN))
     moments = gf.vector(api.GetDiagonalInertiaAttr().Get()) * scene.kilograms * scene.meters**2
     if np.any(moments):
@@ -164,8 +164,8 @@ def _check_inertia(path: str, mass: float, moments: Array, box: tuple[Array, Arr
         limit = GYRATION[gyration > diagonal * GYRATION[0]] * diagonal
         if diagonal > 0 and not GYRATION[0] < gyration / diagonal < GYRATION[1]:
             message = (
-                f"the radius of gyration of body {path} is not plausible for its meshes, whose diagonal is "
-                f"{mm(diagonal)}"
+                f"the radius of gyration of body {path} is not plausible: the diagonal of the body's meshes is "
+                f"{mm(diagonal)}, the radius of gyration"
             )
             yield _INERTIA_SIZE(path, message, mm(gyration), mm(limit))
 
@@ -203,7 +203,7 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
         real = np.array([points.min(axis=0), points.max(axis=0)])
         slack = 1e-4 * float(np.linalg.norm(real[1] - real[0]))
         if len(extent) == 2 and (off := float(np.max(np.abs(extent - real)))) > slack:
-            text = f"the extent of mesh {path}, which viewers use for culling, is wrong"
+            text = f"the extent of mesh {path}, which viewers use for culling, differs from the points"
             yield _EXTENT(path, text, mm(off * scene.meters), mm(slack * scene.meters))
         if _is_closed(triangles):
             a, b, c = (points[triangles[:, i]] for i in range(3))

@@ -19,19 +19,19 @@ from twin.usd.check.timeline import Timeline
 from twin.usd.scan import RawJoint
 
 STATE_TOL = 0.01
-"""Maximum difference between a joint state and the coordinate of the authored pose: degrees, or mm for lengths."""
+"""Maximum difference between a joint state and the coordinate of the authored pose, in degrees (lengths: mm)."""
 
 LIMIT_TOL = 1e-3
-"""Violation of a limit that counts as rounding: degrees, or mm for lengths."""
+"""Maximum violation of a joint limit that is taken as a rounding error, in degrees (lengths: mm)."""
 
 RADIAN_LOOKS = tuple(np.pi * f for f in (2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3, 3 / 4, 5 / 6))
 """Values of typical limits in radians; such values are unusual for limits in degrees."""
 
 RADIAN_SPEED = 4 * np.pi
-"""Maximum speeds up to this value are probably in rad/s, because they would be very slow in degrees per second."""
+"""Up to this value, a joint's maximum speed is probably in rad/s; in degrees per second it would be very slow."""
 
 SPEED_MARGIN = 1.01
-"""Factor on the maximum speed that allows for the error of finite differences between samples."""
+"""Factor by which a speed may exceed the maximum, because finite differences between samples have an error."""
 
 
 _RADIANS = Kind("stage.radians", "disagreement", "multiply by 180/pi", word="")
@@ -100,7 +100,7 @@ def _check_limits(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding
         inside = np.max(_breach(q, low / DEG, high / DEG, True)) <= LIMIT_TOL
         outside = np.max(_breach(q, low, high, True)) > LIMIT_TOL
         if inside and (typical or outside):
-            yield _radians(joint, f"limits {low:.5g} .. {high:.5g} look like radians", high)
+            yield _radians(joint, f"the limits {low:.5g} .. {high:.5g} deg look like radians", high)
             return
     unit, shown = _unit(joint)
     breach = _breach(q, low, high, joint.is_angle) * shown
@@ -127,11 +127,11 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         if not joint.excluded and float(_difference(joint, q[:1], np.zeros(1))[0]) > STATE_TOL:
             yield _STATE_MISSING(
                 joint.path,
-                f"joint {joint.path} has no joint state, so simulators start it at zero instead of at the coordinate "
-                "given by the poses of its bodies",
+                f"joint {joint.path} has no joint state, so simulators start the joint at zero instead of at the "
+                "coordinate given by the poses of its bodies",
                 Quantity(q[0] * shown, unit),
                 STATE_TOL,
-                f"apply PhysicsJointStateAPI:{joint.instance} and author its position",
+                f"apply PhysicsJointStateAPI:{joint.instance} to the joint and author the position of this state",
             )
         return
     sampled = attribute.GetNumTimeSamples() > 0 and len(line.codes)
@@ -144,12 +144,12 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     if off[worst] <= STATE_TOL:
         return
     if joint.is_angle and np.max(_difference(joint, states / DEG, actual)) < 10 * STATE_TOL:
-        text = f"joint state {states[worst]:.5g} equals its coordinate in radians ({actual[worst]:.5g} deg)"
+        text = f"the joint state {states[worst]:.5g} deg equals the coordinate {actual[worst]:.5g} deg in radians"
         yield _radians(joint, text, float(states[worst]))
         return
     text = (
-        f"joint {joint.path}: its state {Quantity(states[worst] * shown, unit)} differs from its coordinate "
-        f"{Quantity(actual[worst] * shown, unit)}, computed from the poses of its bodies"
+        f"joint {joint.path}: the joint state {Quantity(states[worst] * shown, unit)} differs from the coordinate "
+        f"{Quantity(actual[worst] * shown, unit)} computed from the poses of the joint's bodies"
     )
     yield _STATE(joint.path, text, Quantity(off[worst], unit), STATE_TOL, when=line.labels[worst])
 
@@ -170,11 +170,13 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     target = drive.GetTargetPositionAttr().Get() * joint.unit
     low, high = (v * joint.unit for v in joint.limits or (-np.inf, np.inf))
     if joint.is_angle and abs(target) > 1e-3 and abs(target / DEG - q) < 0.05 and abs(target - q) > 0.5:
-        yield _radians(joint, f"drive target {target:.5g} equals its coordinate in radians ({q:.5g} deg)", target)
+        text = f"the drive target {target:.5g} deg equals the coordinate {q:.5g} deg in radians"
+        yield _radians(joint, text, target)
     elif low <= high and max(low - target, target - high) * shown > LIMIT_TOL:
         yield _DRIVE_TARGET(
             joint.path,
-            f"joint {joint.path}: its drive target is outside {low * shown:.5g} .. {high * shown:.5g} {unit}",
+            f"joint {joint.path}: the drive target is outside the joint limits {low * shown:.5g} .. "
+            f"{high * shown:.5g} {unit}",
             Quantity(target * shown, unit),
             Quantity((high if target > high else low) * shown, unit),
         )
@@ -192,7 +194,8 @@ def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     if speed[worst] <= limit * SPEED_MARGIN:
         return
     if joint.is_angle and limit <= RADIAN_SPEED and speed[worst] <= limit / DEG * SPEED_MARGIN:
-        yield _radians(joint, f"its speed exceeds maxJointVelocity {limit:.5g} deg/s, which looks like rad/s", limit)
+        text = f"the joint's speed exceeds maxJointVelocity {limit:.5g} deg/s, which looks like a value in rad/s"
+        yield _radians(joint, text, limit)
         return
     yield _SPEED(
         joint.path,

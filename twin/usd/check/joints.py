@@ -30,11 +30,14 @@ AXIS_TOL = 0.01 * DEG
 _ANCHOR = Kind(
     "stage.anchor",
     "disagreement",
-    "check localPos0 and localPos1 (in the frame and unit of their bodies) and the poses",
+    "check localPos0 and localPos1 (each in the frame and unit of its body) and the poses of the bodies",
     word="tolerance",
 )
 _AXIS = Kind(
-    "stage.axis", "disagreement", "check physics:axis, localRot0 and localRot1, and the poses", word="tolerance"
+    "stage.axis",
+    "disagreement",
+    "check physics:axis, localRot0 and localRot1, and the poses of the bodies",
+    word="tolerance",
 )
 _JOINT = Kind(
     "stage.joint",
@@ -78,7 +81,7 @@ def check_joints(scene: Scene, line: Timeline) -> Iterator[Finding]:
         problem = joint.problem or next((e.problem for e in joint.ends if e.problem), "")
         same = joint.ends[0].body == joint.ends[1].body
         if problem or same:
-            text = problem or f"both sides connect to {joint.ends[0].body or 'the world'}"
+            text = problem or f"both sides of the joint are on {joint.ends[0].body or 'the world'}"
             yield _JOINT(joint.path, f"joint {joint.path}: {text}")
             continue
         A = line.relative(joint)
@@ -88,7 +91,7 @@ def check_joints(scene: Scene, line: Timeline) -> Iterator[Finding]:
             ordered = False
             (low, high), unit = joint.limits, "deg" if joint.is_angle else "m"
             yield _LIMITS(
-                joint.path, f"joint {joint.path}: its lower limit is above its upper limit", Quantity(low, unit), high
+                joint.path, f"joint {joint.path}: the lower limit is above the upper limit", Quantity(low, unit), high
             )
         if UsdPhysics.Joint(joint.prim).GetCollisionEnabledAttr().Get():
             message = (
@@ -104,9 +107,9 @@ def _check_meeting(joint: RawJoint, line: Timeline, A: Array) -> Iterator[Findin
     offset, angle = deviation(joint.type, A)
     worst = int(np.argmax(offset))
     if offset[worst] > ANCHOR_TOL:
-        text = f"joint {joint.path} ({joint.type}): its two anchor points are apart"
+        text = f"joint {joint.path} ({joint.type}): distance between the joint's anchor points on the two bodies"
         yield _ANCHOR(joint.path, text, mm(offset[worst]), mm(ANCHOR_TOL), when=line.labels[worst])
     worst = int(np.argmax(angle))
     if angle[worst] > AXIS_TOL:
-        text = f"joint {joint.path} ({joint.type}): its two frames differ in rotation about its locked directions"
+        text = f"joint {joint.path} ({joint.type}): angle between the two joint frames about locked directions"
         yield _AXIS(joint.path, text, deg(angle[worst]), deg(AXIS_TOL), when=line.labels[worst])

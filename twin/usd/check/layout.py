@@ -26,7 +26,7 @@ OP_TYPES = {
 """Value types that USD accepts for each kind of transform op; USD ignores ops of other types."""
 
 SCALE_TOL = 1e-4
-"""Relative deviation from scale 1 that counts as rounding."""
+"""Maximum difference of a scale from 1 that is taken as a rounding error."""
 
 LAYER_FIELDS = {
     "upAxis": "stage.layer_units",
@@ -41,7 +41,7 @@ _DEFAULT_PRIM = Kind("stage.default_prim", "disagreement", "set defaultPrim to t
 _FRAME_RATE = Kind(
     "stage.frame_rate", "disagreement", "author both entries with the same value", word="framesPerSecond"
 )
-_MIRRORED = Kind("stage.mirrored", "disagreement", "mirror the points instead; reverse the vertex order")
+_MIRRORED = Kind("stage.mirrored", "disagreement", "mirror the mesh points instead, and reverse the vertex order")
 _XFORM_RESET = Kind(
     "stage.xform_reset", "warning", "remove !resetXformStack! and author the pose relative to the parent"
 )
@@ -62,7 +62,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
         yield _DEFAULT_PRIM("/", "no default prim: other stages cannot reference this stage")
     up = str(UsdGeom.GetStageUpAxis(stage)) if stage.HasAuthoredMetadata("upAxis") else ""
     if up != "Z":
-        said = f"is {up}" if up else "is not authored, so that the default Y applies"
+        said = f"is {up}" if up else "is not authored, so USD assumes Y"
         yield finding(
             "warning" if up else "disagreement",
             "stage.up_axis",
@@ -87,7 +87,7 @@ def check_units(scene: Scene) -> Iterator[Finding]:
         ),
     ):
         if not authored or value != 1:
-            said = f"is {value:g}" if authored else f"is not authored, so that the default {default} applies"
+            said = f"is {value:g}" if authored else f"is not authored, so USD assumes {default}"
             yield finding(
                 "warning" if authored else "disagreement",
                 code,
@@ -100,8 +100,8 @@ def check_units(scene: Scene) -> Iterator[Finding]:
             )
     codes, frames = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
     if codes != frames:
-        longer = f"{codes / frames:.3g} times as long"
-        text = f"viewers that use framesPerSecond take {longer} to play the motion: timeCodesPerSecond"
+        text = f"viewers that use framesPerSecond play the motion in {codes / frames:.3g} times the duration: "
+        text += "timeCodesPerSecond"
         yield _FRAME_RATE("/", text, Quantity(codes, "1/s"), Quantity(frames, "1/s"))
     yield from _check_layers(scene)
 
@@ -143,7 +143,7 @@ def check_transforms(scene: Scene) -> Iterator[Finding]:
         axes = scene.raw_transform(prim)[:3, :3]
         size = np.linalg.norm(axes, axis=0)
         if np.linalg.det(axes) < 0 and (is_body or prim.IsA(UsdGeom.Gprim)):
-            text = f"{path} is mirrored and its faces are inside out: negative determinant"
+            text = f"{path} is mirrored, so its faces are inside out: determinant of the transform"
             yield _MIRRORED(path, text, Quantity(np.linalg.det(axes)), 0.0)
         elif is_body and np.max(np.abs(size - 1)) > SCALE_TOL:
             yield _SCALE(path, f"rigid body {path} is scaled", Quantity(size[np.argmax(np.abs(size - 1))]), 1.0)
@@ -156,7 +156,7 @@ def _check_reset(scene: Scene, prim: Usd.Prim) -> Iterator[Finding]:
         parent = scene.raw_transform(prim.GetParent())
         if not np.allclose(parent, np.eye(4), atol=1e-9):
             yield _XFORM_RESET(
-                path, f"{path} resets the transform stack below a moved parent: it does not move with its parent"
+                path, f"{path} resets the transform stack, so it does not move with its parent, which has a transform"
             )
 
 
@@ -178,16 +178,17 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
         elif kind not in OP_TYPES or str(attribute.GetTypeName()) not in OP_TYPES[kind]:
             known = " or ".join(OP_TYPES.get(kind, ())) or "the type of a known op"
             yield _XFORM_TYPE(
-                path, f"{path}: {name} has type {attribute.GetTypeName()}, not {known}; readers ignore the op or fail"
+                path,
+                f"{path}: {name} has type {attribute.GetTypeName()}, expected {known}; readers ignore the op or fail",
             )
         elif name not in names:
-            text = f"{path}: {name} is not in xformOpOrder and has no effect"
+            text = f"{path}: {name} has no effect, because it is not in xformOpOrder"
             yield disagreement("stage.xform_order", path, text, suggestion="list the op in xformOpOrder")
     rank = [_rank(n) for n in names if n.count(":") == 1]
     if is_body and rank != sorted(rank):
         text = (
-            f"{path}: the ops are ordered {', '.join(names)}; in this order, a rotation or scale also changes the op "
-            "that follows it"
+            f"{path}: the order of the transform ops is {', '.join(names)}; in this order, a rotation or scale also "
+            "transforms the ops after it"
         )
         yield warning("stage.xform_order", path, text, suggestion="list the ops in the order translate, orient, scale")
 
@@ -208,6 +209,6 @@ def check_names(scene: Scene) -> Iterator[Finding]:
         if first != prim.GetPath():
             text = (
                 f"{prim.GetPath()} and {first} have the same leaf name: Blender renames one of them, and Unity clips "
-                "move the wrong one"
+                "may move the wrong one"
             )
             yield _DUPLICATE_NAME(str(prim.GetPath()), text)

@@ -41,8 +41,8 @@ def check_samples(scene: Scene) -> Iterator[Finding]:
             if not ranged and not told:
                 told = True
                 text = (
-                    f"{path} has time samples, but the stage has no startTimeCode and endTimeCode: players show one "
-                    "frame"
+                    f"{path} has time samples, but the stage has no startTimeCode and endTimeCode: players show only "
+                    "one frame"
                 )
                 yield disagreement("stage.time_range", path, text, suggestion="author startTimeCode and endTimeCode")
             outside = [c for c in codes if not start <= c <= end]
@@ -51,8 +51,8 @@ def check_samples(scene: Scene) -> Iterator[Finding]:
                 yield disagreement(
                     "stage.time_range",
                     path,
-                    f"{path}: {len(outside)} of {len(codes)} samples are outside {start:g} .. {end:g} and are "
-                    "never played; the farthest time code",
+                    f"{path}: {len(outside)} of {len(codes)} samples are never played, because their time codes are "
+                    f"outside {start:g} .. {end:g}; the farthest time code",
                     Quantity(far),
                     Quantity(end if far > end else start),
                     "widen startTimeCode .. endTimeCode, or remove the samples",
@@ -78,12 +78,15 @@ def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator
     if len(flips):
         k = int(flips[0])
         text = (
-            f"{path}: {name} changes sign; players that interpolate components (Unity) rotate by up to 180° "
-            "there. Sign changes"
+            f"{path}: quaternion {name} changes sign; where it does, players that interpolate components (Unity) "
+            "rotate by up to 180°. Number of sign changes"
         )
         yield _QUATERNION_SIGN(path, text, Quantity(len(flips)), 0, when=f"time code {codes[k]:g}")
     turn = 2 * np.arccos(np.clip(np.abs(dots), 0, 1))
     k = int(np.argmax(turn))
     if turn[k] > MAX_STEP:
-        text = f"{path} rotates too far before time code {codes[k + 1]:g} (above 180° players rotate backwards)"
+        text = (
+            f"{path} rotates too far between the time codes {codes[k]:g} and {codes[k + 1]:g} (above 180°, players "
+            "rotate backwards)"
+        )
         yield _SAMPLE_STEP(path, text, deg(turn[k]), deg(MAX_STEP), when=f"time code {codes[k]:g}")

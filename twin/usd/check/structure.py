@@ -9,7 +9,7 @@ from pxr import UsdPhysics
 from twin.core.findings import Finding, Kind, disagreement, warning
 from twin.usd.scan import RawJoint, Scene
 
-_EMPTY = Kind("stage.empty", "error", "apply PhysicsRigidBodyAPI to the links and join them")
+_EMPTY = Kind("stage.empty", "error", "apply PhysicsRigidBodyAPI to the links, and connect the links by joints")
 _FLOATING = Kind("stage.floating", "info", "fix the base with a PhysicsFixedJoint, unless the robot walks or flies")
 _LOOP = Kind(
     "stage.loop", "disagreement", "author physics:excludeFromArticulation = true on the joint that closes the loop"
@@ -20,10 +20,10 @@ _LOOSE = Kind(
 _SELF_COLLISION = Kind(
     "stage.self_collision", "warning", "author physxArticulation:enabledSelfCollisions = false, or filter the pairs"
 )
-_DISCONNECTED = Kind("stage.disconnected", "disagreement", "exclude one joint of each loop, not more")
+_DISCONNECTED = Kind("stage.disconnected", "disagreement", "exclude only one joint of each loop from the articulation")
 
-_FOLDER = "; in a robot folder: add a [[drive]] to its TOML file"
-"""Second way to add a drive, for the owner of a folder that the stage was made from."""
+_FOLDER = "; if the stage was made from a robot folder, add a [[drive]] to the robot's TOML file instead"
+"""End of the suggestion on missing drives: what to do if the stage was made from a robot folder."""
 
 
 def check_structure(scene: Scene) -> Iterator[Finding]:
@@ -77,8 +77,8 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
         if way := _way(ways, a, b):
             others = ", ".join(w.rpartition("/")[2] for w in way)
             text = (
-                f"joint {joint.path} closes a loop with {others}, and none of them is excluded from the articulation: "
-                "engines ignore one joint or reject the robot"
+                f"joint {joint.path} closes a loop with {others}, and no joint of this loop is excluded from the "
+                "articulation: engines ignore one joint or reject the robot"
             )
             yield _LOOP(joint.path, text)
             continue
@@ -91,10 +91,10 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
             yield _LOOSE(body, f"body {body} has no joint")
         elif body not in ways or (held is not None and body not in held):
             yield _DISCONNECTED(
-                body, f"body {body} is not a link of the robot: the joints of the articulation do not connect it"
+                body, f"body {body} is not a link of the robot: no joint of the articulation connects it to the robot"
             )
     if held is None:
-        yield _FLOATING("/", "no joint connects the robot to the world: its base falls in a simulator")
+        yield _FLOATING("/", "no joint connects the robot to the world, so the robot falls in a simulator")
 
 
 def _way(ways: dict[str, dict[str, str]], start: str, goal: str) -> list[str]:
@@ -140,7 +140,7 @@ def _check_articulation(scene: Scene, joints: list[RawJoint]) -> Iterator[Findin
                 "stage.articulation_root",
                 str(inner.GetPath()),
                 f"articulation root {inner.GetPath()} is nested in articulation root {outer[0].GetPath()}",
-                suggestion="keep one root for each robot",
+                suggestion="keep one articulation root for each robot",
             )
     colliders = any(p.HasAPI(UsdPhysics.CollisionAPI) for p in scene.prims)
     if not (colliders and any(j.excluded for j in joints)):

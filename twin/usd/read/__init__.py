@@ -175,7 +175,8 @@ def _refuse_unknown_types(scene: Scene) -> None:
             prim = scene.stage.GetPrimAtPath(path.GetPrimPath())
             meant = prim.GetPrimDefinition().GetSchemaAttributeSpec(path.name) if prim else None
             if meant and _shape(meant.typeName) != _shape(spec.typeName):
-                raise StageError(f"{scene.path}: {path} has type '{kind}'; its schema requires {meant.typeName}")
+                text = f"{path} has type '{kind}', but the schema of the prim requires {meant.typeName}"
+                raise StageError(f"{scene.path}: {text}")
 
         layer.Traverse(Sdf.Path.absoluteRootPath, check)
 

@@ -28,15 +28,15 @@ def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
     if np.linalg.det(axes) > 0 and np.abs(axes.T @ axes - size**2 * np.eye(3)).max() <= 2 * SCALE_TOL * size**2:
         if size != 1.0:
             where = str(body.GetPath())
-            text = f"{where} is scaled by {size:.6g} (including parents): its lengths are read at the scaled size"
+            text = f"{where} is scaled by {size:.6g} (including parents): lengths are read at the scaled size"
             notes.append(info("stage.read.scaled", where, text))
         return
     prim, scale = _culprit(body)
     shown = f"({', '.join(f'{s:.6g}' for s in scale)}){', mirrored' if np.linalg.det(axes) < 0 else ''}"
-    above = "" if prim == body else f", by {prim.GetPath()} above it"
+    above = "" if prim == body else f", because of the scale of its ancestor {prim.GetPath()}"
     raise StageError(
         f"{scene.path}: rigid body {body.GetPath()} is scaled by {shown}{above}. Scale the meshes "
-        "below it instead, or write the stage in its final unit."
+        "below the body instead, or write the stage in its final unit."
     )
 
 
@@ -107,7 +107,7 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
     n = len(mesh.GetPointsAttr().Get() or [])
     where = mesh.GetPath()
     if counts.sum() != len(indices):
-        raise StageError(f"mesh {where}: its faces require {counts.sum()} indices, but it has {len(indices)}")
+        raise StageError(f"mesh {where}: the faces require {counts.sum()} indices, but the mesh has {len(indices)}")
     if len(indices) and not (indices.min() >= 0 and indices.max() < n):
         wrong = indices.min() if indices.min() < 0 else indices.max()
         raise StageError(f"mesh {where}: an index refers to vertex {wrong}, but the mesh has {n} vertices")
@@ -169,7 +169,7 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
     kilograms = mass.GetMassAttr().Get() if body.HasAPI(UsdPhysics.MassAPI) else 0.0
     diagonal = gf.vector(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0)) if kilograms else np.zeros(3)
     if not kilograms or not np.any(diagonal):
-        text = f"{body.GetPath()} states no mass or no inertia; simulators estimate what is missing from its colliders"
+        text = f"{body.GetPath()} lacks a mass or an inertia, which simulators estimate from the body's colliders"
         notes.append(info("stage.read.inertia", str(body.GetPath()), text))
         return None
     center = gf.vector(mass.GetCenterOfMassAttr().Get())

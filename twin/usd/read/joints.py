@@ -49,13 +49,13 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     joints = [j for j in scene.joints if within(j.path)]
     place = f"{scene.path}{f', below {root}' if root else ''}"
     if not bodies:
-        raise StageError(f"{place}: no rigid bodies (PhysicsRigidBodyAPI), so there is no mechanism")
+        raise StageError(f"{place}: the stage has no rigid bodies (PhysicsRigidBodyAPI), so there is no mechanism")
     notes.extend(
         info("stage.read.disabled", j.path, f"joint {j.path} is disabled and left out") for j in joints if not j.enabled
     )
     joints = [_whole(scene, j) for j in joints if j.enabled]
     if not joints:
-        raise StageError(f"{place}: no joints, so there is no mechanism")
+        raise StageError(f"{place}: the stage has no joints, so there is no mechanism")
     groups = _groups(bodies, joints)
     robots = [g for g in groups if any(_moves(j) and _touches(j, g) for j in joints)]
     robots = robots or [g for g in groups if any(_touches(j, g) for j in joints)]
@@ -64,7 +64,8 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     if len(robots) > 1:
         firsts = ", ".join(g[0] for g in robots)
         raise StageError(
-            f"{place}: {len(robots)} robots, whose first bodies are {firsts}. Choose one by its root prim: "
+            f"{place}: the stage has {len(robots)} robots, with the first bodies {firsts}. Choose a robot by its root "
+            "prim: "
             "twin new NAME --from FILE --root PRIM."
         )
     members = [p for p in bodies if p in set(robots[0])]
@@ -142,7 +143,7 @@ def _whole(scene: Scene, joint: RawJoint) -> RawJoint:
     """Return the joint if it is valid; else raise `StageError`."""
     problem = joint.problem or next((e.problem for e in joint.ends if e.problem), "")
     if not problem and joint.ends[0].body == joint.ends[1].body:
-        problem = f"both sides connect to {joint.ends[0].body or 'the world'}"
+        problem = f"both sides of the joint are on {joint.ends[0].body or 'the world'}"
     if problem:
         raise StageError(f"{scene.path}: joint {joint.path}: {problem}")
     return joint
@@ -193,8 +194,8 @@ def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -
         return next(iter(fixed.items()))
     if len(fixed) > 1:
         raise StageError(
-            f"{place}: the base is ambiguous: several bodies are fixed to the world ({', '.join(fixed)}). Keep one "
-            "such joint, and join the other bodies to that body."
+            f"{place}: the base is ambiguous: several bodies are fixed to the world ({', '.join(fixed)}). Keep one of "
+            "these fixed joints, and connect the other bodies to the base by joints."
         )
     if grounded:
         return "", None
@@ -207,7 +208,7 @@ def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -
         return never[0], None
     raise StageError(
         f"{place}: the base is ambiguous: no joint fixes a body to the world; candidates: "
-        f"{', '.join(never or bodies)}. Fix one of them with a PhysicsFixedJoint whose body0 is empty."
+        f"{', '.join(never or bodies)}. Fix one candidate with a PhysicsFixedJoint whose body0 is empty."
     )
 
 
@@ -239,7 +240,7 @@ def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive |
     if not (stiffness > 0 or damping > 0):
         return None, False
     if drive.GetTypeAttr().Get() == UsdPhysics.Tokens.acceleration:
-        text = f"the gains of joint {joint.path} are left out: its drive is of type acceleration"
+        text = f"the gains of joint {joint.path} are left out, because the type of its drive is acceleration"
         notes.append(info("stage.read.drive", joint.path, text))
         return None, True
     force = scene.kilograms * scene.meters  # newtons per unit of force of the stage

@@ -24,7 +24,7 @@ def read_motors(scene: Scene, prim: Usd.Prim) -> tuple[tuple[Actuator, ...], tup
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StageError(
-            f"{scene.path}: {prim.GetPath()}: its customData twin:actuators or twin:transmissions does not have the "
+            f"{scene.path}: {prim.GetPath()}: the customData twin:actuators or twin:transmissions does not have the "
             f"form that twin writes ({type(error).__name__}: {error})"
         ) from error
 

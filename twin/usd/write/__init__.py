@@ -63,7 +63,7 @@ def write_stage(
     folder = Path(folder)
     bodies = {b.name for b in mechanism.bodies}
     if taken := sorted(bodies & RESERVED):
-        raise StageError(f"{mechanism.name}: a body cannot be named '{taken[0]}', the name is reserved for a scope")
+        raise StageError(f"{mechanism.name}: a body cannot have the name '{taken[0]}', which is reserved for a scope")
     for name in sorted(bodies):
         if name not in link_poses:
             raise StageError(f"{mechanism.name}: link_poses lacks body '{name}'")

@@ -95,7 +95,7 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
 def _time_codes(motion: Motion) -> Array:
     times = np.asarray(motion.times_s, float)
     if times.ndim != 1 or not len(times) or times[0] < 0 or not np.all(np.diff(times) > 0):
-        raise StageError(f"motion '{motion.name}': times must be a list (k,) of increasing values in s, none below 0")
+        raise StageError(f"motion '{motion.name}': times (k,) in s must increase, and the first must not be negative")
     codes = times * TIME_CODES_PER_SECOND
     # Multiples of 1/60 s are not exact in binary: round time codes that are nearly whole numbers.
     return np.where(np.abs(codes - np.round(codes)) < 1e-6, np.round(codes), codes)
@@ -108,14 +108,14 @@ def _pose_samples(mechanism: Mechanism, motion: Motion, layer: Sdf.Layer):
             raise StageError(f"motion '{motion.name}': {unknown('body', name, names)}")
         Ts = np.asarray(Ts, float)
         if Ts.shape != (len(motion.times_s), 4, 4):
-            raise StageError(f"motion '{motion.name}', body '{name}': poses {Ts.shape}, not (k, 4, 4)")
+            raise StageError(f"motion '{motion.name}', body '{name}': shape of poses {Ts.shape}, expected (k, 4, 4)")
         steps = spatial.rotation_angle(np.swapaxes(Ts[:-1, :3, :3], 1, 2) @ Ts[1:, :3, :3])
         if len(steps) and np.max(steps) > MAX_STEP:
             k = int(np.argmax(steps))
             raise StageError(
-                f"motion '{motion.name}': body '{name}' turns {steps[k] / DEG:.1f} deg between "
-                f"{motion.times_s[k]:.4g} and {motion.times_s[k + 1]:.4g} s, more than {MAX_STEP / DEG:.0f}; "
-                "sample more often"
+                f"motion '{motion.name}': body '{name}' rotates by {steps[k] / DEG:.1f} deg between "
+                f"{motion.times_s[k]:.4g} and {motion.times_s[k + 1]:.4g} s; the maximum is {MAX_STEP / DEG:.0f} deg. "
+                "Sample the motion more often"
             )
         prim = f"/{mechanism.name}/{name}"
         translate = _attribute(layer, f"{prim}.xformOp:translate", Sdf.ValueTypeNames.Double3)

@@ -402,7 +402,7 @@ def _refuse_what_is_lost(joint: Joint) -> None:
     if lost:
         raise StageError(
             f"joint '{joint.name}' is {joint.type} and has {', '.join(lost)}, which UsdPhysics cannot hold for this "
-            "type. Give limits to joints with one coordinate, cones to spherical joints."
+            "type. Only joints with one coordinate can have limits, and only spherical joints can have cones."
         )
     for T in (joint.T_parent_joint, joint.T_child_joint):
         if not spatial.is_pose(T, 1e-6):

@@ -28,7 +28,7 @@ class Spanning:
 
 
 def spanning(mechanism: Mechanism) -> Spanning:
-    """Return the spanning tree that prefers driven and coupled joints, then joints by type, then by file order.
+    """Return the spanning tree; driven and coupled joints are chosen first, then joints by type, then by file order.
 
     The tree may differ from `mechanism.tree`, which uses only the file order: in a loop with a slide and a ball joint,
     the tree contains the slide, and the ball joint closes the loop.

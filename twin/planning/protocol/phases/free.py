@@ -30,8 +30,9 @@ class FreeTable(PhaseTable):
     cost: Annotated[
         Literal["length", "acceleration", "weighted", "clearance"],
         Field(
-            description="what the search minimises: the length of the path, its acceleration, both weighted as in "
-            "eq. (1) of the Raven paper, or the length, with parts within 20 mm of other bodies counted up to ten times"
+            description="what the search minimises: the length of the path, its acceleration, the weighted sum of both "
+            "(eq. (1) of the Raven paper), or the length, in which parts within 20 mm of other bodies count up to ten "
+            "times"
         ),
     ] = "length"
     samples: Annotated[
@@ -60,8 +61,8 @@ class Free(Phase):
     """Move the driven joints to the waypoint `to`, with a `clearance` in m to obstacles and between the robot's bodies.
 
     `seed` is the seed of the random search. `scene` is the name or path of the scene with the obstacles, or "" for the
-    robot alone. `cost` names what the search minimises (`twin.planning.costs`). `samples` is the number of samples up
-    to which the first path found is improved.
+    robot alone. `cost` names what the search minimises (`twin.planning.costs`). The first path found is
+    improved with at most `samples` samples.
     """
 
     to: str

@@ -18,7 +18,7 @@ class JointsTable(PhaseTable):
     rank: ClassVar[int] = 1
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered and that `to` has joint values, and set it as the end of the phase."""
+        """Check that no RCM is registered and that the waypoint `to` has joint values; end the phase at `to`."""
         walk.outside(self.type)
         walk.go(self.to, "a motion by the joints", "joints")
 

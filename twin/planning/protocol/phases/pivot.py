@@ -73,7 +73,7 @@ class Pivot(Phase):
         return End(angles, tip, at.rcm, self.to, self.rcm, depth)
 
     def motion(self, course: Course, s: Array) -> Motion:
-        """Return the motion at s (k,): about the RCM if it is enforced, otherwise a straight line."""
+        """Return the motion of the phase at s (k,): about an enforced RCM, otherwise along a straight line."""
         if course.rcm_mode == "enforced" and course.rcm is not None:
             return course.about(course.rcm, s)
         return course.line(s)

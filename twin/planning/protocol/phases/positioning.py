@@ -18,7 +18,7 @@ class PositioningTable(PhaseTable):
     rank: ClassVar[int] = 0
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered and that `to` has a position, and set it as the end of the phase."""
+        """Check that no RCM is registered and that the waypoint `to` has a position; end the phase at `to`."""
         walk.outside(self.type)
         walk.go(self.to, "a positioning", "position_mm")
 
