@@ -35,8 +35,8 @@ class Surface:
     """Parameters of the forces on the hands.
 
     Attributes:
-        stiffness: in N/m.
-        damping: in N s/m.
+        stiffness: stiffness of a surface in N/m.
+        damping: damping of a surface in N s/m.
         largest: force in N at which all forces on a hand are clipped.
         device_damping: damping in N s/m of the device with the fingers that hold it.
     """

@@ -1,9 +1,9 @@
 """Control a machine and its model from a console: the hands move both, or the model alone, or a record moves both.
 
-The goal of the console becomes packets: increments that follow it by a critically damped filter within limits of speed,
-because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its pedal up; the model
-receives the packets, which are recorded. The record is checked at its end. The record is replayed only if the machine
-is at the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
+The goal of the console becomes packets: increments that follow the goal by a critically damped filter within limits of
+speed, because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its pedal up; the
+model receives the packets, which are recorded. The record is checked at its end. The record is replayed only if the
+machine is at the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ class ViewSwitch(Block):
 
 
 class Smooth:
-    """Increments of packets that follow a goal.
+    """Computes increments of packets that follow a goal.
 
     Attributes:
         sent: (4, 4) pose after all increments sent so far.

@@ -28,7 +28,7 @@ class HandState:
 
     Attributes:
         hand: 0 right, 1 left.
-        clutch, camera: whether these pedals are pressed.
+        clutch, camera: whether the clutch pedal and the camera pedal are pressed.
         number: sequence number, increased by one per state.
         pose: (4, 4) pose W of the handle in {H}, the frame of the handles.
         grip: angle of the gripper in rad.

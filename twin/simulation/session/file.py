@@ -68,11 +68,11 @@ class Head(Table):
 
 @dataclass(frozen=True)
 class Chunk:
-    """Part of a session.
+    """Part of a session: at most `CHUNK` successive ticks.
 
     Attributes:
         device: (k, n) signals of the device, one row per tick.
-        last: (m,) all signals after the last of these ticks.
+        last: (m,) all signals after the last tick of the chunk.
         digest: SHA-256 of the rows of all signals.
     """
 
