@@ -46,7 +46,7 @@ def unpack(data: bytes) -> HandState:
         DeviceError: the layout is wrong or a number is implausible; the message names the field, its value and limit.
     """
     if len(data) != HAND.size:
-        raise DeviceError(f"the length is {len(data)} bytes; it must be {HAND.size}")
+        raise DeviceError(f"the packet has {len(data)} bytes; it must have {HAND.size}")
     magic, version, hand, pedals, zero, number, _, *numbers = HAND.unpack(data)
     p, q, grip = numbers[:3], numbers[3:7], numbers[7]
     if (magic, version, zero) != (_MAGIC, _VERSION, 0):

@@ -306,5 +306,5 @@ def _checked(arm: Arm, motion: Motion, c: Conditions) -> tuple[int, int]:
         if values.shape != (k, n) or not np.isfinite(values).all():
             raise TwinError(f"motion: {name} {values.shape} must be {k} rows of {n} finite numbers")
     if k < 2 or np.abs(np.diff(motion.t) * c.rate - 1).max() > 1e-6:
-        raise TwinError(f"motion: the time between its samples is not one tick of {1e3 / c.rate:g} ms")
+        raise TwinError(f"motion: the time between two samples is not one tick of {1e3 / c.rate:g} ms")
     return k, n

@@ -82,8 +82,8 @@ class StateReader:
             self._socket = socket.create_connection((host, port), _CONNECT)
         except (OSError, UnicodeError) as error:  # UnicodeError: a name that no host can have, such as "a..b"
             raise DeviceError(
-                f"no machine sends states at {host}:{port}: {getattr(error, 'strerror', None) or error}; start it, for "
-                f"example with `twin machine raven_left --state-port {port}`"
+                f"no machine sends states at {host}:{port}: {getattr(error, 'strerror', None) or error}; start the "
+                f"machine, for example with `twin machine raven_left --state-port {port}`"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(PATIENCE)

@@ -310,7 +310,7 @@ class Machine:
         for i in self._fast:
             if not abs(self.qd[i]) <= most:
                 name = self._mechanism.active[i].name
-                self.servo.stop = f"{name} turns with {self.qd[i]:.3g} rad/s (limit {most:g})"
+                self.servo.stop = f"{name} turns at {self.qd[i]:.3g} rad/s (limit {most:g})"
                 return
 
     def _home(self, t: float) -> Array:
