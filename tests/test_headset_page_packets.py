@@ -63,7 +63,7 @@ def test_the_page_says_who_controls_it_what_is_lost_and_what_is_wrong(page):
         assert "0 packets ignored" in text(page, "packets")
         stranger = Pens(page.port)
         stranger.send(b"garbage")
-        says(page, "status", f"a packet from {stranger.name} is ignored: the length is 7 bytes; it must be 84")
+        says(page, "status", f"a packet from {stranger.name} is ignored: the packet has 7 bytes; it must have 84")
         stranger.close()
         says(page, "packets", "1 packets ignored")
         says(page, "status", "UDP packets control psm1 and psm2")  # a note about a packet hides it for 6 s

@@ -79,8 +79,8 @@ def test_the_layout_of_a_packet_is_the_documented_one():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d[:-1], "the length is 123 bytes; it must be 124"),
-        (lambda d: d + b"0", "the length is 125 bytes"),
+        (lambda d: d[:-1], "the packet has 123 bytes; it must have 124"),
+        (lambda d: d + b"0", "the packet has 125 bytes"),
         (lambda d: d[:8] + b"\x09" + d[9:], "the version is 9; it must be 0"),
         (lambda d: d[:12] + b"\x01" + d[13:], "the checksum is"),
         (lambda d: d[:116] + b"\x02" + d[117:120] + struct.pack("<i", 13), "the surgeon mode is 2"),
@@ -236,7 +236,7 @@ def test_a_silent_master_holds_the_arm(parts):
     ("bad", "sender", "message"),
     [
         (lambda k: pack(k + 1, 0, step(x=500), version=7), "master", "the version is 7; it must be 0"),
-        (lambda k: pack(k + 1, 0, step(x=500))[:100], "master", "the length is 100 bytes; it must be 124"),
+        (lambda k: pack(k + 1, 0, step(x=500))[:100], "master", "the packet has 100 bytes; it must have 124"),
         (lambda k: pack(k, 0, step(x=500)), "master", "is not after the last one"),
         (lambda k: pack(k + 1, 0, step(x=500)), "other", "other is a second master; master controls the machine"),
     ],

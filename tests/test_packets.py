@@ -67,9 +67,9 @@ def broken():
 
 
 NAMED = {
-    "empty": "the length is 0 bytes; it must be 84",
-    "short": "the length is 83 bytes",
-    "long": "the length is 85 bytes",
+    "empty": "the packet has 0 bytes; it must have 84",
+    "short": "the packet has 83 bytes",
+    "long": "the packet has 85 bytes",
     "magic": "they must be TWNH, version 1",
     "version": "they must be TWNH, version 1",
     "hand": "hand is 2; it must be 0 (right) or 1 (left)",

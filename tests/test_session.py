@@ -250,7 +250,7 @@ def test_a_file_cut_anywhere_gives_its_whole_seconds_or_says_that_there_are_none
     first = line + 44 + struct.unpack("<I", data[line + 8 : line + 12])[0]
     for end in (0, 5, line - 1, line, line + 3, line + 44, first - 1):
         cut.write_bytes(data[:end])
-        with pytest.raises(WorldError, match=r"b\.session: (not a twin-session file|it has no complete chunk)"):
+        with pytest.raises(WorldError, match=r"b\.session: (not a twin-session file|the file has no complete chunk)"):
             read_session(cut)
     for end in (first, first + 20, first + 100, len(data) - 45):
         cut.write_bytes(data[:end])
@@ -290,7 +290,7 @@ def bomb(data):
         (lambda d: b"{}\n" + d, "not a twin-session file of version 1"),
         (lambda d: swapped(d, d.index(b"\n") + 1, 0), "damaged after 0.000 s: there is no valid chunk"),
         (lambda d: swapped(d, d.index(b"\n") + 60, 255), "damaged after 0.000 s"),
-        (lambda d: swapped(d, len(d) - 1, d[-1] ^ 1), "end mark does not match its 1010 ticks"),
+        (lambda d: swapped(d, len(d) - 1, d[-1] ^ 1), "end mark does not match the 1010 ticks in the file"),
         (lambda d: d + b"x", "end mark"),
         (bomb, "damaged after 0.000 s"),
     ],

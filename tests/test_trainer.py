@@ -633,13 +633,13 @@ def test_joint_packets_are_read_in_order(packets):
 @pytest.mark.parametrize(
     ("data", "sender", "message"),
     [
-        (b"TWNJ", "a", "the length is 4 bytes"),
-        (pack_joints(6, 1.1, Q)[:-8], "a", "the length is 72 bytes; it must be 80"),
+        (b"TWNJ", "a", "the packet has 4 bytes"),
+        (pack_joints(6, 1.1, Q)[:-8], "a", "the packet has 72 bytes; it must have 80"),
         (b"TWNX" + pack_joints(6, 1.1, Q)[4:], "a", "begins with b'TWNX'"),
         (b"TWNJ\x02" + pack_joints(6, 1.1, Q)[5:], "a", "the version is 2; it must be 1"),
         (pack_joints(6, 1.1, Q[:6]), "a", "the packet has 6 joints; the robot has 7"),
         (pack_joints(6, 1.1, Q * np.nan), "a", "not finite"),
-        (pack_joints(5, 1.1, Q), "a", "the number 5 is not above the last one, 5"),
+        (pack_joints(5, 1.1, Q), "a", "the packet number 5 is not above the previous one, 5"),
         (pack_joints(6, 0.9, Q), "a", "the clock went back from 1 s to 0.9 s"),
         (pack_joints(6, 1.1, Q), "b", "b is a second sender; a is followed until it has been silent for 0.5 s"),
     ],
@@ -662,7 +662,7 @@ def test_a_twin_follows_joint_packets(robot):
     with socket.socket(type=socket.SOCK_DGRAM) as out:
         out.sendto(b"nonsense", ("127.0.0.1", packets.port))
         soon(lambda: (mirror.step(), packets.refused)[1])
-        assert "packets are refused: the length is 8 bytes" in mirror.problem
+        assert "packets are refused: the packet has 8 bytes" in mirror.problem
         out.sendto(pack_joints(1, 0.0, q, q + off), ("127.0.0.1", packets.port))
         soon(lambda: (mirror.step(), mirror.level)[1])
     assert mirror.problem == ""

@@ -291,7 +291,7 @@ def test_a_recording_is_read_as_it_was_written(waved, tmp_path):
     [
         (lambda b: b[:-8], "the file is truncated or too long"),
         (lambda b: b + b"\0", "the file is truncated or too long"),
-        (lambda b: b[:-1] + bytes([b[-1] ^ 1]), "its rows have changed since they were written"),
+        (lambda b: b[:-1] + bytes([b[-1] ^ 1]), "the rows of the file have changed since the file was written"),
         (lambda b: b.replace(b"twin-world", b"twin-track"), "not a twin-world file of version 1: schema"),
         (lambda b: b.replace(b'"version": 1', b'"version": 2'), "not a twin-world file of version 1: version"),
         (lambda b: b.replace(b'"ticks": 20', b'"ticks": 20, "more": 1'), "not a twin-world file of version 1: more"),

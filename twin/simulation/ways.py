@@ -36,7 +36,7 @@ class Ways:
 
     @property
     def clearance(self) -> float:
-        """Clearance in m that a way usually keeps: that of the scene."""
+        """Clearance in m that a way usually keeps: the required clearance of the scene."""
         return self._scene.clearance
 
     @cached_property

@@ -49,7 +49,7 @@ def eq2(W_0, W_1, T, scale):
 
 @equation.variant("paper", of=eq2, why="as printed: T on the left only, not its inverse on the right; no scale")
 def eq2_paper(W_0, W_1, T):
-    """Return the motion (4, 4) of the tool by the printed equation."""
+    """Return the motion (4, 4) of the tool by eq. (2) as printed."""
     dW = T @ (W_1 @ inverse(W_0))
     return dW
 
@@ -76,14 +76,14 @@ def eq1(dW, P_0):
 
 @equation.variant("paper", of=eq1, why="as printed, one product: the tool rotates about the origin of {RB}")
 def eq1_paper(dW, P_0):
-    """Return the tool pose (4, 4) by the printed equation."""
+    """Return the tool pose (4, 4) in {RB} by eq. (1) as printed: P_1 = dW P_0."""
     P_1 = dW @ P_0
     return P_1
 
 
 @equation.variant("conjugate", of=eq1, why="as printed")
 def eq1_conjugate(dW, P_0):
-    """Return the tool pose (4, 4) by the printed equation."""
+    """Return the tool pose (4, 4) in {RB} by eq. (1) as printed: P_1 = dW P_0."""
     P_1 = dW @ P_0
     return P_1
 
@@ -145,7 +145,7 @@ def eq5(x, v, stiffness=STIFFNESS, damping=DAMPING, largest=LARGEST):
 
 @equation.variant("paper", of=eq5, why="as printed: 0.6 and 0.01 without units; read as N/mm, the only plausible units")
 def eq5_paper(x, v):
-    """Return the force in N by the printed equation; x in m and v in m/s, positive inwards."""
+    """Return the force in N by eq. (5) as printed; x in m and v in m/s, positive inwards."""
     F = -STIFFNESS * x - DAMPING * v
     return F
 
@@ -168,7 +168,7 @@ def eq7(P_0, P_1, W_0, W_1, T, scale):
 
 @equation.variant("paper", of=eq7, why="as printed: the tool's motion is compared with eq. (2) itself")
 def eq7_paper(P_0, P_1, W_0, W_1, T):
-    """Return the error (4, 4) of the console by the printed equations."""
+    """Return the error (4, 4) of the console by eqs (6) and (7) as printed."""
     err = (P_1 @ inverse(P_0)) @ inverse(T @ (W_1 @ inverse(W_0)))
     return err
 

@@ -174,8 +174,9 @@ class HandToPose(Block):
     of jumps of the hand. A quick tap of the clutch selects the next arm. If the device writes `<device>.fulcrum`, the
     value 1 means that the hand controls the outer end of an instrument with a pivot.
 
-    With `plans`, it also reads `<robot>.planned` of `devices.plans`, and writes `<robot>.target` (17,): whether the
-    hand moves the target of a plan (0 or 1), and the pose of this target. The tool is then at rest, or follows a plan.
+    With `plans`, this block also reads `<robot>.planned` of `devices.plans`, and writes `<robot>.target` (17,): whether
+    the hand moves the target of a plan (0 or 1), and the pose of this target. The tool is then at rest, or follows a
+    plan.
     """
 
     def __init__(

@@ -23,11 +23,11 @@ DEVICE_DAMPING = 2.0
 
 FORCE, LAST, ENERGY, DEPTH, RATE = slice(0, 3), slice(3, 6), 6, 7, 8
 STATE = 9
-"""Indices in the state of a hand, and its size: force in N and position of the hand in m, both (3,) in {H} and of this
-tick; energy in J; depth in m and its filtered rate in m/s."""
+"""Indices in the state of a hand, and the size of the state: force in N and position of the hand in m, both (3,) in {H}
+and of this tick; energy in J; depth in m and its filtered rate in m/s."""
 
 _AT_LIMIT = 1e-6
-"""Maximum distance in rad or m of a joint from its limit at which it counts as being at the limit."""
+"""Tolerance in rad or m within which a joint counts as being at its limit."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Surface:
     """Parameters of the forces on the hands.
 
     Attributes:
-        stiffness: in N/m.
-        damping: in N s/m.
+        stiffness: stiffness of a surface in N/m.
+        damping: damping of a surface in N s/m.
         largest: force in N at which all forces on a hand are clipped.
         device_damping: damping in N s/m of the device with the fingers that hold it.
     """

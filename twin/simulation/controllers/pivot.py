@@ -22,10 +22,10 @@ FULCRUMS: tuple[Fulcrum, ...] = ("compensated", "direct")
 """The two ways in which a hand controls an instrument; the index of each is its value in `<device>.fulcrum`."""
 
 SHALLOW = 20 * MM
-"""Smallest length of an instrument on each side of its port; ASSUMED, so that tip and handle stay on their sides."""
+"""Smallest length in m of an instrument on each side of its port, so that tip and handle keep their sides; ASSUMED."""
 
 CONE = 60 * DEG
-"""Largest angle between an instrument and its direction at the start; ASSUMED, for the abdominal wall."""
+"""Largest angle in rad between an instrument and its direction at the start; ASSUMED, for the abdominal wall."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,8 @@ class Pivot:
         p_port: (3,) the port in m in the robot's base.
         axis: (3,) unit vector from the port to the tip at the start, in the robot's base.
         length: distance in m from the tip to the outer end.
-        guided: whether the z axis of the tool is turned into this line, because no mechanism keeps it in the port.
+        guided: whether the z axis of the tool is turned into the line of the instrument, because no mechanism keeps
+            the instrument in the port.
     """
 
     p_port: Array

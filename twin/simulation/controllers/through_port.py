@@ -19,7 +19,7 @@ from twin.simulation.limits import Limits
 from twin.simulation.world import Block, Signals
 
 _NEAR = 0.05
-"""Largest joint step in rad or m per tick; a larger one may belong to another working mode."""
+"""Largest joint step in rad or m per tick; a larger step may belong to another working mode."""
 
 _TRIES, _SAFE = 4, 0.98
 """Maximum number of inverse solutions for one motion; safety factor on the part of a motion that the limits allow."""

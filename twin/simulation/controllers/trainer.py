@@ -1,9 +1,9 @@
 """Control a machine and its model from a console: the hands move both, or the model alone, or a record moves both.
 
-The goal of the console becomes packets: increments that follow it by a critically damped filter within limits of speed,
-because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its pedal up; the model
-receives the packets, which are recorded. The record is checked at its end. The record is replayed only if the machine
-is at the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
+The goal of the console becomes packets: increments that follow the goal by a critically damped filter within limits of
+speed, because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its pedal up; the
+model receives the packets, which are recorded. The record is checked at its end. The record is replayed only if the
+machine is at the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ _READY, _SETTLE = 1.0, 0.5
 _SILENCE = 1.0
 """Maximum time in s for which the hands may be silent in a replay (ASSUMED).
 
-The hands do not move the machine in a replay, but the clutch stops it; while the hands are silent, it cannot be read.
+The hands do not move the machine in a replay, but the clutch stops it; while the hands are silent, the clutch cannot be
+read.
 """
 
 
@@ -169,7 +170,7 @@ class ViewSwitch(Block):
 
 
 class Smooth:
-    """Increments of packets that follow a goal.
+    """Computes increments of packets that follow a goal.
 
     Attributes:
         sent: (4, 4) pose after all increments sent so far.
@@ -181,12 +182,12 @@ class Smooth:
         self.begin(np.eye(4), 0.0)
 
     def begin(self, T: Array, jaw: float) -> None:
-        """Start at rest at a pose (4, 4) and an opening in rad."""
+        """Start at rest at a pose (4, 4) of the tool and an opening of the jaws in rad."""
         self.sent, self._p, self._v, self._w = T.copy(), T[:3, 3].copy(), np.zeros(3), np.zeros(3)
         self._jaw = jaw
 
     def values(self, goal: Array, jaw: float) -> Array:
-        """Return the values (9,) of the next packet towards a goal (4, 4) and an opening in rad; the pedal is down."""
+        """Return the values (9,) of the next packet towards a goal (4, 4) and an opening in rad; pedal down."""
         dt, b = self._dt, self._bounds
         self._v = _chased(self._v, goal[:3, 3] - self._p, b.speed, dt)
         self._p = self._p + dt * self._v

@@ -33,7 +33,7 @@ HABITS = Habits(hand=Hand(misjudge=0.05))
 
 
 class CameraSurgeon(SurgeonHands):
-    """Writes what `SurgeonHands` writes, and `surgeon.target`: 0.
+    """Writes what `SurgeonHands` writes, and `surgeon.target`, which is always 0.
 
     Attributes:
         missed: name of the task if the surgeon gave it up.

@@ -28,7 +28,7 @@ class HandState:
 
     Attributes:
         hand: 0 right, 1 left.
-        clutch, camera: whether these pedals are pressed.
+        clutch, camera: whether the clutch pedal and the camera pedal are pressed.
         number: sequence number, increased by one per state.
         pose: (4, 4) pose W of the handle in {H}, the frame of the handles.
         grip: angle of the gripper in rad.
@@ -45,10 +45,10 @@ class HandState:
 class GivenHands(Block):
     """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals for both hands.
 
-    `<device>.clutch` and `<device>.camera` are the pedals; `<device>.ignored` counts
-    the hand states and motion scales that were ignored.
-    `<device>.haptics` is 1 if the forces on the hands are switched on.
-    `<device>.silent` is 1 if a hand has sent no state for `patience`; nothing moves until that hand sends a state.
+    `<hand>.lost` counts the states of a hand that are missing in its sequence numbers. `<device>.clutch` and
+    `<device>.camera` are the pedals; `<device>.ignored` counts the hand states and motion scales that were ignored.
+    `<device>.haptics` is 1 if the forces on the hands are switched on. `<device>.silent` is 1 if a hand has sent no
+    state for `patience` seconds; nothing moves until that hand sends a state.
     """
 
     def __init__(

@@ -26,8 +26,8 @@ from twin.simulation.ways import Ways
 
 Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
 """Mistakes on request: the first hand opens before the second arm holds the ring; the first arm guides the ring itself;
-the ring is released in the middle of the wire; it lies on the first half of the wire; an instrument is moved into the
-wall of the dome; the instruments stay in the dome."""
+the ring is released in the middle of the wire; the ring lies on the first half of the wire; an instrument is moved into
+the wall of the dome; the instruments stay in the dome."""
 
 _TRIES = 3
 """Maximum number of grasps of the ring, and of searches for a way, before the surgeon gives up."""

@@ -74,11 +74,11 @@ class Tremor:
         self._period, self._first, self._next = period, -_BLOCK, np.zeros((_BLOCK, 3))
 
     def at(self, t: Array) -> Array:
-        """Return the displacements (k, 3) at times (k,) in s."""
+        """Return the displacements (k, 3) in m at times (k,) in s."""
         return self._amplitude * np.sin(self._rate * t[:, None, None] + self._phase).sum(axis=1)
 
     def output(self, k: int) -> Array:
-        """Return the displacement (3,) of output k, at k periods after the start; outputs are computed in blocks."""
+        """Return the displacement (3,) in m at k periods after the start; displacements are computed in blocks."""
         if not 0 <= k - self._first < _BLOCK:
             self._first = k
             self._next = self.at(np.arange(k, k + _BLOCK, dtype=float) * self._period)

@@ -53,7 +53,7 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
         DeviceError: length, mark, version, number of joints or a number is wrong; the message has value and limit.
     """
     if len(data) < HEAD.size:
-        raise DeviceError(f"the length is {len(data)} bytes; a packet has at least {HEAD.size}")
+        raise DeviceError(f"the packet has {len(data)} bytes; it must have at least {HEAD.size}")
     magic, version, joints, rows, number, t = HEAD.unpack_from(data)
     if magic != _MAGIC:
         raise DeviceError(f"the packet begins with {magic!r}; it must begin with {_MAGIC!r}")
@@ -64,7 +64,7 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
     if rows not in (1, 2):
         raise DeviceError(f"the number of rows is {rows}; it must be 1 (measured) or 2 (measured and desired)")
     if len(data) != HEAD.size + 8 * rows * n:
-        raise DeviceError(f"the length is {len(data)} bytes; it must be {HEAD.size + 8 * rows * n}")
+        raise DeviceError(f"the packet has {len(data)} bytes; it must have {HEAD.size + 8 * rows * n}")
     values = np.frombuffer(data, "<f8", rows * n, HEAD.size).astype(float).reshape(rows, n)
     if not (np.isfinite(values).all() and np.isfinite(t)):
         raise DeviceError(f"a value in packet {number} is not finite")
@@ -115,7 +115,7 @@ class JointPackets:
                 f"{sender} is a second sender; {self._sender} is followed until it has been silent for {PATIENCE:g} s"
             )
         if number <= self._last[0]:
-            raise DeviceError(f"the number {number} is not above the last one, {self._last[0]}")
+            raise DeviceError(f"the packet number {number} is not above the previous one, {self._last[0]}")
         if not t > self._last[1]:
             raise DeviceError(f"the clock went back from {self._last[1]:g} s to {t:g} s")
         self._sender, self._last, self._heard = sender, (number, t), now

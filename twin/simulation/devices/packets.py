@@ -27,7 +27,7 @@ _MAGIC, _ANSWER, _VERSION = b"TWNH", b"TWNF", 1
 _CLUTCH, _CAMERA = 1, 2
 
 _FAR, _OPEN, _UNIT = 10.0, 2 * math.pi, 1e-3
-"""Largest accepted coordinate in m, gripper angle in rad, and difference of a quaternion's length from 1."""
+"""Largest accepted coordinate in m; gripper angle in rad; difference of a quaternion's length from 1."""
 
 
 def pack(
@@ -46,7 +46,7 @@ def unpack(data: bytes) -> HandState:
         DeviceError: the layout is wrong or a number is implausible; the message names the field, its value and limit.
     """
     if len(data) != HAND.size:
-        raise DeviceError(f"the length is {len(data)} bytes; it must be {HAND.size}")
+        raise DeviceError(f"the packet has {len(data)} bytes; it must have {HAND.size}")
     magic, version, hand, pedals, zero, number, _, *numbers = HAND.unpack(data)
     p, q, grip = numbers[:3], numbers[3:7], numbers[7]
     if (magic, version, zero) != (_MAGIC, _VERSION, 0):

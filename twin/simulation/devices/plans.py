@@ -1,6 +1,6 @@
 """Planned motions of the arms of a console, as an input of the World: states of the arms, and poses to follow.
 
-A plan is made outside of the World. The World receives its states and poses tick by tick, so that a recorded session is
+A plan is made outside of the World. The World receives states and poses tick by tick, so that a recorded session is
 replayed without planning again.
 """
 
@@ -35,7 +35,7 @@ _SILENCE = 1.0
 """Maximum time in s for which the hands may be silent in a motion, as in a replay (ASSUMED)."""
 
 _THERE = 0.2 * MM
-"""Distance of a tip from the end of its path in m at which it has arrived."""
+"""Largest distance in m of a tip from the end of its path at which the tip has arrived."""
 
 
 @dataclass(frozen=True)

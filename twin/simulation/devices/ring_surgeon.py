@@ -77,7 +77,7 @@ class Manner:
 class RingSurgeon(SurgeonHands):
     """Writes what `SurgeonHands` writes, and `surgeon.target`: number of rings that the surgeon has put on pegs.
 
-    The surgeon sees the rings from `<ring>.pose`, and whether the jaws hold one from `<ring>.holder`.
+    The surgeon sees the rings from `<ring>.pose`, and whether the jaws hold a ring from `<ring>.holder`.
 
     Attributes:
         missed: names of the rings that the surgeon gave up.

@@ -77,10 +77,10 @@ class Seat:
 
     Attributes:
         device: name of the device of the pedals.
-        arms: the arm of the right and of the left hand, by hand, in this order.
+        arms: the arm of each hand, by name of the hand; first the right hand, then the left hand.
         camera: name of the arm of the camera.
         view: angle of view over the height of the picture, in rad.
-        scale: motion scale of the console; the surgeon divides displacements by it.
+        scale: motion scale of the console; the surgeon divides displacements by this scale.
         dt: duration of a tick in s.
         seed: seed of everything random that the surgeon does.
 

@@ -72,7 +72,7 @@ class Arm:
         Args:
             factors: factors of masses and inertia tensors, one per key of `masses`; mass centres and rotors are
                 unchanged.
-            friction: (n,) friction to use instead of the true one; None: the true one.
+            friction: (n,) viscous friction to use instead of `friction` of the robot; None: `friction` of the robot.
         """
         names = [j.child for j in self.mechanism.tree]
         known = dict(zip(names, np.broadcast_to(np.asarray(factors, float), len(names)), strict=True))

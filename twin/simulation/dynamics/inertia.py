@@ -33,7 +33,7 @@ from twin.reference import ReferenceModel
 from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
 
 NAME = "inertia.toml"
-"""Name of the file in a robot's CAD folder."""
+"""Name of the inertia file in a robot's CAD folder."""
 
 _ALONG = 1e-6
 """Tolerance in rad for perpendicular and parallel axes: far above rounding errors."""

@@ -77,9 +77,9 @@ class ModelPlant:
 class MujocoPlant:
     """A mechanism in MuJoCo, an engine that is independent of the controller's model.
 
-    Actuators, joint limits and contacts of the MJCF are disabled; loops are closed by its constraints, and gravity is
-    that of the MJCF. Efforts are constant between two ticks of the controller. The integrator is the Runge-Kutta method
-    of fourth order.
+    Actuators, joint limits and contacts of the MJCF are disabled; loops are closed by the constraints of the MJCF, and
+    gravity is as in the MJCF. Efforts are constant between two ticks of the controller. The integrator is the
+    Runge-Kutta method of fourth order.
 
     Attributes:
         model, data: MuJoCo's model and data.

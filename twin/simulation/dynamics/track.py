@@ -39,7 +39,7 @@ EXACT_LIMIT, TIP_LIMIT = 10e-6, 1e-3
 as in the paper."""
 
 _LOST = 1.0
-"""Joint error in rad (times `LENGTH_SCALE` in m) beyond which the simulation stops because it diverges."""
+"""Joint error in rad (lengths: times `LENGTH_SCALE`, in m) beyond which the simulation diverges, and is stopped."""
 
 _OFTEN = 200
 """Number of ticks between two progress reports."""
@@ -214,7 +214,8 @@ def run(
 ) -> Run:
     """Simulate the robot under computed-torque control along a motion; return its tracking errors.
 
-    The robot starts at the first sample of the motion, with its speed. `progress` is called with the fraction done.
+    The robot starts with the joint values and rates of the first sample of the motion. `progress` is called with the
+    fraction done.
 
     Raises:
         TwinError: the motion does not fit the robot or the control rate, or the robot diverges.
@@ -305,5 +306,5 @@ def _checked(arm: Arm, motion: Motion, c: Conditions) -> tuple[int, int]:
         if values.shape != (k, n) or not np.isfinite(values).all():
             raise TwinError(f"motion: {name} {values.shape} must be {k} rows of {n} finite numbers")
     if k < 2 or np.abs(np.diff(motion.t) * c.rate - 1).max() > 1e-6:
-        raise TwinError(f"motion: the time between its samples is not one tick of {1e3 / c.rate:g} ms")
+        raise TwinError(f"motion: the time between two samples is not one tick of {1e3 / c.rate:g} ms")
     return k, n

@@ -30,7 +30,7 @@ def circle(t: float) -> Array:
 
 
 def wander(seed: int) -> Motion:
-    """Return a random motion of the hand: each coordinate is a sum of three sines of 0.05 to 0.4 Hz."""
+    """Return a random motion of the hand: each coordinate in m is a sum of three sines of 0.05 to 0.4 Hz."""
     rng = np.random.default_rng(seed)
     rates, phases = 2 * np.pi * rng.uniform(0.05, 0.4, (3, 3)), rng.uniform(0, 2 * np.pi, (3, 3))
 

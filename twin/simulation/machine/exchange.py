@@ -26,7 +26,7 @@ class Exchange:
             self._states[name].give(link.state)
 
     def send(self) -> None:
-        """Send the packets of all ticks since the last call to the machines."""
+        """Send the machines the packets of all ticks since the last call."""
         for name, packets in self._outbox.take().items():
             for packet in packets:
                 self.links[name].send(packet)

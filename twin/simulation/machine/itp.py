@@ -106,7 +106,7 @@ def unpack(data: bytes, arm: int, version: int) -> Packet:
         DeviceError: length, version, checksum, pedal or a quaternion is wrong; the message has value and limit.
     """
     if len(data) != PACKET.size:
-        raise DeviceError(f"the length is {len(data)} bytes; it must be {PACKET.size}")
+        raise DeviceError(f"the packet has {len(data)} bytes; it must have {PACKET.size}")
     numbers = PACKET.unpack(data)
     if numbers[2] != version:
         raise DeviceError(f"the version is {numbers[2]}; it must be {version}")

@@ -29,7 +29,7 @@ _WAITING = 200
 """Maximum number of packets that wait to be sent; if there are more, the oldest are dropped."""
 
 _BEHIND = 20
-"""Number of waiting packets above which two are sent each millisecond."""
+"""Number of waiting packets above which two packets are sent in each millisecond."""
 
 _REFUSED = 50
 """Number of successive refused packets after which another master (sender of packets) is reported."""
@@ -82,8 +82,8 @@ class StateReader:
             self._socket = socket.create_connection((host, port), _CONNECT)
         except (OSError, UnicodeError) as error:  # UnicodeError: a name that no host can have, such as "a..b"
             raise DeviceError(
-                f"no machine sends states at {host}:{port}: {getattr(error, 'strerror', None) or error}; start it, for "
-                f"example with `twin machine raven_left --state-port {port}`"
+                f"no machine sends states at {host}:{port}: {getattr(error, 'strerror', None) or error}; start the "
+                f"machine, for example with `twin machine raven_left --state-port {port}`"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(PATIENCE)

@@ -9,10 +9,10 @@ signals of `LOCATIONS`:
 |---|---|---|
 | wire | sequence number | before a packet is checked |
 | packet | `itp.FIELDS` | after a packet has been accepted |
-| usb | number of bytes that a read of the USB board returns; unless it is `BYTES`, the software keeps its old counts |
-| encoder | counts of each motor | before the software |
+| usb | number of bytes of a read | at the USB board; unless it is `BYTES`, the software keeps its old counts |
+| encoder | counts of each motor | before the software reads them |
 | level | run level | as the software reads it from the PLC |
-| tool | desired position of the tool, x, y, z in base, um | while the pedal is down |
+| tool | desired position of the tool, x, y, z in base, µm | while the pedal is down |
 | joints | desired joint values, rad or m | while the motors are on |
 | dac | counts of each motor | after the checks of the software |
 """
@@ -66,7 +66,7 @@ _ON = (Level.INIT, Level.PEDAL_DN)
 _MICRO = 1e-6
 
 _HOMED = (0.02, 5e-3, 5e-4)
-"""Largest errors at which homing is complete: in rad without a brake; in rad and in m with a brake."""
+"""Largest errors at which homing is complete: in rad for joints without brakes; in rad and m for joints with brakes."""
 
 _STILL = (0.02, 2e-3)
 """Largest rates of joints with brakes in rad/s and m/s at which homing is complete."""
@@ -310,7 +310,7 @@ class Machine:
         for i in self._fast:
             if not abs(self.qd[i]) <= most:
                 name = self._mechanism.active[i].name
-                self.servo.stop = f"{name} turns with {self.qd[i]:.3g} rad/s (limit {most:g})"
+                self.servo.stop = f"{name} turns at {self.qd[i]:.3g} rad/s (limit {most:g})"
                 return
 
     def _home(self, t: float) -> Array:

@@ -11,14 +11,14 @@ from twin.simulation.machine.itp import Packet, ahead, unpack
 class Receiver:
     """Reads the packets for one arm.
 
-    As in the released software, a packet with sequence number 0 is sent back. If numbers are missing, the first packet
-    after the gap is dropped, and the next one is accepted. Unlike in the released software, the checksum must be
-    correct, and each number must be after the last one (1 is after 2^32 - 1, see `itp.ahead`). In the released
-    software, a packet with a number more than 1000 lower restarts the numbering, so that old packets are accepted
-    again. A master controls the machine until it has been silent for `timeout` s.
+    As in the released software, a packet with sequence number 0 is sent back. If sequence numbers are missing, the
+    first packet after the gap is dropped, and the next one is accepted. Unlike in the released software, the checksum
+    must be correct, and each sequence number must be after the previous one (1 is after 2^32 - 1, see `itp.ahead`). In
+    the released software, a packet with a number more than 1000 lower restarts the numbering, so that old packets are
+    accepted again. A master controls the machine until it has been silent for `timeout` s.
 
     Attributes:
-        master: address of the sender whose packets are accepted; None: the next one.
+        master: address of the sender whose packets are accepted; None: the next sender is accepted.
         accepted, refused: number of packets so far.
         reason: reason why the last refused packet was refused.
     """

@@ -15,7 +15,7 @@ from twin.model.mechanism import Mechanism
 from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
 
 NAME = "machine.toml"
-"""Name of the file in a robot's CAD folder."""
+"""Name of the machine file in a robot's CAD folder."""
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]

@@ -68,11 +68,11 @@ class Head(Table):
 
 @dataclass(frozen=True)
 class Chunk:
-    """Part of a session.
+    """Part of a session: at most `CHUNK` successive ticks.
 
     Attributes:
         device: (k, n) signals of the device, one row per tick.
-        last: (m,) all signals after the last of these ticks.
+        last: (m,) all signals after the last tick of the chunk.
         digest: SHA-256 of the rows of all signals.
     """
 
@@ -255,7 +255,7 @@ def read_session(path: Path) -> Session:
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not chunks:
-        raise WorldError(f"{path}: it has no complete chunk, so nothing can be replayed")
+        raise WorldError(f"{path}: the file has no complete chunk, so nothing can be replayed")
     return Session(start, tuple(chunks), lost)
 
 
@@ -289,7 +289,9 @@ def _chunks(path: Path, file: BinaryIO, start: Head) -> tuple[list[Chunk], str]:
         magic, count, length, one = _HEAD.unpack(mark)
         if magic == _END:
             if count != ticks or one != digests.digest() or file.read(1):
-                raise WorldError(f"{path}: its end mark does not match its {ticks} ticks: the file was changed")
+                raise WorldError(
+                    f"{path}: the end mark does not match the {ticks} ticks in the file: the file was changed"
+                )
             return chunks, ""
         raw = 8 * (count * n + m)
         if magic != _MAGIC or not 0 < count <= CHUNK or length > raw + raw // 100 + 1000:
@@ -299,7 +301,7 @@ def _chunks(path: Path, file: BinaryIO, start: Head) -> tuple[list[Chunk], str]:
             return chunks, f"it ends {at}, within a chunk: the recording was interrupted"
         ticks += count
         if ticks * start.dt > LONGEST + CHUNK * start.dt:
-            raise WorldError(f"{path}: it is longer than {LONGEST:g} s, the maximum duration of a session")
+            raise WorldError(f"{path}: the session is longer than {LONGEST:g} s, the maximum duration of a session")
         unpacker = zlib.decompressobj()
         try:
             body = unpacker.decompress(packed, raw + 1)

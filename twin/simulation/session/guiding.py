@@ -34,7 +34,7 @@ _ENTRY = 0.25
 
 @dataclass(frozen=True)
 class GuideMeasures:
-    """Measures of the task.
+    """Measures of a task with a ring to guide.
 
     Attributes:
         steps: time in s at which each of `STEPS` was done; None: the step is not done. The last two steps count only if
@@ -42,7 +42,7 @@ class GuideMeasures:
         passed: fraction (0 to 1) of the wire along which the second arm guided the ring without leaving the wire.
         touches: number of touches of the wire by the held ring.
         touching: time in s of these touches.
-        drops: number of times that the hands lost the ring before it was guided. Before the ring is picked up, this
+        drops: number of times that the hands lost the ring before it was guided. Before the ring is picked up, a loss
             counts only if the ring then lies elsewhere; a failed grasp does not count.
         collisions: number of collisions of an instrument with a fixed part, or with the other instrument.
         time: time in s from the first moment in which an arm follows its hand until the last step is done; if a step is

@@ -1,7 +1,7 @@
 """Draw a part of a scene as a camera sees it, by a rasteriser with a depth buffer and 8 samples per pixel.
 
 Only the box around one surface is drawn, with everything in the box that is not farther away. The
-rasteriser needs no graphics driver, and gives the same picture on every machine. It shares no code with the
+rasteriser needs no graphics driver, and gives the same picture on every machine. The rasteriser shares no code with the
 projection in `aligned`.
 """
 

@@ -69,7 +69,7 @@ class Ran:
         dt: duration of a tick in s.
         difference: see `Difference`; None if the replay gave the same bytes, or if there was no replay.
         missed: names of the targets that a simulated surgeon gave up.
-        condition: condition of the session; None: its World has no forces on the hands.
+        condition: condition of the session; None: the World has no forces on the hands.
     """
 
     kept: Recording
@@ -86,7 +86,7 @@ class Ran:
 
 
 class Keep:
-    """Collects every n-th row of the kept signals."""
+    """Collects every n-th row of the signals with the given names."""
 
     def __init__(self, world: World, names: Sequence[str], sample: float = SAMPLE) -> None:
         """Begin with no row; `sample`: time in s between two rows."""

@@ -1,7 +1,7 @@
 """Measure the angle of the upper side of a green rectangle in a picture, as in the paper: mask, upper side, slope.
 
 The mask has the green fraction of every pixel, so that an edge is measured to a fraction of a pixel. The paper uses two
-points of the upper side; here, a line is fitted to all its columns.
+points of the upper side; here, a line is fitted to all columns of the upper side.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ NAME = "planes"
 """Last part of the name of the signal with the planes of a robot."""
 
 _OPPOSITE = -0.5
-"""Cosine of the angle between two normals below which they count as normals of opposite sides of a part."""
+"""Cosine of the angle between two normals; below this cosine, the normals belong to opposite sides of a part."""
 
 _Touch = tuple[float, tuple[int, int], int, Array, Array]
 """A contact of an instrument: depth, both geoms (first the instrument's), body and deepest point of the instrument,

@@ -19,11 +19,10 @@ GRIPS = 2
 """Number of jaws that can hold the organ at once."""
 
 _DRAG = 2.0
-"""Damping by the surroundings of the organ, divided by its mass, in 1/s; ASSUMED. Without it, a freed organ would swing
-for ever."""
+"""Damping by the surroundings of the organ, divided by its mass, in 1/s; ASSUMED. It brings a freed organ to rest."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step if the force is twice its limit; proportional to the excess force."""
+"""Distance in m by which the jaws slide in a step at twice the force limit; proportional to the excess force."""
 
 _STIFF = [0.99, 0.999, 1e-4, 0.5, 2.0]
 """Impedance of the constraints in MuJoCo."""
@@ -118,7 +117,7 @@ class Hold:
             self._d.eq_active[self._m.equality(f"bed_{node}_{axis}").id] = 0
 
     def grasp(self, k: int, weights: Array, p_world: Array, limit: float) -> None:
-        """Hold a material point at p_world (3,) in m by the jaws with number k, up to a force of `limit` in N."""
+        """Hold the point weights @ nodes at p_world (3,) in m by the jaws number k, up to a force of `limit` in N."""
         self.grips[k] = Grip(weights, limit, p_world.copy(), np.zeros(3), np.zeros(3))
         w = weights[self._free]
         for axis in range(3):
@@ -134,7 +133,7 @@ class Hold:
             self._d.eq_active[self._equality[k]] = 0
 
     def pull(self, weights: Array, force_world: Array) -> None:
-        """Apply a force (3,) in N in the World to a material point in the next step."""
+        """Apply a force (3,) in N in the World to the point weights @ nodes in the next step."""
         self._pull += np.outer(weights[self._free], force_world)
 
     def begin(self, rest: Array) -> bool:

@@ -105,7 +105,7 @@ class Organs:
             held: name of the organ that can be grasped, and whose pins can be freed one by one; see `operable`.
 
         Raises:
-            TwinError: the pins of an organ do not hold it.
+            TwinError: the pins of an organ do not hold the organ in place.
             WorldError: a number is out of range, two organs overlap, or a link is inside an organ.
         """
         self.tissues, self.tools, self.period = tuple(tissues), tuple(tools), period

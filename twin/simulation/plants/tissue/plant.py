@@ -56,7 +56,7 @@ class Tissues(Block):
     The joint values alone move the links; the organs deform.
 
     Signals:
-        `<organ>.nodes` (3 k,): nodes of its grid in the World in m; the vertices follow by `Tissue.weights`.
+        `<organ>.nodes` (3 k,): nodes of its grid in the World in m; `Tissue.weights` gives the vertices from the nodes.
         `<organ>.touched`: index of the triangle that is pressed deepest; -1: nothing touches the organ.
         `<organ>.force` (3,): total contact force on the organ in the World in N.
     """

@@ -22,7 +22,7 @@ _BEND = 0.02
 """Bending stiffness divided by stretching stiffness; ASSUMED, for a thin wall."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step if the force is twice its limit; proportional to the excess force."""
+"""Distance in m by which the jaws slide in a step at twice the force limit; proportional to the excess force."""
 
 _STILL = 1e-7
 """A chain is at rest if no node moves further than this distance in m in a step."""

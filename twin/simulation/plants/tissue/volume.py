@@ -27,7 +27,7 @@ class Volume:
         self._j, self._k, self._factors = j[used], k[used], factors[:, used]
 
     def at(self, nodes: Array) -> tuple[float, Array]:
-        """Return the volume in m3 at nodes (k, 3), and its derivatives (k, 3) with respect to them in m2."""
+        """Return the volume in m3 at nodes (k, 3), and its derivatives (k, 3) in m2 with respect to the nodes."""
         (ax, ay, az), (bx, by, bz) = nodes[self._j].T, nodes[self._k].T
         by_node = self._factors @ np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
         return float(np.vdot(nodes, by_node)) / 3, by_node
