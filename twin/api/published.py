@@ -279,7 +279,7 @@ class PublishedMotion(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings on terms that differ from the mechanism, and on violated properties of equations of motion."""
+        """Findings on terms of the equations whose values the mechanism does not have, and on violated properties."""
         return tuple(self.judged.findings)
 
     def content(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Bounds of the distance between two surfaces from balls and a grid of distances, for many poses at once.
+"""Bounds of the distance between two surfaces, computed from balls and a grid of distances, for many poses at once.
 
 The first surface is covered by balls. For the second surface, lower bounds of the distance from it are stored on a grid
 in its own frame. For a ball, let v be the stored value at its centre, and r its radius. The distance of the surfaces is

@@ -346,7 +346,7 @@ FORMULA = Formula(
         _mm("QR", 42.0, "link from the slider"),
         _mm("x_max", 60.48, "distance of R behind A at s = 0"),
         _mm("y_AR", -10.0, "height of R above A; in the drawing the sign is opposite, see tilt_forward"),
-        _deg("phi1", 90.0, "direction of A->B from x_a"),
+        _deg("phi1", 90.0, "angle of the direction A->B, measured from x_a"),
         _deg("phi2", 138.0, "angle between AD and AQ"),
         _deg("phi3", 103.93, "angle at D, from P to C"),
         _deg("phi4", 31.06, "angle at P, between tool axis and PD"),

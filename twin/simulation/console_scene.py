@@ -228,9 +228,10 @@ def drag(table: ConsoleTable) -> Drag:
 def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None = None) -> dict[str, float]:
     """Return the settings of the device of a scene's console, with their first values.
 
-    `pedals.fulcrum`: end of the instruments that the hands control, see `pivot`. `<robot>.tool`: index of the chosen
-    tool, in the order of the scene file; in a procedure, the first value is the tool at the start of the task. A scene
-    without instruments in ports has no `pedals.fulcrum`, and a scene without tools has no `<robot>.tool`.
+    `pedals.fulcrum`: which end of an instrument follows the hand, the tip or the outer end, see `pivot`.
+    `<robot>.tool`: index of the chosen tool, in the order of the scene file; in a procedure, the first value is the
+    tool at the start of the task. A scene without instruments in ports has no `pedals.fulcrum`, and a scene without
+    tools has no `<robot>.tool`.
     """
     table = console_of(scene)
     out = {FULCRUM: float(FULCRUMS.index(fulcrum))} if table.instrument_mm else {}

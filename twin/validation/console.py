@@ -138,7 +138,7 @@ def _turn(c: Laws) -> Iterator[Clause]:
     yield _within(
         "turn.angle",
         "eq2",
-        "the tool turns by the angle of the hand, about the hand's axis expressed in {RB}",
+        "the tool turns by the angle of the hand, about the hand's axis, converted from {H} to {RB}",
         off,
         "deg",
         _ANGLE,

@@ -24,7 +24,7 @@ def arguments(command: Command) -> None:
     command.software()
     text = (
         "instead of a campaign, run the two experiments of the paper: deviation at each motion scale, and deviation "
-        "with the command of the first motor stuck every 8 s"
+        "with a fault every 8 s that holds the command of the first motor"
     )
     command.flag("--trends", text)
     text = f"name of a campaign of the robot, or path of a file (default {_DEFAULT})"

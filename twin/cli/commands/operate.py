@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     if args.task is not None:
         raise TwinError(f"--task applies to a scene; {args.robot} is a robot: give a protocol instead")
     if args.mistake is not None:
-        raise TwinError(f"--mistake applies to a procedure or a ring to guide, in a scene; {args.robot} is a robot")
+        raise TwinError(f"--mistake requires a scene with a procedure or a ring to guide; {args.robot} is a robot")
     if args.machine:
         raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     robot = api.load(args.robot)

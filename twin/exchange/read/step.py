@@ -148,7 +148,7 @@ def _inside(node: str, parts: list[Part]) -> Finding | None:
     some = ", ".join(f"'{p.a.part.name}' in or on '{p.b.part.name}'" for p in pairs[:3])
     inner = sorted({(*part.path, part.name)[part.path.index(node) + 1] for part in parts if node in part.path})
     text = (
-        f"node '{node}' is read as one body, but some parts of the node can move in other parts: {some}"
+        f"node '{node}' is read as one body, but some parts of the node can move relative to others: {some}"
         f"{f' and {len(pairs) - 3} more' if len(pairs) > 3 else ''}. If these are joints, write a [body.*] with `node` "
         f"for each moving inner node ({', '.join(inner[:6])}{', ...' if len(inner) > 6 else ''}), or export the "
         "sub-assembly as separate nodes."

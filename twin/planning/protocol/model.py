@@ -112,9 +112,11 @@ class Protocol:
 
     @property
     def first_rcm(self) -> Array | None:
-        """The first RCM (3,) in base in m: a trocar, the RCM registered from the start, or the start of an insertion.
+        """The RCM (3,) in base in m that the motion needs first.
 
-        None if the protocol has no RCM, or if only the mechanism defines the position of its trocar.
+        It is the protocol's unnamed trocar or RCM if there is one. Otherwise it is that of the first phase which names
+        a trocar or begins an insertion, for which the RCM is the waypoint where it begins. None if the protocol has no
+        RCM, or if only the mechanism defines the position of its trocar.
         """
         if "" in self.trocars or self.rcm is not None:
             return self.trocars.get("", self.rcm)

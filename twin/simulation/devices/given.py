@@ -115,7 +115,7 @@ class GivenHands(Block):
 
     @property
     def heard(self) -> int:
-        """Sequence number of the last state received from both hands (the smaller one); -1 before the first states."""
+        """The smaller of both hands' sequence numbers of the last received state; -1 until both have sent a state."""
         return min(-1 if last is None else last.number for last in self._last)
 
     def silent(self, hand: int, t: float) -> bool:

@@ -63,7 +63,7 @@ def number(value: float | None) -> float | None:
 def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str, Any]]:
     """Return the entry `trocars` of the document `state`: for each trocar its name and, in m, position, error, depth.
 
-    The error is the distance from the trocar to the shaft axis, the depth the insertion depth of the tip.
+    The error is the distance from the trocar to the shaft axis. The depth is the insertion depth of the tip.
     """
     found = () if playback is None else in_trocars(desk, rcm_at(playback, time))
     return [

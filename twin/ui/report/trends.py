@@ -43,7 +43,7 @@ def figure(found: Trends) -> Figure:
         ax.set_ylim(_LEAST, 10)
         ax.set_yticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
         ax.set_xticks(x)
-        ax.set_title("deviation of the tips without a fault, by motion scale", loc="left", fontsize=8.5)
+        ax.set_title("deviation of the tips in motions without a fault, by motion scale", loc="left", fontsize=8.5)
         ax.set_ylabel("mm")
         ax.legend(loc="upper left")
         for i, row in enumerate(found.stuck):

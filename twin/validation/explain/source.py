@@ -127,7 +127,8 @@ class Source:
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
         """Return (names with a value before a statement, subset of these names that the statement can use).
 
-        The sets differ in a variant: it can only use its arguments, and names that it assigns before the statement.
+        If the statement is in a variant, the second set is smaller: a variant can only use its arguments, and names
+        that it assigns before the statement. Otherwise the sets are equal.
         """
         before = [s for s in self.statements[: statement.index] if not s.new or s.home is statement.home]
         own = {a.arg for a in ast.walk(statement.home.args) if isinstance(a, ast.arg)}
