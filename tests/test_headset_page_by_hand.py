@@ -137,7 +137,7 @@ def test_the_fulcrum_is_switched_by_button_and_key_and_turns_the_motion_round(pa
     assert goes("compensated") > 0, "the hand goes right, the tip goes right"
     page.id("fulcrum-window").click()
     assert goes("direct") < 0, "the hand goes right, the tip goes left"
-    headset.until(lambda: "other way" in page.id("fulcrum-window").inner_text(), "it is said")
+    headset.until(lambda: "against the hand" in page.id("fulcrum-window").inner_text(), "it is said")
     page.page.keyboard.press("g")
     page.until("twin.app.model.console.fulcrum === 'compensated'", "compensated again")
 

@@ -467,6 +467,6 @@ def test_a_motion_is_planned_and_made_on_the_page(look):
     page.get_by_text("Left hand: psm2 is at rest; its target follows").wait_for()
     page.get_by_role("button", name="Plan a motion").click()
     page.get_by_text("Clearance of the motion").wait_for()
-    page.get_by_text("proven 4.5 mm").wait_for()
+    page.get_by_text("proven to be at least 4.5 mm").wait_for()
     page.get_by_role("button", name="Accept").click()
     page.get_by_text("psm2 has arrived").wait_for()
