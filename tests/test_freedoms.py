@@ -246,7 +246,8 @@ def test_the_mechanism_is_driven_from_its_drawing_to_joint_values_a_full_turn_aw
 
 def test_the_drawn_value_of_a_joint_is_in_the_turn_that_its_limits_allow(five_bar):
     mechanism = api.load(five_bar).mechanism
-    for limits, turn in (((-1.0, 1.0), 0), ((5.0, 7.0), 1), ((-8.0, -5.0), -1), ((-7.0, 7.0), 0)):
+    cases = (((-1.0, 1.0), 0), ((5.0, 7.0), 1), ((-8.0, -5.0), -1), ((-7.0, 7.0), 0), ((1e-13, 6.2), 0))
+    for limits, turn in cases:
         joints = tuple(replace(j, limits=limits) if j.active else j for j in mechanism.joints)
         limited = replace(mechanism, joints=joints)
         drawn = ReferenceModel(limited).home().q

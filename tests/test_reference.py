@@ -50,6 +50,23 @@ def test_the_four_bar_follows_its_closed_form_through_a_full_turn(four_bar):
     assert np.array_equal(run.q[:, 0], cranks)
 
 
+@pytest.mark.parametrize("degrees", [70, 81, 100, 170 + 81])
+def test_a_crank_that_cannot_turn_fully_is_driven_around_what_it_cannot_pass(monkeypatch, degrees):
+    """Beyond 138 degrees the crank is blocked; from -100 degrees, the shorter way to 100 would lead through that."""
+    for name, length in (("GROUND", 0.1), ("CRANK", 0.06), ("COUPLER", 0.08), ("ROCKER", 0.07)):
+        monkeypatch.setattr(made, name, length)
+    monkeypatch.setattr(made, "CRANK_AT_REST", -100 * DEG)
+    model, q = ReferenceModel(made.four_bar()), np.array([degrees * DEG])
+    if degrees > 180:  # only as -109 degrees
+        q -= 2 * np.pi
+    poses, _ = made.four_bar_state(q[0])
+    for x in (model.solve(q).x, model.solve_many(q[None]).x[0], model.run(q[None]).x[0]):
+        np.testing.assert_allclose(model.link_poses(x[None])["rocker"][0], poses["rocker"], atol=1e-10)
+    away = q + 2 * np.pi
+    for x in (model.solve(away).x, model.solve_many(away[None]).x[0], model.run(away[None]).x[0]):
+        np.testing.assert_allclose(model.link_poses(x[None])["rocker"][0], poses["rocker"], atol=1e-10)
+
+
 @pytest.mark.parametrize("turns", [1, 2])
 @pytest.mark.parametrize("count", [2, 10, 14, 27, 47])
 def test_a_few_wide_samples_stay_on_the_branch_too(four_bar, count, turns):

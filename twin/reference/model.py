@@ -89,7 +89,7 @@ class ReferenceModel:
             MechanismError: q has the wrong length or is not finite.
         """
         q = given.one(self.mechanism, q)
-        return self.state(self._reach(self._turned(self._start(seed), q), q, self._move_driven))
+        return self.state(self._drive(self._start(seed), q))
 
     def solve_pose(self, T_base_tool: Array, seed: Assembly | None = None) -> Assembly:
         """Return the assembly with the tool at T_base_tool (4, 4); the active joints are also solved for.
@@ -146,7 +146,7 @@ class ReferenceModel:
         blocks = []
         for first in range(0, len(q), _BLOCK):
             goal = q[first : first + _BLOCK]
-            X = self._turned(np.tile(start, (len(goal), 1)), goal)
+            X = self._unwound(np.tile(start, (len(goal), 1)), goal)
             origin = X[:, self._active_q]
             good = np.ones(len(goal), bool)
             steps = max(1, int(np.ceil(np.max(np.abs(goal - origin) / scale))))
@@ -156,7 +156,7 @@ class ReferenceModel:
                 X = new
             for i in np.flatnonzero(~good):
                 try:
-                    X[i] = self._reach(self._turned(start, goal[i]), goal[i], self._move_driven)
+                    X[i] = self._drive(start, goal[i])
                 except AssemblyError as error:
                     raise AssemblyError(f"at row {first + i}: {error}", error.best, error.gap) from error
             blocks.append(X)
@@ -286,14 +286,28 @@ class ReferenceModel:
         """Return the loop residuals (k, m) at configurations (k, nq), and their Jacobians (k, m, nv)."""
         return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
 
-    def _turned(self, x: Array, q: Array) -> Array:
-        """Return configurations (..., nq) at the same poses, with driven joints in the turns nearest to q (..., n).
+    def _drive(self, start: Array, q: Array) -> Array:
+        """Return the state at active joint values q (n,), reached from a configuration.
 
-        Joints of couplings keep their turns: these count in the coupling.
+        If the way is blocked, it is the way from the start in the turns nearest to q, which has the same poses.
+        """
+        direct, nearest = self._unwound(start, q), self._unwound(start, q, np.rint)
+        try:
+            return self._reach(direct, q, self._move_driven)
+        except AssemblyError:
+            if np.array_equal(direct, nearest):
+                raise
+            return self._reach(nearest, q, self._move_driven)
+
+    def _unwound(self, x: Array, q: Array, turns: Callable[[Array], Array] = np.trunc) -> Array:
+        """Return configurations (..., nq) at the same poses, with driven joints nearer to q (..., n) by full turns.
+
+        By default, only differences of a full turn or more are reduced: a shorter way may lead through angles that
+        the mechanism cannot reach. Joints of couplings keep their turns: these count in the coupling.
         """
         x = x.copy()
         past = np.divide(q - x[..., self._active_q], self._turns, out=np.zeros(q.shape), where=self._turns > 0)
-        x[..., self._active_q] += self._turns * np.rint(past)
+        x[..., self._active_q] += self._turns * turns(past)
         return x
 
     def _move_driven(self, X: Array, q: Array) -> tuple[Array, Array]:
@@ -369,10 +383,8 @@ class ReferenceModel:
         or two iterations suffice, for all samples at once.
         """
         coarse = walk.knots(targets)
-        start = self._start(seed)
-        if targets.ndim == 2:
-            start = self._turned(start, targets[0])
-        knots = self._knots(coarse, targets, move, start, progress or (lambda fraction: None))
+        knots = self._driven_knots if targets.ndim == 2 else self._knots
+        knots = knots(coarse, targets, move, self._start(seed), progress or (lambda fraction: None))
         states = self._between(coarse, knots, targets)
         for block in np.array_split(np.arange(len(targets)), max(1, len(targets) // 1000)):
             solved, converged = move(states[block], targets[block])
@@ -384,6 +396,16 @@ class ReferenceModel:
             if progress is not None:
                 progress(0.5 + (block[-1] + 1) / len(targets) / 2)
         return states
+
+    def _driven_knots(self, coarse: Index, targets: Array, move: Move, start: Array, progress: Progress) -> Array:
+        """Return `_knots` for joint values, in the turns of `_drive`."""
+        direct, nearest = self._unwound(start, targets[0]), self._unwound(start, targets[0], np.rint)
+        try:
+            return self._knots(coarse, targets, move, direct, progress)
+        except AssemblyError:
+            if np.array_equal(direct, nearest):
+                raise
+            return self._knots(coarse, targets, move, nearest, progress)
 
     def _knots(self, coarse: Index, targets: Array, move: Move, start: Array, progress: Progress) -> Array:
         """Return the states of the samples `coarse`, solved in order; predictable samples are solved together."""

@@ -34,6 +34,9 @@ Progress = Callable[[str, float], None]
 _FORWARD = Kind("tool.forward", "disagreement", word="tolerance")
 _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
 
+_ROUNDING = 1e-9
+"""Angle in rad by which a joint value may exceed a limit by rounding."""
+
 
 @dataclass
 class Comparison:
@@ -279,6 +282,9 @@ class _Check:
         """
         out, true = self.out, self.posed.q
         alone = self._from_points(kin)
+        if alone is not None:  # without full turns, which are no disagreement
+            turned = [self._turns(joint, alone[:, i], true[:, i]) for i, joint in enumerate(kin.joints)]
+            alone = alone - 2 * np.pi * np.array(turned)
         wrong: dict[str, tuple[Residual, str]] = {}
         for i, joint in enumerate(kin.joints):
             if kin.auxiliary[i] or not np.isfinite(q[:, i]).any():
@@ -319,8 +325,10 @@ class _Check:
         coupled = any(joint in c.joints for c in self.model.mechanism.couplings)
         low, high = told.limits or (-np.inf, np.inf)
         q, true = q[np.isfinite(q)], true[np.isfinite(q)]
+        if not len(q):
+            return 0
         turns = np.rint((q - true) / (2 * np.pi))
-        if not told.is_angle or coupled or np.ptp(turns) or q.min() < low or q.max() > high:
+        if not told.is_angle or coupled or np.ptp(turns) or q.min() < low - _ROUNDING or q.max() > high + _ROUNDING:
             return 0
         return int(turns[0])
 
