@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -293,6 +294,28 @@ def test_a_spectator_sees_rings_and_shows_no_frames_of_another_task(theatre):
         front.close()
 
     asyncio.run(go())
+
+
+@pytest.mark.slow
+def test_a_spectator_sees_the_models_of_machines_as_ghosts_and_refuses_unknown_robots():
+    scene = twin.load_scene("raven")
+    loaded = LoadedScene(scene, robots_at(scene.places))
+    links = loaded.robots["raven_left"].reference().home().link_poses
+    stream = SimpleNamespace(
+        surfaces={}, objects=(), robots=("raven_left", "raven_left_model"), reading=None, problem=""
+    )
+    stream.close = lambda: None
+    front = WatchFront("raven", loaded, serve("raven", "127.0.0.1", 0), stream)
+    try:
+        front._draw({"raven_left_model": links}, {})
+        body = front.nodes["raven_left_model"].bodies["hand"]
+        place = next(p for p in scene.places if p.name == "raven_left")
+        assert body.position == pytest.approx((place.T_world_base @ links["hand"])[:3, 3], abs=1e-6)
+        stream.robots = ("another",)
+        with pytest.raises(TwinError, match="the server shows another, which the scene's files here do not have"):
+            WatchFront("raven", loaded, front.server, stream)
+    finally:
+        front.close()
 
 
 def test_a_spectator_without_a_server_is_told(capsys):

@@ -195,7 +195,8 @@ def test_the_command_writes_page_boxes_and_table(four, tmp_path, capsys):
     ("measure", "expected"),
     [
         ("raven_left_path_mm", "Path of raven_left [mm]"),
-        ("grip_force_n", "grip force [N]"),
+        ("trials_n", "trials n"),
+        ("gap_min", "gap min"),
         ("success_percent", "success [%]"),
         ("insertion_depth", "insertion depth"),
         ("nasa tlx", "nasa tlx"),

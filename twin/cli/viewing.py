@@ -92,7 +92,7 @@ def show_page(
         front = open_page(server, stopping, not gate.open)
         front.run()
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, signal.default_int_handler if before is None else before)
         if front is not None:
             front.close()
         elif server is not None:

@@ -22,6 +22,7 @@ AGAIN = "plan the protocol again: these samples differ from the planned ones"
 
 
 _MISSED = Kind("rcm.missed", "disagreement", 'use rcm = "enforced" and a waypoint with depth_mm', word="tolerance")
+_BLOCKED = Kind("rcm.missed", "disagreement", "the robot cannot hold the RCM: remove directions from `free`")
 _KEPT = Kind("rcm.kept", "info", word="tolerance")
 _BENT = Kind("insertion.bent", "disagreement", AGAIN, word="tolerance")
 _STRAIGHT = Kind("insertion.straight", "info", word="tolerance")
@@ -223,7 +224,8 @@ def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         k = int(np.argmax(errors))
         at = ", ".join(f"{x / MM:.2f}" for x in rcm)
         trocar = next((t for p in protocol.phases for s in spans if p.name == s.name and (t := trocar_of(p))), "")
-        kind = _MISSED if errors[k] > tolerance else _KEPT
+        missed = _BLOCKED if all(s.rcm_mode == "enforced" for s in spans) else _MISSED
+        kind = missed if errors[k] > tolerance else _KEPT
         where = f"trocar {trocar}, RCM at ({at}) mm" if trocar else f"RCM at ({at}) mm"
         clinical = f", beyond the clinical alarm at {mm(alarm)}" if errors[k] > alarm else ""
         what = f"maximum distance of the shaft from the RCM{clinical}"

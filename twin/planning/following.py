@@ -240,7 +240,7 @@ class Follower:
 
     def _too_many(self, directions: np.ndarray) -> str:
         """Return advice for a phase that prescribes more directions than there are driven joints; "" for others."""
-        wanted, joints = int(directions.sum()), len(self._names)
+        wanted, joints = int(directions.sum()), len(self._names) - len(self._kinematics.auxiliary)
         if wanted <= joints:
             return ""
         return (
@@ -260,7 +260,7 @@ class Follower:
                 f"{where} cannot be carried out: at {100 * k / (len(Ts) - 1):.0f} % of the phase, the tool is "
                 f"{_words(off[k], directions & (over[k] > 1))} from its path, because the robot cannot move "
                 f'in all directions. Use a phase with type = "joints", or declare directions as free, with free = '
-                f"{_names(directions & (over[k] > 1))}"
+                f"{_names(self._free() | (directions & (over[k] > 1)))}"
             )
 
     def _tolerance(self) -> Array:

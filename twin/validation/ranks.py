@@ -49,17 +49,17 @@ _LABELS = {
 }
 """Labels of the measures of sessions at a console, in the words of the scoreboards."""
 
-_UNITS = {x.lower(): x for x in ("s", "ms", "min", "m", "cm", "mm", "deg", "rad", "N", "Hz")} | {"percent": "%"}
-"""Units of measures, by the last part of the name of a measure."""
+_UNITS = {x.lower(): x for x in ("s", "ms", "cm", "mm", "deg", "rad", "Hz")} | {"percent": "%"}
+"""Units of measures, by the last part of the name of a measure; "n", "m" and "min" could be a number or a minimum."""
 
 
 def label(measure: str) -> str:
     """Return the name of a measure for tables and plots, with its unit, such as "Path of psm1 [mm]"."""
+    if known := _LABELS.get(measure):
+        return known
     name, _, last = measure.rpartition("_")
     unit = _UNITS.get(last) if name else None
     name = name if unit else measure
-    if known := _LABELS.get(measure):
-        return known
     path, _, what = name.rpartition("_")
     name = f"Path of {path}" if path and what == "path" else name.replace("_", " ")
     return f"{name} [{unit}]" if unit else name

@@ -109,7 +109,7 @@ class Training:
             if s.phase == Phase.STOPPED and s.text.startswith("the replay"):
                 yield disagreement("training.replay", self.robot, s.text, when=f"{s.begin:.1f} s")
             if s.phase == Phase.REHEARSE and s.text:
-                yield warning("training.record", self.robot, s.text, when=f"{s.begin:.1f} s")
+                yield warning("training.record", self.robot, s.text.partition(". Press")[0], when=f"{s.begin:.1f} s")
 
     def content(self) -> dict[str, Any]:
         """Return plain data; keys end with their unit."""

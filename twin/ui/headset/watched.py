@@ -28,6 +28,7 @@ class Watched:
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
+        robots: names of the robots.
         objects: names of the movable objects.
         reading: last state of the console; None before the first state, and for a scene without a console.
         problem: reason for missing frames; "" while frames arrive.
@@ -46,6 +47,7 @@ class Watched:
         about = self._about()
         self._model = about["model_hash"]
         self._links = {r["name"]: r["links"] for r in about["robots"]}
+        self.robots: Sequence[str] = tuple(self._links)
         self.objects: Sequence[str] = tuple(about.get("objects", {}).get("names", ()))
         if self.objects:
             self._links[wire.OBJECTS] = self.objects
@@ -80,10 +82,11 @@ class Watched:
         try:
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/scene.json", timeout=_PATIENCE) as answer:
                 about = json.load(answer)
-        except (OSError, ValueError) as error:
+            name, _ = about["name"], about["model_hash"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise TwinError(f"--watch {port}: no `twin serve {scene}` answers on this port: {error}") from None
-        if about["name"] != scene:
-            raise TwinError(f"--watch {port}: the server shows '{about['name']}', not '{scene}'")
+        if name != scene:
+            raise TwinError(f"--watch {port}: the server shows '{name}', not '{scene}'")
         return about
 
     def _read(self) -> None:

@@ -10,15 +10,17 @@ from typing import Any, Protocol
 import numpy as np
 import viser
 
+from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import srgb
+from twin.model.trainer import MODEL
 from twin.reference import ReferenceModel
 from twin.simulation.plants.tissue import clips_of
 from twin.ui.session.feed import Surface
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.viewer.console import AWAY, hand_text, status
 from twin.ui.viewer.loop import Loop
-from twin.ui.viewer.nodes import RobotNodes, object_nodes
+from twin.ui.viewer.nodes import BLUE, RobotNodes, object_nodes
 from twin.ui.viewer.room import OUTSIDE, corners, furnish
 
 OBJECTS = "objects"
@@ -30,12 +32,14 @@ class Stream(Protocol):
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
+        robots: names of the robots.
         objects: names of the movable objects.
         reading: last state of the console; None before the first state, and for a scene without a console.
         problem: reason for missing frames; "" while frames arrive.
     """
 
     surfaces: Mapping[str, Surface]
+    robots: Sequence[str]
     objects: Sequence[str]
     reading: dict[str, Any] | None
     problem: str
@@ -56,7 +60,7 @@ class WatchFront(Loop):
 
     Attributes:
         stream: source of the shown frames.
-        nodes: scene nodes of each robot.
+        nodes: scene nodes of each robot, and of the model of each machine that the server shows.
     """
 
     def __init__(
@@ -67,15 +71,21 @@ class WatchFront(Loop):
         stream: Stream,
         stopping: threading.Event | None = None,
     ) -> None:
-        """Draw the scene; the robots are in their home postures until the first frame."""
+        """Draw the scene; the robots are in their home postures until the first frame.
+
+        Raises:
+            TwinError: the server shows robots or movable objects that the scene does not have.
+        """
         super().__init__(server, title, stopping)
         self.stream = stream
-        self._places = {p.name: p.T_world_base for p in loaded.scene.places}
+        self._places = {p.name: p.T_world_base for p in (*loaded.scene.places, *loaded.scene.models)}
         homes = {n: r.reference().home().link_poses for n, r in loaded.robots.items()}
         self.nodes = {
             n: RobotNodes(server, f"/{n}", r.mechanism, {b: self._places[n] @ T for b, T in homes[n].items()})
             for n, r in loaded.robots.items()
         }
+        # a server with machines also shows their models
+        self._models = {p.name: loaded.robots[p.name.removesuffix(MODEL)].mechanism for p in loaded.scene.models}
         boxes = [n.box for n in self.nodes.values()]
         if (props := loaded.props) is not None:
             drawn = RobotNodes(server, f"/{props.name}", props, ReferenceModel(props).home().link_poses)
@@ -83,6 +93,8 @@ class WatchFront(Loop):
             for body, handle in drawn.meshes:
                 handle.opacity = 0.3 if body == "patient" else None
         known = {item.name: item for item in (*loaded.scene.objects, *clips_of(loaded.scene.tools))}
+        if strange := [*(set(stream.objects) - set(known)), *(set(stream.robots) - set(self._places))]:
+            raise TwinError(f"the server shows {', '.join(sorted(strange))}, which the scene's files here do not have")
         self._objects = {n: object_nodes(server, known[n], np.eye(4)) for n in stream.objects}
         self._meshes: dict[str, viser.MeshHandle] = {}
         found = np.concatenate([corners(b) for b in boxes])
@@ -119,7 +131,10 @@ class WatchFront(Loop):
             if robot == OBJECTS:
                 continue
             T = self._places[robot]
-            self.nodes[robot].write({n: T @ pose for n, pose in poses.items()})
+            placed = {n: T @ pose for n, pose in poses.items()}
+            if robot in self._models and robot not in self.nodes:
+                self.nodes[robot] = RobotNodes(self.server, f"/{robot}", self._models[robot], placed, BLUE)
+            self.nodes[robot].write(placed)
         for name, vertices in fields.items():
             if name in self._meshes:
                 self._meshes[name].vertices = vertices
