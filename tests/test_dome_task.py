@@ -346,7 +346,7 @@ def test_an_unknown_mistake_is_named(scene, tmp_path, capsys):
     assert main(["operate", "davinci", "--mistake", "dropped", "--out", str(tmp_path / "x")]) == 2
     assert "--mistake applies to a procedure or a ring to guide; task 'touch' is neither" in capsys.readouterr().err
     assert main(["operate", "sils", "--mistake", "asleep"]) == 2
-    assert "applies to a procedure or a ring to guide, in a scene; sils is a robot" in capsys.readouterr().err
+    assert "--mistake requires a scene with a procedure or a ring to guide; sils is a robot" in capsys.readouterr().err
 
 
 # -- by hand -------------------------------------------------------------------------------------------------
