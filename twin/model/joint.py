@@ -25,7 +25,7 @@ FREE_AXES: dict[str, tuple[int, ...]] = {
 }
 """Free directions of each joint type in the joint frame: 0..2 translation along x y z, 3..5 rotation about x y z."""
 
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """Angle in rad by which a joint may exceed a limit by rounding."""
 
 
@@ -102,7 +102,7 @@ class Joint:
         middle = 0.5 * (low + high)
         shifted = middle + np.mod(angle - middle + np.pi, 2 * np.pi) - np.pi
         # without the tolerance, a joint drawn at its limit 0 of 0..2 pi would be at 2 pi after a rounding error
-        return np.where((angle >= low - _ROUNDING) & (angle <= high + _ROUNDING), angle, shifted)
+        return np.where((angle >= low - ROUNDING) & (angle <= high + ROUNDING), angle, shifted)
 
 
 def reversed_joint(joint: Joint) -> Joint:

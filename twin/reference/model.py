@@ -287,17 +287,22 @@ class ReferenceModel:
         return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
 
     def _drive(self, start: Array, q: Array) -> Array:
-        """Return the state at active joint values q (n,), reached from a configuration.
+        """Return the state at active joint values q (n,), reached from a configuration."""
+        return self._in_turns(start, q, lambda x: self._reach(x, q, self._move_driven))
 
-        If the way is blocked, it is the way from the start in the turns nearest to q, which has the same poses.
+    def _in_turns(self, start: Array, q: Array, reach: Callable[[Array], Array]) -> Array:
+        """Return `reach(start)`; if the way to q (n,) is blocked, from the turns nearest to q, at the same poses.
+
+        Raises:
+            AssemblyError: both ways are blocked.
         """
         direct, nearest = self._unwound(start, q), self._unwound(start, q, np.rint)
         try:
-            return self._reach(direct, q, self._move_driven)
+            return reach(direct)
         except AssemblyError:
             if np.array_equal(direct, nearest):
                 raise
-            return self._reach(nearest, q, self._move_driven)
+            return reach(nearest)
 
     def _unwound(self, x: Array, q: Array, turns: Callable[[Array], Array] = np.trunc) -> Array:
         """Return configurations (..., nq) at the same poses, with driven joints nearer to q (..., n) by full turns.
@@ -383,8 +388,12 @@ class ReferenceModel:
         or two iterations suffice, for all samples at once.
         """
         coarse = walk.knots(targets)
-        knots = self._driven_knots if targets.ndim == 2 else self._knots
-        knots = knots(coarse, targets, move, self._start(seed), progress or (lambda fraction: None))
+        start, tell = self._start(seed), progress or (lambda fraction: None)
+
+        def solved_from(x: Array) -> Array:
+            return self._knots(coarse, targets, move, x, tell)
+
+        knots = self._in_turns(start, targets[0], solved_from) if targets.ndim == 2 else solved_from(start)
         states = self._between(coarse, knots, targets)
         for block in np.array_split(np.arange(len(targets)), max(1, len(targets) // 1000)):
             solved, converged = move(states[block], targets[block])
@@ -396,16 +405,6 @@ class ReferenceModel:
             if progress is not None:
                 progress(0.5 + (block[-1] + 1) / len(targets) / 2)
         return states
-
-    def _driven_knots(self, coarse: Index, targets: Array, move: Move, start: Array, progress: Progress) -> Array:
-        """Return `_knots` for joint values, in the turns of `_drive`."""
-        direct, nearest = self._unwound(start, targets[0]), self._unwound(start, targets[0], np.rint)
-        try:
-            return self._knots(coarse, targets, move, direct, progress)
-        except AssemblyError:
-            if np.array_equal(direct, nearest):
-                raise
-            return self._knots(coarse, targets, move, nearest, progress)
 
     def _knots(self, coarse: Index, targets: Array, move: Move, start: Array, progress: Progress) -> Array:
         """Return the states of the samples `coarse`, solved in order; predictable samples are solved together."""

@@ -21,6 +21,7 @@ from twin.core.spatial import Array, Index
 from twin.core.units import MM
 from twin.formula.contract import Equation
 from twin.kinematics import Kinematics
+from twin.model.joint import ROUNDING
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, Run
 from twin.validation.result import Residual, RowKind, headline
@@ -33,9 +34,6 @@ Progress = Callable[[str, float], None]
 
 _FORWARD = Kind("tool.forward", "disagreement", word="tolerance")
 _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
-
-_ROUNDING = 1e-9
-"""Angle in rad by which a joint value may exceed a limit by rounding."""
 
 
 @dataclass
@@ -328,7 +326,7 @@ class _Check:
         if not len(q):
             return 0
         turns = np.rint((q - true) / (2 * np.pi))
-        if not told.is_angle or coupled or np.ptp(turns) or q.min() < low - _ROUNDING or q.max() > high + _ROUNDING:
+        if not told.is_angle or coupled or np.ptp(turns) or q.min() < low - ROUNDING or q.max() > high + ROUNDING:
             return 0
         return int(turns[0])
 
