@@ -18,11 +18,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.admit import admit, admit_together
 from twin.core.foreign.archive import check_zip
 from twin.core.foreign.budget import check_size
@@ -32,7 +31,7 @@ from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.folder import Found, find
 from twin.exchange.audit.motion import Content, check_names
 from twin.exchange.audit.physics_truth import mechanism_physics
-from twin.exchange.audit.report import AuditReport, Check, Ledger, ReadError, finished
+from twin.exchange.audit.report import AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.scene import FILE as SCENE
 from twin.exchange.audit.scene import audit_scene
 from twin.exchange.audit.sense import check_sense
@@ -47,6 +46,9 @@ Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 
 Progress = Callable[[str, float], None]
 """Function called during the audit with the current step, such as "read robot.glb", and the fraction done (0..1)."""
+
+
+Reader = Callable[[Path, Ledger], Content | None]
 
 
 def audit(
@@ -108,11 +110,11 @@ def _audited(
         check_claims(contents)
         for file in found.readmes:
             ledgers.append(Ledger(found.name(file), "twin.exchange.audit readme", "1"))
-            check_readme(file, contents, ledgers[-1])
+            guarded(partial(check_readme, contents), file, ledgers[-1])
         proofs = [_proof(found, file) for file in found.proofs]
         compare_hashes(contents, next((h for _, h in proofs if h), ""))
         for (ledger, _), file in zip(proofs, found.proofs, strict=True):
-            check_proof_clips(file, contents, ledger)
+            guarded(partial(check_proof_clips, contents), file, ledger)
             ledgers.append(ledger)
     return contents, ledgers
 
@@ -136,7 +138,7 @@ def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None
     if stages:
         tell("test whether the stages can be opened", 0)
     admitted = admit_together(stages)
-    jobs: list[tuple[Callable[[Path, Ledger], Content | None], Path]] = [
+    jobs: list[tuple[Reader, Path]] = [
         *((_tracks, p) for p in (*found.tracks, *found.csv)),
         *((_gltf, p) for p in found.gltf),
         *((partial(_usd, admitted=admitted), p) for p in stages),
@@ -149,37 +151,16 @@ def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None
         tell(f"read {name}", 0.9 * i / len(jobs))
         ledger = Ledger(name)
         with np.errstate(all="ignore"):
-            content = _guarded(read, path, ledger)
+            content = guarded(partial(_filled, read), path, ledger)
         if content is not None and content.format == "tracks":
             tracks.append(content)
         yield ledger, content
 
 
-_STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError)
-"""Exceptions that the readers may raise for malformed input."""
-
-
-def _guarded(read: Callable[[Path, Ledger], Any], path: Path, ledger: Ledger) -> Content | None:
-    """Read a file; on an error, add a finding and return None."""
-    try:
-        if not path.stat().st_size:
-            ledger.add("file.empty", "error", "the file is empty.")
-            return None
-        return read(path, ledger)
-    except ReadError as error:
-        ledger.add(error.code or f"{_KINDS.get(path.suffix.lower(), 'usd')}.unreadable", "error", f"{error}.")
-    except (BudgetError, SourceError) as error:
-        ledger.add("file.budget", "error", f"{error}")
-    except OSError as error:
-        ledger.add("file.unreadable", "error", f"the file cannot be read: {error.strerror or error}.")
-    except _STRANGE as error:
-        text = f"the file is malformed: {type(error).__name__}, {str(error)[:120]}."
-        ledger.add("file.malformed", "error", text)
-    return None
-
-
-_KINDS = {".csv": "tracks", ".json": "tracks", ".urdf": "urdf", ".xml": "mjcf"}
-"""First part of the finding code `<format>.unreadable`, by file name suffix; "usd" for all other suffixes."""
+def _filled(read: Reader, path: Path, ledger: Ledger) -> Content | None:
+    if not path.stat().st_size:
+        raise ReadError("the file is empty", "file.empty")
+    return read(path, ledger)
 
 
 def _gltf(path: Path, ledger: Ledger) -> Content | None:
@@ -269,7 +250,7 @@ def _package(found: Found, folder: Path) -> Ledger:
     from twin.exchange.audit.unity import check_package
 
     ledger = Ledger(found.name(folder), "twin.exchange.audit unity", "1")
-    check_package(folder, ledger)
+    guarded(check_package, folder, ledger)
     return ledger
 
 
@@ -278,4 +259,4 @@ def _proof(found: Found, file: Path) -> tuple[Ledger, str]:
     from twin.exchange.audit.proof import check_proof
 
     ledger = Ledger(found.name(file), "sha256", "2")
-    return ledger, check_proof(file, ledger)
+    return ledger, guarded(check_proof, file, ledger) or ""

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
-from twin.core.foreign.budget import check_size
+from twin.core.errors import TwinError
+from twin.core.foreign.admit import admit
+from twin.core.foreign.budget import read_bytes
 from twin.exchange.audit import poses
 from twin.exchange.audit.gltf_clips import Clips
 from twin.exchange.audit.gltf_file import Gltf, open_gltf
@@ -37,13 +39,13 @@ def audit_bends(folder: Path) -> list[Ledger]:
     if not glb.is_file():
         return []
     try:
-        check_size(glb, "GLTF")
+        admit(glb)
         file = open_gltf(glb, ledger)
         shown = _Played(file)
         if usd.is_file():
-            check_size(usd, "USD")
-            if broken := trouble(usd.read_bytes()):
+            if broken := trouble(read_bytes(usd, "USD")):
                 raise ValueError(f"{USD}: {broken}")
+            admit(usd)
             _compare(shown, Usd.Stage.Open(str(usd)), ledger)
         else:
             ledger.row("vertices against the points in USD", None, "m", TOLERANCE)
@@ -54,7 +56,7 @@ def audit_bends(folder: Path) -> list[Ledger]:
             if open_edges:
                 text = f"mesh '{name}' is not closed: {open_edges} edges do not join exactly two triangles."
                 ledger.wrong("bend.open", text, name, size=Measured(open_edges, 0.0))
-    except (ReadError, Tf.ErrorException, KeyError, TypeError, ValueError, IndexError) as error:
+    except (ReadError, TwinError, Tf.ErrorException, OSError, KeyError, TypeError, ValueError, IndexError) as error:
         text = f"the deformables cannot be read: {type(error).__name__}, {str(error)[:200]}."
         ledger.add("bend.unreadable", "error", text)
     return [ledger]

@@ -167,7 +167,7 @@ _MOTION = re.compile(
 )
 
 
-def check_readme(path: Path, contents: Sequence[Content], ledger: Ledger) -> None:
+def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> None:
     """Report statements of a README.txt that are not true of the files in the same folder."""
     try:
         raw = path.read_text(encoding="utf-8")
@@ -263,7 +263,7 @@ def _section(text: str, title: str) -> str:
     return found[1] if found else ""
 
 
-def check_proof_clips(path: Path, contents: Iterable[Content], ledger: Ledger) -> None:
+def check_proof_clips(contents: Iterable[Content], path: Path, ledger: Ledger) -> None:
     """Compare the motions in proof.json with the tracks."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

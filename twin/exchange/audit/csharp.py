@@ -27,6 +27,9 @@ _MATH: dict[str, Any] = {
     },
     **{"Abs": abs, "Min": min, "Max": max, "Pow": pow},
 }
+_MOST_CALLS = 10_000
+"""Maximum number of method calls of one script: a recursive method could run for years."""
+
 _NUMERIC = ("double", "float", "int", "long")
 _LEVELS = (("||",), ("&&",), ("==", "!="), ("<", ">", "<=", ">="), ("+", "-"), ("*", "/"))
 _APPLY: dict[str, Callable[[Any, Any], Any]] = {
@@ -80,6 +83,7 @@ class Script:
         for m in _METHOD.finditer(text):
             params = [tuple(p.split()[-2:]) for p in m[3].split(",") if p.strip()]
             self._methods.setdefault(m[2], []).append(([(t, n) for t, n in params], _block(text, m.end() - 1)))
+        self._calls = 0
         self._constants = {m[1]: m[2] for m in _CONSTANT.finditer(text)}
 
     def has(self, name: str) -> bool:
@@ -92,6 +96,9 @@ class Script:
         Raises:
             CSharpError: no overload accepts arguments of the given types, or the code is unsupported.
         """
+        self._calls += 1
+        if self._calls > _MOST_CALLS:
+            raise CSharpError(f"the script calls methods more than {_MOST_CALLS} times")
         for params, body in self._methods.get(name, []):
             pairs = zip(params, given, strict=False)
             if len(params) == len(given) and all(not isinstance(g, Value) or g.type == t for (t, _), g in pairs):
@@ -177,7 +184,7 @@ class _Run:
 
     def _skip(self) -> None:
         while self._peek() != ";":
-            self._at += 1
+            self._next()
 
     # ------------------------------------------------------------------------------------------ expressions
 

@@ -17,7 +17,7 @@ _TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".
 """File name suffixes of text formats."""
 
 STAGES = (".usd", ".usda", ".usdc")
-_SUBLAYER = re.compile(r"@([^@]+\.usd[ac]?)@")
+_SUBLAYER = re.compile(r"@([^@\0]+\.usd[ac]?)@")
 
 
 @dataclass

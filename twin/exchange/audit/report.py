@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 from twin.core import format
+from twin.core.errors import BudgetError, SourceError
 from twin.core.findings import Finding, Severity, Verdict, by_severity, finding
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
@@ -262,6 +264,31 @@ class Ledger:
                 more = f"{out[last].message} And {count - MOST} more of this kind."
                 out[last] = replace(out[last], message=more)
         return out
+
+
+_STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError)
+"""Exceptions that the readers may raise for malformed input."""
+
+_KINDS = {".csv": "tracks", ".json": "tracks", ".urdf": "urdf", ".xml": "mjcf"}
+"""First part of the finding code `<format>.unreadable`, by file name suffix; "usd" for all other suffixes."""
+
+Read = TypeVar("Read")
+
+
+def guarded(read: Callable[[Path, Ledger], Read], path: Path, ledger: Ledger) -> Read | None:
+    """Return what `read` returns for a file or folder; on an error, add a finding and return None."""
+    try:
+        return read(path, ledger)
+    except ReadError as error:
+        ledger.add(error.code or f"{_KINDS.get(path.suffix.lower(), 'usd')}.unreadable", "error", f"{error}.")
+    except (BudgetError, SourceError) as error:
+        ledger.add("file.budget", "error", f"{error}")
+    except OSError as error:
+        ledger.add("file.unreadable", "error", f"the file cannot be read: {error.strerror or error}.")
+    except _STRANGE as error:
+        text = f"the file is malformed: {type(error).__name__}, {str(error)[:120]}."
+        ledger.add("file.malformed", "error", text)
+    return None
 
 
 def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> AuditReport:

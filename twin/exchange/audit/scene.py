@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from pxr import Tf, Usd
 
+from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.bends import audit_bends
 from twin.exchange.audit.compare import references
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity
+from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, ReadError, guarded, quantity
 from twin.exchange.audit.usd import World
 from twin.exchange.audit.usd_checks import version
 from twin.usd.check import run_usd_validators
@@ -87,7 +90,7 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
         path = folder / own
         if T.shape != (4, 4) or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9):
             ledger.add("scene.pose", "error", f"robot '{name}': T_world_base is not a pose (4, 4).", name)
-        elif not path.resolve().is_relative_to(folder.resolve()) or not path.is_dir():
+        elif not os.path.isdir(path) or not path.resolve().is_relative_to(folder.resolve()):  # noqa: PTH112 - any name
             ledger.add("scene.folder", "error", f"robot '{name}': the scene has no folder '{own}'.", name)
         else:
             yield name, protocol, T, path
@@ -123,13 +126,18 @@ def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> S
 
 def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
     ledger = Ledger(f"usd/{path.name}", "pxr", version())
+    guarded(partial(_compare_stage, robots), path, ledger)
+    return ledger
+
+
+def _compare_stage(robots: Mapping[str, Shown], path: Path, ledger: Ledger) -> None:
+    admit(path)
     try:
         public = [f for f in run_usd_validators(path) if f.severity != "info"]
         worst, where, when = deviation(path, robots)
     except (Tf.ErrorException, RuntimeError) as error:
-        text = f"OpenUSD cannot read the stage: {str(error).strip().splitlines()[-1][:200]}."
-        ledger.add("usd.unreadable", "error", text)
-        return ledger
+        text = f"OpenUSD cannot read the stage: {str(error).strip().splitlines()[-1][:200]}"
+        raise ReadError(text, "usd.unreadable") from error
     for f in public:
         ledger.add(f.code, f.severity, f.message, f.where)
     ledger.row("public validators", float(len(public)), "found", 0.0)
@@ -141,7 +149,6 @@ def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
             f"the pose differs from the robot's files by {quantity(worst, 'm')}." if np.isfinite(worst) else "missing."
         )
         ledger.wrong("scene.link", text, where, size=Measured(worst, POSITION_TOL, "m"), when=when)
-    return ledger
 
 
 def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str]:

@@ -217,7 +217,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
         None if limit is None or limit.get(k) is None else float(numbers(limit.get(k), 1, ())[0])
         for k in ("effort", "velocity")
     )
-    if limit is not None and limit.get("lower") is not None and kind != "continuous":
+    if limit is not None and {"lower", "upper"} & set(limit.keys()) and kind != "continuous":
         limits = (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
         if not limits[0] <= limits[1]:
             text = f"joint '{name}': lower limit {limits[0]:g} is above upper limit {limits[1]:g}."
