@@ -9,8 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twin.cad.description import load
 from twin.core import spatial
 from twin.exchange.read import read
+from twin.exchange.read.closing import close
+from twin.exchange.read.folder import write_folder
 from twin.reference import ReferenceModel
 
 DATA = Path(__file__).parent / "data/importing"
@@ -115,3 +118,52 @@ def test_printed_angles_give_the_rotation_back_also_at_90_degrees(angles, pitch)
     a, b, c = spatial.euler_angles(R, "zyx")
     back = spatial.exp_so3(a * ez) @ spatial.exp_so3(b * ey) @ spatial.exp_so3(c * ex)
     np.testing.assert_allclose(back, R, atol=4e-15)
+
+
+URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"
+ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="revolute"><parent link="a"/><child link="b"/>
+<limit lower="-1" upper="1" effort="-5" velocity="1"/></joint></robot>"""
+MJCF = """<mujoco><worldbody><body name="b"><geom size=".1"/><joint name="j" type="hinge"/></body></worldbody><actuator>
+<{kind} name="m" joint="j" forcerange="-20 0"/></actuator></mujoco>"""
+STAGE = """#usda 1.0
+(defaultPrim = "r"
+metersPerUnit = 1
+upAxis = "Z")
+def Xform "r" (prepend apiSchemas = ["PhysicsArticulationRootAPI"]) {
+def Xform "a" (prepend apiSchemas = ["PhysicsRigidBodyAPI"]) {}
+def Xform "b" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {
+float physics:mass = MASS
+float3 physics:diagonalInertia = (1, 1, 1)
+}
+def PhysicsFixedJoint "f" {
+rel physics:body1 = </r/a>
+}
+def PhysicsRevoluteJoint "j" (prepend apiSchemas = ["PhysicsDriveAPI:angular"]) {
+rel physics:body0 = </r/a>
+rel physics:body1 = </r/b>
+uniform token physics:axis = "Z"
+float drive:angular:physics:stiffness = 5
+float drive:angular:physics:maxForce = 0
+}
+}
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "effort", "said"),
+    [
+        ("r.urdf", URDF, None, "joint 'j': maximum effort -5 is not imported: it must be positive."),
+        ("r.xml", MJCF.format(kind="motor"), 20.0, ""),
+        ("r.xml", MJCF.format(kind="position kp='10'"), 20.0, ""),
+        ("r.usda", STAGE.replace("MASS", "1"), None, "joint 'j': maximum effort 0 is not imported"),
+        ("r.usda", STAGE.replace("MASS", "-1"), None, "link 'b': mass -1 kg is not positive"),
+        ("r😀é.urdf", URDF, None, "joint 'j'"),
+    ],
+)
+def test_numbers_that_no_robot_has_are_left_out_and_the_folder_can_be_read(name, text, effort, said, tmp_path):
+    (tmp_path / name).write_text(text)
+    imported = close(read(tmp_path / name, guarded=False))
+    assert said in "".join(f.message for f in imported.findings)
+    toml, *_ = write_folder(imported, "r", tmp_path / "out", tmp_path / name)
+    assert [d.max_effort for d in load(toml).drive] == [effort]
+    assert load(toml).source == name

@@ -29,13 +29,19 @@ def with_drives(imported: Imported) -> Imported:
     """Return the mechanism with a drive on every driven joint; each added drive is reported and listed in `assumed`."""
     m, findings, assumed = imported.mechanism, Findings(imported.findings), set(imported.assumed)
     joints = []
-    m = replace(m, actuators=_motors(m, imported.efforts, assumed, findings))
+    stated = {j.name: j.drive.max_effort for j in m.joints if j.drive} | imported.efforts
+    for name in (n for n, e in stated.items() if e is not None and not e > 0):
+        text = f"joint '{name}': maximum effort {stated[name]:g} is not imported: it must be positive."
+        findings.warn("effort", text, name)
+    efforts = {n: e for n, e in imported.efforts.items() if e > 0}
+    m = replace(m, actuators=_motors(m, efforts, assumed, findings))
     for joint in m.joints:
+        if joint.drive and joint.drive.max_effort is not None and not joint.drive.max_effort > 0:
+            joint = replace(joint, drive=replace(joint.drive, max_effort=None))
         if joint.active and joint.drive is None and m.transmission_of(joint.name) is None:
             carried = _carried(m, joint) or _NOTHING[joint.type]
             rate = 2 * np.pi * FREQUENCY
-            effort = imported.efforts.get(joint.name)
-            joint = replace(joint, drive=Drive(carried * rate**2, 2 * carried * rate, effort))
+            joint = replace(joint, drive=Drive(carried * rate**2, 2 * carried * rate, efforts.get(joint.name)))
             assumed.add(joint.name)
             text = (
                 f"joint '{joint.name}' is driven, but the file states no gains: they are ASSUMED, with a natural "
@@ -43,7 +49,7 @@ def with_drives(imported: Imported) -> Imported:
             )
             findings.warn("drive", text, joint.name)
         joints.append(joint)
-    left = {n: e for n, e in imported.efforts.items() if e and not m.joint(n).active}
+    left = {n: e for n, e in efforts.items() if not m.joint(n).active}
     for name, effort in left.items():
         findings.warn("effort", f"joint '{name}': effort {effort:g} is not imported: the joint has no drive.", name)
     return replace(

@@ -247,7 +247,7 @@ class _Mjcf:
                 continue
             kp, bias = float(m.actuator_gainprm[i, 0]) * gear**2, m.actuator_biasprm[i]
             servo = bias[1] < 0 and np.isclose(-bias[1], m.actuator_gainprm[i, 0])
-            effort = float(m.actuator_forcerange[i, 1] * abs(gear)) if m.actuator_forcelimited[i] else None
+            effort = float(np.abs(m.actuator_forcerange[i]).max() * abs(gear)) if m.actuator_forcelimited[i] else None
             if servo and kp > 0:
                 yield k, Drive(kp, max(0.0, float(-bias[2] * gear**2)), effort)
                 continue
