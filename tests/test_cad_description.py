@@ -74,6 +74,15 @@ def copy(tmp_path, *changes):
         ),
         (("limits_mm = [-100.0, 20.0]", "limits_mm = [5, 5]"), MechanismError, "joint 'slide': limits 0.005 .. 0.005"),
         (
+            (
+                "[posture.",
+                '[[coupling]]\nname = "c"\njoints = ["turn", "turn"]\nratios = [1, 1]\nsum_mm = 5\n'
+                'provenance = "ASSUMED"\nnote = "x"\n\n[posture.',
+            ),
+            DescriptionError,
+            "coupling[0].sum_mm: joint 'turn' is revolute; write sum_deg",
+        ),
+        (
             ('child = "slider"', 'child = "arm"'),
             DescriptionError,
             "joint[1].on_child.at: body 'arm': there is no feature 'front'",

@@ -146,6 +146,12 @@ def test_what_cannot_be_read_says_why(tmp_path, name, unit, message):
     assert str(caught.value).startswith(f"{tmp_path / name}: {message}")
 
 
+def test_a_buffer_whose_name_no_file_can_have_says_which_file_is_wrong(tmp_path):
+    (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}, "buffers": [{"uri": "' + "a" * 300 + '"}]}')
+    with pytest.raises(CadError, match=r"a\.gltf: cannot be read as GLTF"):
+        mesh.load_mesh(tmp_path / "a.gltf", "m")
+
+
 @pytest.mark.parametrize(("unit", "extent"), [("m", 40.0), ("um", 4e-5)])
 def test_an_implausible_size_is_a_warning(tmp_path, unit, extent):
     brick().export(tmp_path / "brick.stl")

@@ -55,8 +55,8 @@ def load_mesh(
     if not path.is_file():
         raise CadError(f"{path}: the mesh file does not exist")
     stated = None
-    admit(path)
     try:
+        admit(path)
         if path.suffix.lower() == ".3mf":
             vertices, triangles, stated = read_3mf(path)
         else:

@@ -93,6 +93,11 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
                 elif unit != UNITS[kind]:
                     right = key.replace(f"_{unit}", f"_{UNITS[kind]}")
                     yield ("limit", i, key), f"joint '{joint}' is {kind}; write {right}"
+    for i, coupling in enumerate(d.coupling):
+        wrong, right = ("mm", "deg") if coupling.sum_deg is None else ("deg", "mm")
+        for joint in (n for n in coupling.joints if UNITS.get(types.get(n, "")) == right):
+            text = f"joint '{joint}' is {types[joint]}; write sum_{right}"
+            yield ("coupling", i, f"sum_{wrong}"), text
     for i, gap in enumerate(d.gap):
         for key in ("lower", "upper"):
             joint = getattr(gap, key)
