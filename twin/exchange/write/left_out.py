@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 
 from twin.core.findings import Finding, info
-from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
-Told = Mapping[str, Callable[[Joint], object]]
-"""Kinds of joint data: by name of the data, a function that returns a joint's value, or None if it has no value."""
-
-SOFT_LIMITS: Told = {"soft limits": lambda j: j.soft_limits}
-MAX_SPEEDS: Told = {"maximum speeds": lambda j: j.max_speed}
-MAX_ACCELERATIONS: Told = {"maximum accelerations": lambda j: j.max_acceleration}
-MAX_JERKS: Told = {"maximum jerks": lambda j: j.max_jerk}
-CONES: Told = {"cones": lambda j: j.cone}
+_WORDS = {"max_speed": "maximum speeds", "max_acceleration": "maximum accelerations", "max_jerk": "maximum jerks"}
+_WORDS |= {"soft_limits": "soft limits", "cone": "cones"}
+"""Words for the fields of `Joint` in findings."""
 
 
-def left_out(mechanism: Mechanism, file: str, told: Told) -> Iterator[Finding]:
-    """Yield a finding for each kind of joint data in `told` that at least one joint has.
+def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
+    """Yield a finding for each of the given fields of `Joint` that has a value in at least one joint.
 
-    `told` has the kinds of joint data that the format cannot hold; `file` is the file's name in the findings.
+    The format cannot hold these fields; `file` is the file's name in the findings.
     """
-    for what, of in told.items():
-        names = ", ".join(j.name for j in mechanism.joints if of(j) is not None)
-        if names:
-            yield info("export.left_out", names, f"{file}: the format cannot hold the {what} of {names}")
+    for field in fields:
+        if names := ", ".join(j.name for j in mechanism.joints if getattr(j, field) is not None):
+            yield info("export.left_out", names, f"{file}: the format cannot hold the {_WORDS[field]} of {names}")
 
 
 def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:

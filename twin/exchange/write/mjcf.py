@@ -26,22 +26,13 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
-from twin.exchange.write.left_out import (
-    CONES,
-    MAX_ACCELERATIONS,
-    MAX_JERKS,
-    MAX_SPEEDS,
-    SOFT_LIMITS,
-    left_out,
-    motors_left_out,
-)
+from twin.exchange.write.left_out import left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml, xml_text
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.model.transmission import Actuator
 from twin.usd.write.spanning import spanning
 
 PIN = 0.05
@@ -108,10 +99,8 @@ def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
     file = f"{mechanism.name}.xml"
     found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "max_speed")]
     # MJCF can limit the rotation angle of a ball joint, but not the cone of its axis.
-    return [
-        *found,
-        *left_out(mechanism, file, {**SOFT_LIMITS, **MAX_SPEEDS, **MAX_ACCELERATIONS, **MAX_JERKS, **CONES}),
-    ]
+    fields = ("soft_limits", "max_speed", "max_acceleration", "max_jerk", "cone")
+    return [*found, *left_out(mechanism, file, *fields)]
 
 
 class _Writer:
@@ -271,48 +260,34 @@ class _Writer:
                     if coefficient:
                         ET.SubElement(tendon, "joint", joint=joint, coef=f"{coefficient:.12g}")
 
-    def _motor(self, actuator: ET.Element, motor: Actuator, home: float, effort: float) -> float:
-        """Write the actuator of a motor, which pulls its tendon, and return its control value at home."""
-        line = {"name": motor.name, "tendon": motor.name}
-        kp, kv = motor.stiffness, motor.damping
-        if kp is None:
-            out = ET.SubElement(actuator, "motor", line)
-        else:
-            bias = numbers([kp * home + effort, -kp, -kv])
-            gains = {"gainprm": numbers([kp]), "biastype": "affine", "biasprm": bias}
-            out = ET.SubElement(actuator, "general", {**line, **gains})
-            if motor.limits is not None:
-                out.set("ctrlrange", numbers([end - home for end in motor.limits]))
-        if motor.max_effort is not None:
-            out.set("forcerange", numbers([-motor.max_effort, motor.max_effort]))
-        return effort if kp is None else 0.0
-
     def _actuators(self) -> None:
+        """Write an actuator for each motor, which pulls a tendon, or drives a joint directly."""
         self.root.append(ET.Comment(f" {CONTROLS} "))
         actuator = ET.SubElement(self.root, "actuator")
         control = []
         m = self.mechanism
-        homes = m.motors(np.array([self.home.q_full[j.name] for j in m.active]))
-        efforts = m.motor_efforts(np.array([self.efforts[j.name] for j in m.active]))
-        for i, joint in enumerate(m.active):
-            if m.motor_names[i] != joint.name:
-                motor = m.actuator(m.motor_names[i])
-                control.append(self._motor(actuator, motor, float(homes[i]), float(efforts[i])))
-                continue
-            if joint.drive is None or not joint.drive.stiffness > 0:
-                ET.SubElement(actuator, "motor", name=joint.name, joint=joint.name)
-                control.append(self.efforts[joint.name])
-                continue
-            kp, kv, home = joint.drive.stiffness, joint.drive.damping, self.home.q_full[joint.name]
-            # Position servo of MuJoCo; force = kp (ctrl + home - q) - kv dq/dt + effort at home.
-            bias = numbers([kp * home + self.efforts[joint.name], -kp, -kv])
-            line = {"name": joint.name, "joint": joint.name, "gainprm": numbers([kp])}
-            out = ET.SubElement(actuator, "general", {**line, "biastype": "affine", "biasprm": bias})
-            if joint.limits is not None:
-                out.set("ctrlrange", numbers([end - home for end in joint.limits]))
-            if joint.drive.max_effort is not None:
-                out.set("forcerange", numbers([-joint.drive.max_effort, joint.drive.max_effort]))
-            control.append(0.0)
+        homes = m.motors(np.array([self.home.q_full[j.name] for j in m.active])).tolist()
+        efforts = m.motor_efforts(np.array([self.efforts[j.name] for j in m.active])).tolist()
+        for joint, name, home, effort in zip(m.active, m.motor_names, homes, efforts, strict=True):
+            direct = name == joint.name
+            servo, limits = (joint.drive, joint.limits) if direct else (m.actuator(name), m.actuator(name).limits)
+            if direct and servo is not None and not servo.stiffness:
+                servo = None
+            line = {"name": name, "joint" if direct else "tendon": name}
+            if servo is None or servo.stiffness is None:
+                out = ET.SubElement(actuator, "motor", line)
+                control.append(effort)
+            else:
+                # Position servo of MuJoCo; force = kp (ctrl + home - q) - kv dq/dt + effort at home.
+                kp, kv = servo.stiffness, servo.damping
+                bias = numbers([kp * home + effort, -kp, -kv])
+                gains = {"gainprm": numbers([kp]), "biastype": "affine", "biasprm": bias}
+                out = ET.SubElement(actuator, "general", {**line, **gains})
+                if limits is not None:
+                    out.set("ctrlrange", numbers([end - home for end in limits]))
+                control.append(0.0)
+            if servo is not None and servo.max_effort is not None:
+                out.set("forcerange", numbers([-servo.max_effort, servo.max_effort]))
         keyframe = ET.SubElement(self.root, "keyframe")
         ET.SubElement(keyframe, "key", name="home", qpos=numbers(self.qpos), ctrl=numbers(control))
 

@@ -17,7 +17,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding, Kind, info, warning
 from twin.core.spatial import Array
-from twin.exchange.write.left_out import CONES, MAX_ACCELERATIONS, MAX_JERKS, SOFT_LIMITS, left_out, motors_left_out
+from twin.exchange.write.left_out import left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml
@@ -92,7 +92,7 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
         terms = " + ".join(f"{r:g} {n}" for n, r in zip(coupling.joints, coupling.ratios, strict=True))
         text = f"{file}: URDF cannot hold coupling {coupling.name}: {terms} = {coupling.total:g}"
         found.append(warning("export.urdf_coupling", coupling.name, text))
-    found += left_out(mechanism, file, {**SOFT_LIMITS, **MAX_ACCELERATIONS, **MAX_JERKS, **CONES})
+    found += left_out(mechanism, file, "soft_limits", "max_acceleration", "max_jerk", "cone")
     if mechanism.frames or mechanism.points:
         names = ", ".join(x.name for x in (*mechanism.frames, *mechanism.points))
         found.append(info("export.left_out", names, f"{file}: URDF cannot hold the frames and points {names}"))
