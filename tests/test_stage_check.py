@@ -16,7 +16,7 @@ from twin.core.findings import verdict
 from twin.core.units import DEG, MM
 from twin.usd.check import check_stage, run_usd_validators
 from twin.usd.read import read_stage
-from twin.usd.write import Motion, write_stage
+from twin.usd.write import Motion, write_motion, write_stage
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,8 @@ def clean(tmp_path_factory):
         {b: np.stack([s[0][b] for s in states]) for b in states[0][0]},
         {j: np.array([s[1][j] for s in states]) for j in states[0][1]},
     )
-    write_stage(made.four_bar(), folder, *made.four_bar_state(made.CRANK_AT_REST), motion=motion)
+    write_stage(made.four_bar(), folder, *made.four_bar_state(made.CRANK_AT_REST))
+    write_motion(made.four_bar(), folder, motion)
     write_stage(made.slider(), folder / "slider", *made.slider_state(30 * MM, 0.7))
     return folder
 

@@ -28,12 +28,11 @@ __all__ = ["Motion", "MotionFiles", "StageFiles", "write_motion", "write_stage"]
 
 @dataclass(frozen=True)
 class StageFiles:
-    """Paths of the files of a robot; `motion` is None if no motion was written."""
+    """Paths of the files of a robot."""
 
     root: Path
     physics: Path
     geometry: Path
-    motion: MotionFiles | None = None
 
 
 def write_stage(
@@ -43,7 +42,6 @@ def write_stage(
     q_full: Mapping[str, float],
     *,
     efforts: Mapping[str, float] | None = None,
-    motion: Motion | None = None,
 ) -> StageFiles:
     """Write the layers of `mechanism` into `folder`, which the caller moves to its final place.
 
@@ -55,7 +53,6 @@ def write_stage(
             joints, if known.
         efforts: effort in N or N m that balances gravity at these poses, by driven joint; drive targets are offset so
             that a simulated robot does not sag.
-        motion: a motion to bake; None: no motion.
 
     Raises:
         StageError: a pose is missing or not rigid, a name is reserved, or UsdPhysics cannot hold the data of a joint.
@@ -82,4 +79,4 @@ def write_stage(
         0.0,
         f"{mechanism.name}: physics over geometry. Z up, metres, kilograms; UsdPhysics angles are degrees.",
     )
-    return StageFiles(root, physics, geometry, write_motion(mechanism, folder, motion) if motion else None)
+    return StageFiles(root, physics, geometry)

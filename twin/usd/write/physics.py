@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
 from twin.core import spatial
 from twin.core.errors import StageError
+from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.following import Following, following
@@ -23,7 +25,7 @@ from twin.model.joint import FREE_AXES, Drive, Joint
 from twin.model.mechanism import Coupling, Mechanism
 from twin.model.transmission import Actuator, joint_gains
 from twin.usd import gf
-from twin.usd.scan import TURNS
+from twin.usd.scan import DIRECTIONS, TURNS
 from twin.usd.write.geometry import mesh_paths
 from twin.usd.write.layers import Leaves, describe, new_layer, save
 from twin.usd.write.spanning import spanning
@@ -37,9 +39,6 @@ SCHEMAS = {
     "free": UsdPhysics.Joint,
 }
 """USD schema of each joint type; cylindrical and free joints, which UsdPhysics lacks, become generic joints."""
-
-DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
-
 
 POSITION_ITERATIONS = 128
 """Position iterations of the PhysX solver.
@@ -99,7 +98,6 @@ def write_physics(
     _attribute(root, "newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool, False)
     _attribute(root, "physxArticulation:solverPositionIterationCount", Sdf.ValueTypeNames.Int, POSITION_ITERATIONS)
     _write_model(root, mechanism)
-    _write_motors(root, mechanism)
     for body in mechanism.bodies:
         prim = stage.OverridePrim(f"/{mechanism.name}/{body.name}")
         UsdPhysics.RigidBodyAPI.Apply(prim)
@@ -144,52 +142,37 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
     _attribute(root, "twin:tool", Sdf.ValueTypeNames.Token, mechanism.tool)
     # Only the file name, because a path would depend on the machine.
     _attribute(root, "twin:source", Sdf.ValueTypeNames.String, Path(mechanism.source).name)
-    postures = {k: {n: float(v) for n, v in values.items()} for k, values in mechanism.postures.items()}
-    parameters = {
-        p.name: {
-            "index": i,
-            "value": float(p.value),
-            "unit": p.unit,
-            "shown": float(p.shown),
-            "provenance": p.provenance,
-            "note": p.note,
-        }
-        for i, p in enumerate(mechanism.parameters)
-    }
-    couplings = {
-        c.name: {"index": i, "total": float(c.total), "ratios": dict(zip(c.joints, map(float, c.ratios), strict=True))}
-        for i, c in enumerate(mechanism.couplings)
-    }
     if len(mechanism.trocars) == 1:
         _attribute(root, "twin:trocar", Sdf.ValueTypeNames.Token, mechanism.trocars[0])
     elif mechanism.trocars:
         _attribute(root, "twin:trocars", Sdf.ValueTypeNames.TokenArray, list(mechanism.trocars))
-    for key, value in (("postures", postures), ("parameters", parameters), ("couplings", couplings)):
-        if value:
-            root.SetCustomDataByKey(f"twin:{key}", value)
-
-
-def _write_motors(root: Usd.Prim, mechanism: Mechanism) -> None:
-    """Write actuators and transmissions as customData, because UsdPhysics cannot express them."""
-    actuators = {a.name: {"index": i} | _attributes(a) for i, a in enumerate(mechanism.actuators)}
+    postures = {k: {n: float(v) for n, v in values.items()} for k, values in mechanism.postures.items()}
+    parameters = {p.name: _fields(p) | {"value": float(p.value), "shown": float(p.shown)} for p in mechanism.parameters}
+    couplings = {
+        c.name: {"total": float(c.total), "ratios": dict(zip(c.joints, map(float, c.ratios), strict=True))}
+        for c in mechanism.couplings
+    }
+    limits = {a.name: {"limits": Gf.Vec2d(*a.limits)} for a in mechanism.actuators if a.limits is not None}
+    actuators = {a.name: _fields(a) | limits.get(a.name, {}) for a in mechanism.actuators}
     transmissions = {
         t.name: {
-            "index": i,
             "joints": Vt.StringArray(t.joints),
             "actuators": Vt.StringArray(t.actuators),
             "matrix": Vt.DoubleArray(t.matrix.ravel().tolist()),
         }
-        for i, t in enumerate(mechanism.transmissions)
+        for t in mechanism.transmissions
     }
-    for key, value in (("actuators", actuators), ("transmissions", transmissions)):
+    for rows in (parameters, couplings, actuators, transmissions):
+        for index, row in enumerate(rows.values()):
+            row["index"] = index
+    model = {"postures": postures, "parameters": parameters, "couplings": couplings}
+    for key, value in (model | {"actuators": actuators, "transmissions": transmissions}).items():
         if value:
             root.SetCustomDataByKey(f"twin:{key}", value)
 
 
-def _attributes(actuator: Actuator) -> dict[str, str | float | Gf.Vec2d]:
-    """Return the known data of an actuator, by key of the customData."""
-    out = {k: v for k, v in vars(actuator).items() if k != "name" and v is not None}
-    return out | ({} if actuator.limits is None else {"limits": Gf.Vec2d(*actuator.limits)})
+def _fields(item: Parameter | Actuator) -> dict[str, Any]:
+    return {k: v for k, v in vars(item).items() if k != "name" and v is not None}
 
 
 def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
