@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from twin.core.spatial import continuous_signs
 from twin.core.units import DEG, MM
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
-from twin.usd.check import check_stage, parse_with_usdphysics, run_usd_validators
+from twin.usd.check import check_stage, run_usd_validators
 from twin.usd.read import inspect_stage, read_motion, read_stage
 from twin.usd.write import Motion, write_motion, write_stage
 from twin.usd.write.geometry import corner_normals
@@ -39,9 +40,10 @@ def swing(k: int = 31, factor: float = 0.45) -> Motion:
     )
 
 
-def write_four_bar(folder: Path, mechanism=None, **more):
-    poses, q = made.four_bar_state(made.CRANK_AT_REST)
-    return write_stage(mechanism or made.four_bar(), folder, poses, q, **more)
+def write_four_bar(folder: Path, mechanism=None, motion=None, **more):
+    mechanism = mechanism or made.four_bar()
+    files = write_stage(mechanism, folder, *made.four_bar_state(made.CRANK_AT_REST), **more)
+    return SimpleNamespace(**vars(files), motion=motion and write_motion(mechanism, folder, motion))
 
 
 @pytest.fixture(scope="module")
@@ -240,6 +242,13 @@ def test_public_validators_are_silent(which, written, slider_files):
     path = {"written": written.root, "slider_files": slider_files.root, "motion": written.motion.root}[which]
     assert run_usd_validators(path) == []
     assert check_stage(path) == []
+
+
+def parse_with_usdphysics(path: Path) -> dict[str, list[str]]:
+    """Return the prim paths that the physics parser of OpenUSD finds, by kind of object."""
+    stage = Usd.Stage.Open(str(path))
+    found = UsdPhysics.UsdPhysicsLoadStageFromPrimRange(stage, ["/"])
+    return {str(kind).rpartition(".")[2]: [str(p) for p in paths] for kind, (paths, _) in found.items()}
 
 
 def test_the_parser_of_openusd_counts_the_same(written, slider_files):

@@ -65,8 +65,8 @@ def test_quaternion_arrays_are_w_first_on_our_side(wxyz):
 @quick
 @given(arrays(float, (4, 3), elements=st.floats(-1e3, 1e3)))
 def test_vector_arrays(rows):
-    assert np.array_equal(gf.array(gf.vec3d_array(rows)), rows)
-    assert np.array_equal(gf.array(gf.vec3f_array(rows)), rows.astype(np.float32))
+    assert np.array_equal(np.array(gf.vec3d_array(rows)), rows)
+    assert np.array_equal(np.array(gf.vec3f_array(rows)), rows.astype(np.float32))
 
 
 def test_integers_are_flattened():
@@ -75,8 +75,8 @@ def test_integers_are_flattened():
 
 def test_non_contiguous_input():
     rows = np.arange(12.0).reshape(3, 4).T
-    assert np.array_equal(gf.array(gf.vec3d_array(rows)), rows)
-    assert np.array_equal(gf.array(gf.vec3d_array(np.ones((5, 6))[:, ::2])), np.ones((5, 3)))
+    assert np.array_equal(np.array(gf.vec3d_array(rows)), rows)
+    assert np.array_equal(np.array(gf.vec3d_array(np.ones((5, 6))[:, ::2])), np.ones((5, 3)))
 
 
 @pytest.mark.parametrize(

@@ -42,11 +42,6 @@ def vec3f(v: ArrayLike) -> Gf.Vec3f:
     return Gf.Vec3f(*_flat(v, 3))
 
 
-def vector(v) -> Array:
-    """Return a Gf vector with n components of any precision as float64 (n,)."""
-    return np.array(v, float)
-
-
 def quatf(R: ArrayLike) -> Gf.Quatf:
     """Return the single precision Gf quaternion (w >= 0) of a rotation R (3, 3)."""
     return Gf.Quatf(*_flat(spatial.quat_from_matrix_wxyz(R), 4))
@@ -100,11 +95,6 @@ def quat_array_wxyz(quaternions) -> Array:
         kind = Vt.QuatdArray if isinstance(quaternions[0], Gf.Quatd) else Vt.QuatfArray
         quaternions = kind(quaternions)  # one call for all quaternions: numpy would query each of them
     return np.array(quaternions, float).reshape(-1, 4)[:, [3, 0, 1, 2]]
-
-
-def array(values) -> np.ndarray:
-    """Return a copy of a Vt array of numbers or vectors as a numpy array."""
-    return np.array(values)
 
 
 def _flat(v: ArrayLike, n: int) -> list[float]:

@@ -86,6 +86,14 @@ class RawJoint:
         return str(self.prim.GetPath())
 
     @property
+    def fault(self) -> str:
+        """Why the joint connects no two bodies in a known way; "" if it does."""
+        problem = self.problem or next((e.problem for e in self.ends if e.problem), "")
+        if problem or self.ends[0].body != self.ends[1].body:
+            return problem
+        return f"both sides of the joint are on {self.ends[0].body or 'the world'}"
+
+    @property
     def is_angle(self) -> bool:
         """Whether the coordinate is an angle, which a stage stores in degrees."""
         return self.type == "revolute"
@@ -143,6 +151,12 @@ class Scene:
             if prim.IsA(UsdGeom.Xformable):
                 codes.update(UsdGeom.Xformable(prim).GetTimeSamples())
         return np.array(sorted(codes), float)
+
+    def is_stated_base(self, body: str) -> bool:
+        """Return whether the attribute `twin:base` of the robot names the body at the prim path `body`."""
+        prim = self.bodies.get(body)
+        name = prim.GetParent().GetAttribute("twin:base") if prim else None
+        return bool(prim and name and str(name.Get()) == prim.GetName())
 
     def owner(self, prim: Usd.Prim) -> Usd.Prim | None:
         """Return the rigid body that a prim belongs to (itself or its nearest ancestor); None if there is none."""
@@ -223,7 +237,7 @@ class Scene:
 
     def _end(self, joint, rel: Usd.Relationship, pos, rot, turn: Array) -> End:
         targets = rel.GetForwardedTargets() if rel else []
-        p = gf.vector(pos.Get() if pos and pos.Get() is not None else (0, 0, 0))
+        p = np.array(pos.Get() if pos and pos.Get() is not None else (0, 0, 0), float)
         q = rot.Get() if rot else None
         try:
             R = np.eye(3) if q is None else gf.rotation(q)

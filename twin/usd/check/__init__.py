@@ -7,7 +7,7 @@
     coordinates  limits, states, drives and speeds along the whole timeline; values in radians instead of degrees
     bodies       masses, inertias, nesting, meshes
     samples      time range, quaternion signs, steps
-    validators   the validators and the physics parser that come with OpenUSD
+    validators   the validators that come with OpenUSD
 
 The checker does not use the writer. It reads only two attributes of twin: `twin:active` (an active joint without a
 drive is a finding) and `twin:base` (a missing mass of the base is only a note).
@@ -25,10 +25,10 @@ from twin.usd.check.layout import check_names, check_ops, check_transforms, chec
 from twin.usd.check.samples import check_samples
 from twin.usd.check.structure import check_structure
 from twin.usd.check.timeline import timeline
-from twin.usd.check.validators import parse_with_usdphysics, run_usd_validators
+from twin.usd.check.validators import run_usd_validators
 from twin.usd.scan import Scene
 
-__all__ = ["check_stage", "parse_with_usdphysics", "run_usd_validators"]
+__all__ = ["check_stage", "run_usd_validators"]
 
 
 _UNCHECKED = Kind("stage.unchecked", "error", "repair the transform ops first")

@@ -84,7 +84,7 @@ def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
     corners = []
     for prim in below(scene, body):
         if prim.IsA(UsdGeom.Mesh):
-            points = gf.array(UsdGeom.Mesh(prim).GetPointsAttr().Get() or []).reshape(-1, 3)
+            points = np.array(UsdGeom.Mesh(prim).GetPointsAttr().Get() or []).reshape(-1, 3)
             if len(points):
                 M = scene.relative(prim, body)
                 corners.append(points.astype(float) @ M[:3, :3].T + M[:3, 3])
@@ -99,11 +99,6 @@ def _check_size(path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]
     if diagonal > LARGEST:
         text = f"body {path} seems to be in millimetres, but the stage is in metres; diagonal of the body's meshes"
         yield _SIZE(path, text, Quantity(diagonal, "m"), LARGEST)
-
-
-def _is_told_base(prim: Usd.Prim) -> bool:
-    told = prim.GetParent().GetAttribute("twin:base")
-    return bool(told) and str(told.Get()) == prim.GetName()
 
 
 def _has_mass(prim: Usd.Prim) -> bool:
@@ -121,7 +116,7 @@ def _check_mass(
     if mass < 0:
         yield _MASS(path, f"body {path} has a negative mass", Quantity(mass, "kg"), 0.0)
         return
-    if not mass and not density > 0 and _is_told_base(prim):
+    if not mass and not density > 0 and scene.is_stated_base(path):
         yield info("stage.mass_missing", path, f"body {path} has no mass: it is the fixed base")
         return
     if not mass and not density > 0:
@@ -139,14 +134,14 @@ def _check_mass(
             + ("" if weighed else ", if a simulator needs the mass"),
         )
         return
-    center = gf.vector(api.GetCenterOfMassAttr().Get()) * scene.meters
+    center = np.array(api.GetCenterOfMassAttr().Get(), float) * scene.meters
     if box is not None and np.all(np.isfinite(center)):
         outside = np.maximum(np.maximum(box[0] - center, center - box[1]), 0)
         gap = float(np.linalg.norm(outside))
         if gap > COM_MARGIN:
             text = f"the centre of mass of body {path} is outside the bounding box of the body's meshes"
             yield _COM(path, text, mm(gap), mm(COM_MARGIN))
-    moments = gf.vector(api.GetDiagonalInertiaAttr().Get()) * scene.kilograms * scene.meters**2
+    moments = np.array(api.GetDiagonalInertiaAttr().Get(), float) * scene.kilograms * scene.meters**2
     if np.any(moments):
         yield from _check_inertia(path, mass, moments, box)
 
@@ -189,7 +184,7 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
         if not prim.IsA(UsdGeom.Mesh):
             continue
         mesh, path = UsdGeom.Mesh(prim), str(prim.GetPath())
-        points = gf.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
+        points = np.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
         try:
             triangles = mesh_triangles(mesh)
         except StageError as failed:
@@ -199,7 +194,7 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
             continue
         if mesh.GetSubdivisionSchemeAttr().Get() != UsdGeom.Tokens.none:
             yield _SUBDIVISION(path, f"mesh {path} is a subdivision surface: viewers round its edges")
-        extent = gf.array(mesh.GetExtentAttr().Get() or []).reshape(-1, 3)
+        extent = np.array(mesh.GetExtentAttr().Get() or []).reshape(-1, 3)
         real = np.array([points.min(axis=0), points.max(axis=0)])
         slack = 1e-4 * float(np.linalg.norm(real[1] - real[0]))
         if len(extent) == 2 and (off := float(np.max(np.abs(extent - real)))) > slack:

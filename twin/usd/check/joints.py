@@ -78,11 +78,8 @@ def check_joints(scene: Scene, line: Timeline) -> Iterator[Finding]:
     for joint in scene.joints:
         if not joint.enabled:
             continue
-        problem = joint.problem or next((e.problem for e in joint.ends if e.problem), "")
-        same = joint.ends[0].body == joint.ends[1].body
-        if problem or same:
-            text = problem or f"both sides of the joint are on {joint.ends[0].body or 'the world'}"
-            yield _JOINT(joint.path, f"joint {joint.path}: {text}")
+        if joint.fault:
+            yield _JOINT(joint.path, f"joint {joint.path}: {joint.fault}")
             continue
         A = line.relative(joint)
         yield from _check_meeting(joint, line, A)

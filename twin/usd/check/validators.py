@@ -1,10 +1,10 @@
-"""Run the public validators of OpenUSD, and its physics parser to count objects independently."""
+"""Run the public validators of OpenUSD."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from pxr import Tf, UsdPhysics, UsdValidation
+from pxr import Tf, UsdValidation
 
 from twin.core.findings import Finding, Severity, error, finding
 from twin.usd.scan import Scene
@@ -43,17 +43,3 @@ def run_usd_validators(path: str | Path) -> list[Finding]:
             )
         )
     return out
-
-
-def parse_with_usdphysics(path: str | Path) -> dict[str, list[str]]:
-    """Return the prim paths that the physics parser of OpenUSD finds, by kind of object.
-
-    The kinds are the names of `UsdPhysics.ObjectType` (RigidBody, Articulation, RevoluteJoint, D6Joint, ...). The
-    result is independent of `Scene`.
-
-    Raises:
-        StageError: if the stage cannot be opened.
-    """
-    stage = Scene(path).stage
-    found = UsdPhysics.UsdPhysicsLoadStageFromPrimRange(stage, ["/"])
-    return {str(kind).rpartition(".")[2]: [str(p) for p in paths] for kind, (paths, _) in found.items()}

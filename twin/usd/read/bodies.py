@@ -102,8 +102,8 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
     Raises:
         StageError: counts and indices do not match, or an index exceeds the number of vertices.
     """
-    counts = gf.array(mesh.GetFaceVertexCountsAttr().Get() or []).astype(int).ravel()
-    indices = gf.array(mesh.GetFaceVertexIndicesAttr().Get() or []).astype(int).ravel()
+    counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or []).astype(int).ravel()
+    indices = np.array(mesh.GetFaceVertexIndicesAttr().Get() or []).astype(int).ravel()
     n = len(mesh.GetPointsAttr().Get() or [])
     where = mesh.GetPath()
     if counts.sum() != len(indices):
@@ -124,7 +124,7 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
 
 def _mesh(scene: Scene, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh | None:
     triangles = mesh_triangles(mesh)
-    points = gf.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
+    points = np.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
     if not len(triangles):
         return None
     M = scene.relative(mesh.GetPrim(), body)
@@ -167,12 +167,12 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
     """
     mass = UsdPhysics.MassAPI(body)
     kilograms = mass.GetMassAttr().Get() if body.HasAPI(UsdPhysics.MassAPI) else 0.0
-    diagonal = gf.vector(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0)) if kilograms else np.zeros(3)
+    diagonal = np.array(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0), float) if kilograms else np.zeros(3)
     if not kilograms or not np.any(diagonal):
         text = f"{body.GetPath()} lacks a mass or an inertia, which simulators estimate from the body's colliders"
         notes.append(info("stage.read.inertia", str(body.GetPath()), text))
         return None
-    center = gf.vector(mass.GetCenterOfMassAttr().Get())
+    center = np.array(mass.GetCenterOfMassAttr().Get(), float)
     if not np.all(np.isfinite(center)):  # in the schema, -inf means "not given"
         center = np.zeros(3)
     axes = mass.GetPrincipalAxesAttr().Get()

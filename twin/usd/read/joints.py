@@ -53,13 +53,16 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     notes.extend(
         info("stage.read.disabled", j.path, f"joint {j.path} is disabled and left out") for j in joints if not j.enabled
     )
-    joints = [_whole(scene, j) for j in joints if j.enabled]
+    joints = [j for j in joints if j.enabled]
+    for joint in (j for j in joints if j.fault):
+        raise StageError(f"{scene.path}: joint {joint.path}: {joint.fault}")
     if not joints:
         raise StageError(f"{place}: the stage has no joints, so there is no mechanism")
     groups = _groups(bodies, joints)
     robots = [g for g in groups if any(_moves(j) and _touches(j, g) for j in joints)]
     robots = robots or [g for g in groups if any(_touches(j, g) for j in joints)]
-    if root and len(robots) > 1 and all(any(_on_world(j) and _touches(j, g) for j in joints) for g in robots):
+    grounded = [j for j in joints if not all(e.body for e in j.ends)]
+    if root and len(robots) > 1 and all(any(_touches(j, g) for j in grounded) for g in robots):
         robots = [[p for g in robots for p in g]]  # several chains that start at the world form one robot
     if len(robots) > 1:
         firsts = ", ".join(g[0] for g in robots)
@@ -77,15 +80,9 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     joints = [j for j in joints if _touches(j, robots[0])]
     base, anchor = _base(scene, place, members, joints)
     joints = [j for j in joints if j is not anchor]
-    if not _is_stated_base(
-        scene, base
-    ):  # else the joints are in the order of the description, in which the last joints close loops
+    if not scene.is_stated_base(base):  # else the joints have the order of the description: the last ones close loops
         joints = sorted(joints, key=lambda j: j.excluded)
     return Selection(base, members, joints)
-
-
-def _on_world(joint: RawJoint) -> bool:
-    return any(not end.body for end in joint.ends)
 
 
 def convert(
@@ -139,16 +136,6 @@ def convert(
     )
 
 
-def _whole(scene: Scene, joint: RawJoint) -> RawJoint:
-    """Return the joint if it is valid; else raise `StageError`."""
-    problem = joint.problem or next((e.problem for e in joint.ends if e.problem), "")
-    if not problem and joint.ends[0].body == joint.ends[1].body:
-        problem = f"both sides of the joint are on {joint.ends[0].body or 'the world'}"
-    if problem:
-        raise StageError(f"{scene.path}: joint {joint.path}: {problem}")
-    return joint
-
-
 def _moves(joint: RawJoint) -> bool:
     return joint.type != "fixed" or all(e.body for e in joint.ends)
 
@@ -176,19 +163,12 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
     return list(groups.values())
 
 
-def _is_stated_base(scene: Scene, body: str) -> bool:
-    """Return whether `twin:base` of the parent prim is the name of the body at the prim path `body`."""
-    prim = scene.bodies.get(body)
-    name = prim.GetParent().GetAttribute("twin:base") if prim else None
-    return bool(prim and name and name.Get() == prim.GetName())
-
-
 def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -> tuple[str, RawJoint | None]:
     """Return (prim path of the base, or "" for the world; joint that only fixes the base, or None)."""
     grounded = [j for j in joints if not all(e.body for e in j.ends)]
     fixed = {next(e.body for e in j.ends if e.body): j for j in grounded if j.type == "fixed"}
     for body in bodies:
-        if _is_stated_base(scene, body):
+        if scene.is_stated_base(body):
             return body, fixed.get(body)
     if len(fixed) == 1:
         return next(iter(fixed.items()))
