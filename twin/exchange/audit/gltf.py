@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,6 @@ from twin.exchange.audit.report import Ledger, Measured
 
 SCALE_TOL = 1e-4
 """Maximum difference of a scale from 1 that is taken as a rounding error."""
-
-TOOL, VERSION = "twin.exchange.audit gltf", "2.0"
 
 
 def read_gltf(path: Path, ledger: Ledger) -> Content:
@@ -176,7 +175,7 @@ def _physics(nodes: list[Node], world: list[Array]) -> Physics:
 def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
     """Check every mesh once; return (shapes, colours) by link name, with shapes in the frame of their link."""
     palette = Palette()
-    known: dict[int, list[tuple[Array, Array]]] = {}
+    known: dict[int, tuple[Array, Array]] = {}
     found: dict[str, list[Shape]] = {}
     for node in nodes:
         if "mesh" not in node.spec:
@@ -185,8 +184,8 @@ def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str
         mesh = file.item("meshes", which)
         name = str(mesh.get("name") or node.label)
         if which not in known:
-            known[which] = [_corners(file, mesh, name)]
-        (vertices, triangles) = known[which][0]
+            known[which] = _corners(file, mesh, name)
+        vertices, triangles = known[which]
         owner = link_above(nodes, node)
         if owner is not None and owner.name and len(triangles):
             rigid, _ = poses.split(world[owner.index][0])
@@ -200,16 +199,21 @@ def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str
     return {name: shape for name, shape in out.items() if shape is not None}, palette.shares()
 
 
-def _color(file: Gltf, mesh: dict[str, Any], link: str, palette: Palette) -> None:
-    """Add the coloured areas of a mesh to the palette of its link."""
+def _primitives(file: Gltf, mesh: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Array, Array]]:
+    """Yield (JSON object, points (n, 3), triangles (m, 3)) of each primitive with positions."""
     for primitive in mesh.get("primitives", []):
         attributes = primitive.get("attributes", {})
-        if "POSITION" not in attributes or primitive.get("mode", 4) != 4:
+        if "POSITION" not in attributes or "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
             continue
         vertices = file.accessor(attributes["POSITION"])
         index = primitive.get("indices")
         indices = np.arange(len(vertices)) if index is None else file.accessor(index)[:, 0].astype(int)
-        triangles = indices[: len(indices) // 3 * 3].reshape(-1, 3)
+        yield primitive, vertices, _triangles(indices, primitive.get("mode", 4))
+
+
+def _color(file: Gltf, mesh: dict[str, Any], link: str, palette: Palette) -> None:
+    """Add the coloured areas of a mesh to the palette of its link."""
+    for primitive, vertices, triangles in _primitives(file, mesh):
         if "material" not in primitive or not len(triangles) or triangles.max() >= len(vertices):
             continue
         pbr = file.item("materials", primitive["material"]).get("pbrMetallicRoughness", {})
@@ -221,29 +225,19 @@ def _corners(file: Gltf, mesh: dict[str, Any], name: str) -> tuple[Array, Array]
     """Check a mesh, and return the points (n, 3) and triangles (m, 3) of all its primitives."""
     points, faces, normals = [np.zeros((0, 3))], [np.zeros((0, 3), int)], []
     count, all_normals = 0, True
-    for primitive in mesh.get("primitives", []):
-        attributes = primitive.get("attributes", {})
-        if "POSITION" not in attributes or "KHR_draco_mesh_compression" in primitive.get("extensions", {}):
-            continue
+    for primitive, vertices, triangles in _primitives(file, mesh):
+        attributes = primitive["attributes"]
         spec = file.item("accessors", attributes["POSITION"])
         if not ("min" in spec and "max" in spec):
             text = f"mesh '{name}': the accessor of the positions lacks min and max."
             file.ledger.wrong("gltf.minmax", text, name)
-        vertices = file.accessor(attributes["POSITION"])
-        index = primitive.get("indices")
-        indices = np.arange(len(vertices)) if index is None else file.accessor(index)[:, 0].astype(int)
-        triangles = _triangles(indices, primitive.get("mode", 4))
         if not len(triangles) or vertices.shape[1] != 3:
             continue
-        corner = None
-        if "NORMAL" in attributes:
-            n = file.accessor(attributes["NORMAL"])
-            if n.shape == vertices.shape and triangles.max() < len(n):
-                corner = n[triangles.ravel()]
-        if corner is None:
-            all_normals = False
+        normal = file.accessor(attributes["NORMAL"]) if "NORMAL" in attributes else np.zeros(0)
+        if normal.shape == vertices.shape and triangles.max() < len(normal):
+            normals.append(normal[triangles.ravel()])
         else:
-            normals.append(corner)
+            all_normals = False
         if triangles.max() >= len(vertices):
             check_mesh(file.ledger, name, vertices, triangles, None, "gltf")
             return points[0], faces[0]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -84,38 +84,34 @@ class World:
         self._R = poses.R_Z_UP_Y_UP if self.up == "Y" else np.eye(3)
         self._cache = UsdGeom.XformCache()
 
-    def maps(self, prim: Usd.Prim, codes) -> Array:
-        """Return T_stage_prim (k, 4, 4) at the time codes, in the units and axes of the stage, including scale."""
-        out = np.zeros((len(codes), 4, 4))
-        for k, code in enumerate(codes):
+    def maps(self, prims: Sequence[Usd.Prim], codes: Sequence[Usd.TimeCode]) -> Array:
+        """Return T_stage_prim (n, k, 4, 4) of n prims at k time codes, in units and axes of the stage, with scale."""
+        out = np.zeros((len(prims), len(codes), 4, 4))
+        for k, code in enumerate(codes):  # time is the outer loop, because SetTime clears the cache
             self._cache.SetTime(code)
-            out[k] = self._cache.GetLocalToWorldTransform(prim)
-        return np.swapaxes(out, 1, 2)  # Gf matrices act on row vectors
+            for i, prim in enumerate(prims):
+                out[i, k] = self._cache.GetLocalToWorldTransform(prim)
+        return np.swapaxes(out, -1, -2)  # Gf matrices act on row vectors
 
-    def poses(self, prim: Usd.Prim, codes) -> Array:
+    def poses(self, prim: Usd.Prim, codes: Sequence[Usd.TimeCode]) -> Array:
         """Return the poses T_world_prim (k, 4, 4) of a prim at the time codes, in metres, z up."""
-        return self.placed(self.maps(prim, codes))
+        return self.placed(self.maps([prim], codes)[0])
 
     def placed(self, M: Array) -> Array:
-        """Convert matrices T_stage_prim (k, 4, 4) to poses T_world_prim (k, 4, 4) in metres, z up."""
+        """Convert matrices T_stage_prim (..., 4, 4) to poses T_world_prim (..., 4, 4) in metres, z up."""
         T, _ = poses.split(M)
         T[..., :3, 3] *= self.meters
         return poses.pose(self._R) @ T
 
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
         """Return T_world_prim (k, 4, 4) of each prim at k time codes, in metres with z up, by the names in `prims`."""
-        moving = {n: p for n, p in prims.items() if len(_codes(p))}
-        raw = {n: np.zeros((len(codes), 4, 4)) for n in moving}
-        for k, code in enumerate(codes.tolist()):  # time is the outer loop, because SetTime clears the cache
-            self._cache.SetTime(Usd.TimeCode(code))
-            for name, prim in moving.items():
-                raw[name][k] = self._cache.GetLocalToWorldTransform(prim)
-        out = {name: self.placed(np.swapaxes(M, 1, 2)) for name, M in raw.items()}
-        for name, prim in prims.items():
-            if name not in moving:
-                still = self.poses(prim, [Usd.TimeCode(float(codes[0]))])
-                out[name] = np.broadcast_to(still, (len(codes), 4, 4))
-        return {name: out[name] for name in prims}
+        times = [Usd.TimeCode(c) for c in codes.tolist()]
+        moving = {n: p for n, p in prims.items() if _codes(p)}
+        moved = dict(zip(moving, self.placed(self.maps(list(moving.values()), times)), strict=True))
+        shape = (len(codes), 4, 4)
+        still = (n for n in prims if n not in moving)
+        moved |= {n: np.broadcast_to(self.poses(prims[n], times[:1]), shape) for n in still}
+        return {name: moved[name] for name in prims}
 
 
 _SAID = re.compile(r" at line \d+ in file \S+ : '([^\n]*?)'?$", re.MULTILINE)
@@ -226,7 +222,7 @@ def _shapes(
         here = Ledger("")
         path = str(prim.GetPath())
         if owner and not owner.IsPseudoRoot():
-            (M,), (N,) = world.maps(owner, [Usd.TimeCode.Default()]), world.maps(prim, [Usd.TimeCode.Default()])
+            M, N = world.maps([owner, prim], [Usd.TimeCode.Default()])[:, 0]
             T, _ = poses.split(M)
             relative = poses.inverse(T) @ N
             vertices = (vertices @ relative[:3, :3].T + relative[:3, 3]) * world.meters
@@ -307,13 +303,7 @@ def _check_gaps(
 ) -> None:
     """Measure the gap between the two frames of every joint, at rest and along the motion."""
     times = [Usd.TimeCode.Default(), *(Usd.TimeCode(c) for c in codes.tolist())]
-    raw = {str(p.GetPath()): np.zeros((len(times), 4, 4)) for p in bodies}
-    cache = UsdGeom.XformCache()
-    for k, time in enumerate(times):
-        cache.SetTime(time)
-        for prim in bodies:
-            raw[str(prim.GetPath())][k] = cache.GetLocalToWorldTransform(prim)
-    placed = {path: world.placed(np.swapaxes(M, 1, 2)) for path, M in raw.items()}
+    placed = dict(zip((str(p.GetPath()) for p in bodies), world.placed(world.maps(bodies, times)), strict=True))
     worst, where, when = 0.0, "", ""
     for path, gap in joint_gaps(stage, placed, world):
         k = int(np.argmax(gap))
