@@ -31,10 +31,12 @@ from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.folder import Found, find
 from twin.exchange.audit.motion import Content, check_names
 from twin.exchange.audit.physics_truth import mechanism_physics
+from twin.exchange.audit.proof import check_proof
 from twin.exchange.audit.report import AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.scene import FILE as SCENE
 from twin.exchange.audit.scene import audit_scene
 from twin.exchange.audit.sense import check_sense
+from twin.exchange.audit.unity import check_package
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
@@ -94,7 +96,9 @@ def _audited(
         ledgers.append(ledger)
         if content is not None:
             contents.append(content)
-    ledgers += [_package(found, folder) for folder in found.unity]
+    for folder in found.unity:
+        ledgers.append(Ledger(found.name(folder), "twin.exchange.audit unity", "1"))
+        guarded(check_package, folder, ledgers[-1])
     with np.errstate(all="ignore"):  # values that are not finite have already been reported
         declared = frozenset(n for c in contents for n in c.declared or ())
         for content in contents:
@@ -111,11 +115,13 @@ def _audited(
         for file in found.readmes:
             ledgers.append(Ledger(found.name(file), "twin.exchange.audit readme", "1"))
             guarded(partial(check_readme, contents), file, ledgers[-1])
-        proofs = [_proof(found, file) for file in found.proofs]
-        compare_hashes(contents, next((h for _, h in proofs if h), ""))
-        for (ledger, _), file in zip(proofs, found.proofs, strict=True):
-            guarded(partial(check_proof_clips, contents), file, ledger)
-            ledgers.append(ledger)
+        hashes = []
+        for file in found.proofs:
+            ledgers.append(Ledger(found.name(file), "sha256", "2"))
+            proof = guarded(check_proof, file, ledgers[-1]) or {}
+            check_proof_clips(proof, contents, ledgers[-1])
+            hashes.append(str(proof.get("model_hash", "")))
+        compare_hashes(contents, next(filter(None, hashes), ""))
     return contents, ledgers
 
 
@@ -244,19 +250,3 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
         text = "there is no track with joint values, so this file's link poses along the motions are not checked."
         ledger.add("compare.no_track", "info", text)
     return tree.content
-
-
-def _package(found: Found, folder: Path) -> Ledger:
-    from twin.exchange.audit.unity import check_package
-
-    ledger = Ledger(found.name(folder), "twin.exchange.audit unity", "1")
-    guarded(check_package, folder, ledger)
-    return ledger
-
-
-def _proof(found: Found, file: Path) -> tuple[Ledger, str]:
-    """Check a proof.json; return (ledger, model hash stated in the file)."""
-    from twin.exchange.audit.proof import check_proof
-
-    ledger = Ledger(found.name(file), "sha256", "2")
-    return ledger, guarded(check_proof, file, ledger) or ""

@@ -13,10 +13,14 @@ from twin.core.foreign.budget import check_size
 MOST_FILES = 20_000
 """Maximum number of files in an audited folder."""
 
+STAGES = (".usd", ".usda", ".usdc")
+
 _TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".md"), "text")}
 """File name suffixes of text formats."""
 
-STAGES = (".usd", ".usda", ".usdc")
+_LISTS = {".glb": "gltf", ".gltf": "gltf", ".usdz": "usdz", ".urdf": "urdf", **dict.fromkeys(STAGES, "stages")}
+"""List of `Found` by file name suffix, for suffixes that only one format has."""
+
 _SUBLAYER = re.compile(r"@([^@\0]+\.usd[ac]?)@")
 
 
@@ -87,14 +91,8 @@ def find(path: Path) -> Found:
 
 def _sort(out: Found, file: Path, alone: bool) -> None:
     suffix = file.suffix.lower()
-    if suffix in (".glb", ".gltf"):
-        out.gltf.append(file)
-    elif suffix in STAGES:
-        out.stages.append(file)
-    elif suffix == ".usdz":
-        out.usdz.append(file)
-    elif suffix == ".urdf":
-        out.urdf.append(file)
+    if suffix in _LISTS:
+        getattr(out, _LISTS[suffix]).append(file)
     elif suffix == ".xml" and (alone or _starts(file, b"<mujoco")):
         out.mjcf.append(file)
     elif file.name == "README.txt" and not alone:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -14,7 +14,7 @@ from twin.exchange.audit.chain import Link, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Clip, Content, Shape
-from twin.exchange.audit.physics_mjcf import compiled_physics
+from twin.exchange.audit.physics_mjcf import BALL, FREE, HINGE, SLIDE, compiled_physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.audit.urdf import assumed_masses, named_mesh, numbers, parse_xml
@@ -27,8 +27,6 @@ LIMIT_TOL = 1e-5
 
 KEY_GAP = 1e-4
 """Maximum residual in m or rad of an equality constraint at a keyframe, from which simulations start."""
-
-_BALL, _SLIDE, _HINGE, _FREE = 1, 2, 3, 0
 
 
 class Mjcf:
@@ -79,11 +77,9 @@ class Mjcf:
             d.qpos[:] = qpos[k]
             mujoco.mj_fwdPosition(m, d)
             place[k], turn[k] = d.xpos, d.xquat
-            gaps = np.where(d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, np.abs(d.efc_pos), 0.0)
-            if len(gaps) and gaps.max() > worst:
-                row = int(np.argmax(gaps))
-                worst, when = float(gaps[row]), f"t = {clip.times[k]:.4g} s"
-                where = m.equality(int(d.efc_id[row])).name
+            gap, equality = _gap(m, d)
+            if gap > worst:
+                worst, where, when = gap, equality, f"t = {clip.times[k]:.4g} s"
         if m.neq:
             self._ledger.row(f"clip '{clip.name}': loops in MuJoCo", worst, "m", LOOP_TOL, where=where, when=when)
         if worst > LOOP_TOL:
@@ -98,7 +94,7 @@ class Mjcf:
         joints = range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]) if m.body_jntnum[body] else ()
         if not joints:
             return
-        links, given, owners = self._chain(body, joints, clip)
+        links, given, owners = map(list, zip(*self._chain(body, joints, clip), strict=True))
         if any(g is None and link.kind != "fixed" for g, link in zip(given, links, strict=True)):
             goal = self._goal(body, clip)
             if goal is None:
@@ -107,38 +103,30 @@ class Mjcf:
         for j in joints:
             at = m.jnt_qposadr[j]
             values = [g for g, o in zip(given, owners, strict=True) if o == j and g is not None]
-            if m.jnt_type[j] == _BALL:
+            if m.jnt_type[j] == BALL:
                 R = poses.about([1, 0, 0], values[0]) @ poses.about([0, 1, 0], values[1])
                 q = poses.quaternion(R @ poses.about([0, 0, 1], values[2]))
                 qpos[:, at : at + 4] = q[:, [3, 0, 1, 2]]
-            elif m.jnt_type[j] != _FREE:
+            elif m.jnt_type[j] != FREE:
                 qpos[:, at] = values[0] + m.qpos0[at]
 
-    def _chain(self, body: int, joints, clip: Clip) -> tuple[list[Link], list[Array | None], list[int]]:
-        """Return (steps, values, joints) of the chain from a body's parent to the body.
+    def _chain(self, body: int, joints: range, clip: Clip) -> Iterator[tuple[Link, Array | None, int]]:
+        """Yield (step, values, joint) of the chain from a body's parent to the body.
 
-        The values (k,) are None if unknown; the joints are MuJoCo joint numbers, -1 for a step without a joint.
+        The values (k,) are None if unknown; the joint is MuJoCo's number, -1 for a step without a joint.
         """
         m = self.model
-        links = [Link(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body]))]
-        given: list[Array | None] = [None]
-        owners = [-1]
+        yield Link(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body])), None, -1
         for j in joints:
             there, axis = poses.pose(None, m.jnt_pos[j]), m.jnt_axis[j].copy()
             known = clip.joints.get(m.joint(j).name)
-            if m.jnt_type[j] == _BALL:
+            if m.jnt_type[j] == BALL:
                 for i in range(3):
-                    links.append(Link(there if not i else np.eye(4), "turn", np.eye(3)[i]))
-                    given.append(None)
-                    owners.append(j)
-            elif m.jnt_type[j] in (_HINGE, _SLIDE):
-                links.append(Link(there, "turn" if m.jnt_type[j] == _HINGE else "slide", axis))
-                given.append(None if known is None else known - m.qpos0[m.jnt_qposadr[j]])
-                owners.append(j)
-            links.append(Link(poses.inverse(there)))
-            given.append(None)
-            owners.append(-1)
-        return links, given, owners
+                    yield Link(there if not i else np.eye(4), "turn", np.eye(3)[i]), None, j
+            elif m.jnt_type[j] in (HINGE, SLIDE):
+                value = None if known is None else known - m.qpos0[m.jnt_qposadr[j]]
+                yield Link(there, "turn" if m.jnt_type[j] == HINGE else "slide", axis), value, j
+            yield Link(poses.inverse(there)), None, -1
 
     def _goal(self, body: int, clip: Clip) -> Array | None:
         """Return T_parent_body (k, 4, 4) from the track, else from a body that is welded to `body`; None if unknown."""
@@ -186,6 +174,15 @@ class Mjcf:
                     f"{high[joint]:g}."
                 )
                 self._ledger.wrong("mjcf.limits", text, joint, size=off)
+
+
+def _gap(m: mujoco.MjModel, d: mujoco.MjData) -> tuple[float, str]:
+    """Return (largest residual of an equality constraint in m or rad, name of this constraint)."""
+    gaps = np.where(d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, np.abs(d.efc_pos), 0.0)
+    if not gaps.any():
+        return 0.0, ""
+    row = int(np.argmax(gaps))
+    return float(gaps[row]), m.equality(int(d.efc_id[row])).name
 
 
 def _holds(root: ET.Element) -> bool:
@@ -265,18 +262,16 @@ def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> N
     name = m.key(k).name or f"key {k}"
     mujoco.mj_resetDataKeyframe(m, d, k)
     mujoco.mj_fwdPosition(m, d)
-    gaps = np.where(d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, np.abs(d.efc_pos), 0.0)
-    worst = float(gaps.max(initial=0.0))
+    worst, where = _gap(m, d)
     if m.neq:
         ledger.row(f"loops at keyframe '{name}'", worst, "m", KEY_GAP)
     if worst > KEY_GAP:
-        where = m.equality(int(d.efc_id[int(np.argmax(gaps))])).name
         text = f"keyframe '{name}': equality '{where}' is open by {quantity(worst, 'm')}."
         ledger.wrong("mjcf.keyframe", text, name, size=Measured(worst, KEY_GAP, "m"))
     for j in range(m.njnt):
         q = float(d.qpos[m.jnt_qposadr[j]])
         low, high = m.jnt_range[j]
-        if m.jnt_limited[j] and m.jnt_type[j] != int(mujoco.mjtJoint.mjJNT_BALL) and not low - 1e-6 <= q <= high + 1e-6:
+        if m.jnt_limited[j] and m.jnt_type[j] != BALL and not low - 1e-6 <= q <= high + 1e-6:
             text = f"keyframe '{name}': joint '{m.joint(j).name}' is at {q:.6g}, outside {low:.6g} .. {high:.6g}."
             ledger.wrong("mjcf.keyframe", text, name, size=q)
     _check_push(m, d, name, ledger)

@@ -161,13 +161,13 @@ def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
     return True
 
 
-def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str) -> None:
+def check_rate(ledger: Ledger, times: Array, stated: float, clip: str) -> None:
     """Compare a stated key rate in Hz with the key times (k,) in s; only the last interval may be shorter."""
     steps = np.diff(times)
     if not len(steps):
         return
     if not (np.isfinite(stated) and stated > 0):
-        ledger.wrong(f"{code}.rate", f"clip '{clip}': rate {stated:g} Hz must be above 0.", clip)
+        ledger.wrong("tracks.rate", f"clip '{clip}': rate {stated:g} Hz must be above 0.", clip)
         return
     inner = steps[:-1] if len(steps) > 1 else steps
     off = np.abs(inner * stated - 1)
@@ -181,7 +181,7 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str, code: str
             f"({1 / steps[k]:.6g} Hz)."
         )
         ledger.wrong(
-            f"{code}.rate",
+            "tracks.rate",
             text,
             clip,
             size=Measured(1 / steps[k], stated, "Hz"),

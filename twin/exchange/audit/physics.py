@@ -158,7 +158,7 @@ class Joint:
         flip = 1.0 if self.parent < self.child else -1.0
         if self.tied:
             points = [pair[0 if link == self.parent else 1] for pair in self.tied]
-            return points[0], None if len(points) < 2 else flip * _unit(points[1] - points[0])
+            return points[0], None if len(points) < 2 else flip * unit(points[1] - points[0])
         if self.T is None or not self.motions:
             return None
         turns = [m for m in self.motions if m.kind == "turn"]
@@ -290,7 +290,8 @@ def _moved(p: Array, T: Array) -> Array:
     return T[:3, :3] @ p + T[:3, 3]
 
 
-def _unit(v: Array) -> Array:
+def unit(v: Array) -> Array:
+    """Return the unit vector of v (3,); a zero vector is unchanged."""
     size = float(np.linalg.norm(v))
     return v / size if size > 0 else v
 

@@ -14,18 +14,11 @@ from twin.exchange.audit.poses import Array
 MARK = "frame_"
 """Prefix of the names of sites that mark named frames; other sites belong to loop closures."""
 
-_BALL, _SLIDE, _HINGE = (
-    int(k) for k in (mujoco.mjtJoint.mjJNT_BALL, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
-)
-_CONNECT, _WELD, _COUPLE, _TENDON = (
-    int(k)
-    for k in (
-        mujoco.mjtEq.mjEQ_CONNECT,
-        mujoco.mjtEq.mjEQ_WELD,
-        mujoco.mjtEq.mjEQ_JOINT,
-        mujoco.mjtEq.mjEQ_TENDON,
-    )
-)
+FREE, BALL, SLIDE, HINGE = range(4)
+"""Numbers of MuJoCo's joint types, mjtJoint."""
+
+_CONNECT, _WELD, _COUPLE, _TENDON = range(4)
+"""Numbers of the equality constraints mjtEq: connect, weld, joint, tendon."""
 
 
 def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
@@ -77,9 +70,9 @@ def _pose(p: Array, wxyz: Array) -> Array:
 
 def _motions(m: mujoco.MjModel, j: int) -> list[Line]:
     point, axis = m.jnt_pos[j].copy(), m.jnt_axis[j].copy()
-    if m.jnt_type[j] in (_SLIDE, _HINGE):
-        return [Line("slide" if m.jnt_type[j] == _SLIDE else "turn", point, axis)]
-    kinds = ("turn",) if m.jnt_type[j] == _BALL else ("slide", "turn")
+    if m.jnt_type[j] in (SLIDE, HINGE):
+        return [Line("slide" if m.jnt_type[j] == SLIDE else "turn", point, axis)]
+    kinds = ("turn",) if m.jnt_type[j] == BALL else ("slide", "turn")
     return [Line(kind, point, d) for kind in kinds for d in np.eye(3)]
 
 
@@ -128,7 +121,7 @@ def _drives(m: mujoco.MjModel, motors: dict[str, Motor]) -> list[Drive]:
     for j in range(m.njnt):
         limits = tuple(map(float, m.jnt_range[j])) if m.jnt_limited[j] else (-np.inf, np.inf)
         a = acting.get(j)
-        if m.jnt_type[j] not in (_SLIDE, _HINGE):
+        if m.jnt_type[j] not in (SLIDE, HINGE):
             out.append(Drive())
             continue
         if a is None:

@@ -12,20 +12,20 @@ from twin.exchange.audit.report import Ledger
 SCHEMA = "twin-proof"
 
 
-def check_proof(path: Path, ledger: Ledger) -> str:
-    """Report differences between a proof.json and the files in the same folder; return the model hash in proof.json."""
+def check_proof(path: Path, ledger: Ledger) -> dict[str, Any]:
+    """Report differences between a proof.json and the files in the same folder; return its content, {} if malformed."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
         ledger.add("proof.unreadable", "error", f"the file's JSON cannot be read: {str(error)[:120]}.")
-        return ""
+        return {}
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or data.get("version") != 1:
         ledger.add("proof.schema", "error", f'the file does not contain "schema": "{SCHEMA}" and "version": 1.')
-        return ""
+        return {}
     rows = data.get("files")
     if not isinstance(rows, list) or not all(isinstance(r, dict) and isinstance(r.get("file"), str) for r in rows):
         ledger.add("proof.schema", "error", "'files' is not a list of files.")
-        return ""
+        return {}
     folder = path.parent
     listed = {path.name}
     wrong = 0
@@ -41,7 +41,7 @@ def check_proof(path: Path, ledger: Ledger) -> str:
     if data.get("verdict") not in ("agree", None):
         text = f"the verdict in proof.json is '{data['verdict']}': the audit at the export found a fault."
         ledger.wrong("proof.verdict", text, "verdict")
-    return str(data.get("model_hash", ""))
+    return data
 
 
 def _fits(folder: Path, row: dict[str, Any], ledger: Ledger) -> bool:

@@ -136,7 +136,7 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
         ledger.wrong("tracks.shape", text, "frames", size=float(len(times)))
     usable = check_times(ledger, times, name, "tracks")
     if usable and isinstance(data.get("rate"), int | float):
-        check_rate(ledger, times, float(data["rate"]), name, "tracks")
+        check_rate(ledger, times, float(data["rate"]), name)
     _check_phases(data, times, ledger)
     seven, positions = rows["poses"], rows["positions"]
     if not usable or seven is None:

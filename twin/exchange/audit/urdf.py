@@ -20,7 +20,7 @@ from twin.exchange.audit.chain import Link, along, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.meshes import check_mesh, joined, read_obj
 from twin.exchange.audit.motion import Clip, Content, Shape
-from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Motor, Physics
+from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Motor, Physics, unit
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 
@@ -324,7 +324,7 @@ def _tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterabl
         T, axis = j.link.fixed, j.link.axis
         motions: tuple[Line, ...] = ()
         if j.link.kind != "fixed" and axis is not None:
-            motions = (Line(j.link.kind, T[:3, 3], _unit(T[:3, :3] @ axis)),)
+            motions = (Line(j.link.kind, T[:3, 3], unit(T[:3, :3] @ axis)),)
         low, high = j.limits or (-np.inf, np.inf)
         if j.link.kind == "slide" and max(abs(low), abs(high)) >= NO_LIMIT:
             low, high = -np.inf, np.inf
@@ -346,8 +346,3 @@ def _motors(root: ET.Element) -> dict[str, Motor]:
         if len(joints) == len(names) == len(reductions) == 1 and names != joints:
             out[names[0]] = Motor({joints[0]: reductions[0]})
     return out
-
-
-def _unit(v: Array) -> Array:
-    size = float(np.linalg.norm(v))
-    return v / size if size > 0 else v
