@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.cad import features, frames, mesh, references
-from twin.cad.description import Description, JointSpec, MassSpec, load
+from twin.cad.description import BodySpec, Description, JointSpec, MassSpec, load
 from twin.cad.dimensions import read_dimensions
 from twin.cad.features import Measured
 from twin.cad.frames import Drawn, into
@@ -198,27 +198,24 @@ def _shapes(
     meshes: dict[str, list[Mesh]] = {name: [] for name in d.body}
     masses: dict[str, list[Inertia]] = {name: [] for name in d.body}
     taken: set[str] = set()
-    for body in d.body:
-        for part in parts[body]:
-            vertices = into(drawn[body], part.vertices)
-            finish = _finish(d, part.name)
-            meshes[body].append(Mesh(_unique(part.name, taken), vertices, part.triangles, part.color_rgba, finish))
+    for body, spec in d.body.items():
+        for solid in (*parts[body], *_loaded(folder, spec, found)):
+            vertices, finish = into(drawn[body], solid.vertices), _finish(d, solid.name)
+            meshes[body].append(Mesh(_unique(solid.name, taken), vertices, solid.triangles, solid.color_rgba, finish))
             if with_mass:
-                exact = fine[id(part)]
-                _weigh(d, part.name, into(drawn[body], exact.vertices), exact.triangles, masses[body], found)
-        for spec in d.body[body].meshes:
-            loaded, notes = mesh.load_mesh(folder / spec.file, spec.unit, spec.up, spec.color)
-            found += [n for n in notes if n.code != "cad.open_mesh"]
-            vertices = into(drawn[body], loaded.vertices)
-            finish = _finish(d, loaded.name)
-            meshes[body].append(
-                Mesh(_unique(loaded.name, taken), vertices, loaded.triangles, loaded.color_rgba, finish)
-            )
-            if with_mass:
-                _weigh(d, loaded.name, vertices, loaded.triangles, masses[body], found)
+                exact = fine.get(id(solid), solid)
+                _weigh(d, solid.name, into(drawn[body], exact.vertices), exact.triangles, masses[body], found)
     weighed = {name: reduce(add, list_) for name, list_ in masses.items() if list_}
     given = {n: _given(s.mass, drawn[n]) for n, s in d.body.items() if s.mass is not None}
     return meshes, {**weighed, **given}
+
+
+def _loaded(folder: Path, spec: BodySpec, found: list[Finding]) -> Iterator[Mesh]:
+    """Yield the meshes in the files of a body, in drawn coordinates; the findings on them are added to `found`."""
+    for file in spec.meshes:
+        loaded, notes = mesh.load_mesh(folder / file.file, file.unit, file.up, file.color)
+        found += [n for n in notes if n.code != "cad.open_mesh"]
+        yield loaded
 
 
 def _exact(step: StepModel | None, fine: StepModel | None) -> dict[int, Part]:

@@ -17,7 +17,7 @@ from twin.cad.build import CadModel
 from twin.cad.description import Description
 from twin.cad.features import Measured
 from twin.cad.frames import Drawn, Faces, Given, drawn
-from twin.cad.lengths import measure
+from twin.cad.lengths import measure, pair
 from twin.core import spatial
 from twin.core.errors import CadError
 from twin.core.spatial import Array
@@ -28,9 +28,6 @@ _LEVER = 0.1
 
 _STEPS = 5
 """Number of Newton steps that correct the position of a feature; the first step is nearly exact."""
-
-_PARALLEL = 0.02
-"""Maximum sine of the angle between two directions that are compared as parallel."""
 
 _ENTRIES = ("origin", "at", "z", "x_along", "x_towards", "y_towards")
 """Entries of a frame that name features."""
@@ -277,31 +274,7 @@ def _same(cad: CadModel, a: Mapping[str, Measured], b: Mapping[str, Measured], n
     limits = np.array([cad.description.tolerance.meeting_deg * DEG, cad.description.tolerance.meeting_um * UM])
     for n in names:
         for other in a:
-            off = np.abs(np.array(_pair(a[n], a[other])) - np.array(_pair(b[n], b[other])))
+            off = np.abs(np.array(pair(a[n], a[other])) - np.array(pair(b[n], b[other])))
             if other != n and (off[np.isfinite(off)] > limits[np.isfinite(off)]).any():
                 return False
     return True
-
-
-def _pair(a: Measured, b: Measured) -> tuple[float, float]:
-    """Return the angle (rad) and the distance (m) between two faces; NaN where undefined."""
-    offset = b.face.point - a.face.point
-    kinds = {a.face.kind, b.face.kind}
-    if kinds == {"sphere"}:
-        return np.nan, float(np.linalg.norm(offset))
-    if "sphere" in kinds:
-        centre, face = (a, b) if a.face.kind == "sphere" else (b, a)
-        if face.face.kind == "plane":
-            return np.nan, abs(float(offset @ face.direction))
-        return np.nan, float(spatial.point_to_line(centre.face.point, face.face.point, face.direction))
-    cross, dot = np.cross(a.direction, b.direction), abs(float(a.direction @ b.direction))
-    sine = float(np.linalg.norm(cross))
-    angle = float(np.arctan2(sine, dot))
-    if kinds == {"plane", "cylinder"}:
-        plane = a if a.face.kind == "plane" else b
-        return angle, abs(float(offset @ plane.direction)) if dot < _PARALLEL else np.nan
-    if kinds == {"plane"}:
-        return angle, abs(float(offset @ a.direction)) if sine < _PARALLEL else np.nan
-    if sine < _PARALLEL:
-        return angle, float(spatial.point_to_line(b.face.point, a.face.point, a.direction))
-    return angle, abs(float(offset @ cross)) / sine

@@ -15,7 +15,10 @@ from twin.core import spatial
 from twin.core.errors import CadError
 
 _PARALLEL = 1e-3
-"""Maximum sine of the angle between two axes that count as parallel."""
+"""Maximum sine of the angle between the axes of a declared length."""
+
+_ALIGNED = 0.02
+"""Maximum sine of the angle between two directions that `pair` takes as parallel."""
 
 
 @dataclass(frozen=True)
@@ -46,19 +49,34 @@ def measure(cad: CadModel) -> tuple[Length, ...]:
 
 def _distance(body: str, a: Measured, b: Measured) -> float:
     """Return the distance in m between two faces: points (spheres), axes (cylinders) or planes."""
-    if b.face.kind == "plane" and a.face.kind != "plane":
-        a, b = b, a
+    angle, distance = pair(a, b)
+    tilt = np.cos(angle) if {a.face.kind, b.face.kind} == {"plane", "cylinder"} else np.sin(angle)
+    if tilt > _PARALLEL:
+        raise CadError(
+            f"length on '{body}': '{a.name}' and '{b.name}' are not parallel, so that their distance is undefined"
+        )
+    return distance
+
+
+def pair(a: Measured, b: Measured) -> tuple[float, float]:
+    """Return the angle (rad) and the distance (m) between two faces; NaN where undefined."""
     offset = b.face.point - a.face.point
-    if "sphere" not in (a.face.kind, b.face.kind):
-        aligned = a.face.kind == b.face.kind  # two axes, or two normals; otherwise an axis and a plane
-        sine = float(np.linalg.norm(np.cross(a.direction, b.direction)))
-        if (sine if aligned else abs(float(a.direction @ b.direction))) > _PARALLEL:
-            raise CadError(
-                f"length on '{body}': '{a.name}' and '{b.name}' are not parallel, so that their distance is undefined"
-            )
-    if a.face.kind == "plane":
-        return abs(float(offset @ a.direction))
-    if a.face.kind == "sphere" and b.face.kind == "sphere":
-        return float(np.linalg.norm(offset))
-    line, point = (a, b) if a.face.kind == "cylinder" else (b, a)
-    return float(spatial.point_to_line(point.face.point, line.face.point, line.direction))
+    kinds = {a.face.kind, b.face.kind}
+    if kinds == {"sphere"}:
+        return np.nan, float(np.linalg.norm(offset))
+    if "sphere" in kinds:
+        centre, face = (a, b) if a.face.kind == "sphere" else (b, a)
+        if face.face.kind == "plane":
+            return np.nan, abs(float(offset @ face.direction))
+        return np.nan, float(spatial.point_to_line(centre.face.point, face.face.point, face.direction))
+    cross, dot = np.cross(a.direction, b.direction), abs(float(a.direction @ b.direction))
+    sine = float(np.linalg.norm(cross))
+    angle = float(np.arctan2(sine, dot))
+    if kinds == {"plane", "cylinder"}:
+        plane = a if a.face.kind == "plane" else b
+        return angle, abs(float(offset @ plane.direction)) if dot < _ALIGNED else np.nan
+    if kinds == {"plane"}:
+        return angle, abs(float(offset @ a.direction)) if sine < _ALIGNED else np.nan
+    if sine < _ALIGNED:
+        return angle, float(spatial.point_to_line(b.face.point, a.face.point, a.direction))
+    return angle, abs(float(offset @ cross)) / sine
