@@ -7,7 +7,7 @@ one layer). The value that most sources state counts as correct; if a mechanism 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -51,15 +51,11 @@ def _word(a: Any, b: Any) -> float:
     return 0.0 if a == b else 1.0
 
 
-def _difference(a: float, b: float) -> float:
-    return abs(a - b)
-
-
 def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
     return max((0.0 if x == y else abs(x - y) / max(1.0, min(abs(x), abs(y)))) for x, y in zip(a, b, strict=True))
 
 
-def _distance(a: Array, b: Array) -> float:
+def _distance(a: Array | float, b: Array | float) -> float:
     return float(np.linalg.norm(np.subtract(a, b)))
 
 
@@ -153,7 +149,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "gravity": Compared(_distance, 1e-3, "m/s2"),
     "held": Compared(_word, 0.0),
     "ratios": Compared(_distance, 1e-5),
-    "sum": Compared(_difference, 1e-6, "m or rad"),
+    "sum": Compared(_distance, 1e-6, "m or rad"),
     "row": Compared(_row, 1e-6, "", True),
     "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
 }
@@ -217,8 +213,8 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
         _state(view, canonical, known, movable)
         if view.format == "mjcf" and any(view.file.startswith(f"{s}_") for s in stems):
             # The file is for one motion with its own trocars; the computed motion shows whether its loops are closed.
-            for key in [k for k in view.said if k[1] == "place" and k[0].endswith(_ends_on(view.physics.held))]:
-                del view.said[key]
+            held = tuple(f" on '{n}'" for n in view.physics.held or ())
+            view.said = {k: v for k, v in view.said.items() if k[1] != "place" or not k[0].endswith(held)}
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
     for view in (v for v in views if v.physics.complete):
         stated = ("joint", *["motor"] * view.physics.all_motors, *["coupling"] * (view.physics.couplings is not None))
@@ -242,10 +238,6 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
 
 
 # --------------------------------------------------------------------------------------------- values of each file
-
-
-def _ends_on(links: Collection[str] | None) -> tuple[str, ...]:
-    return tuple(f" on '{n}'" for n in links or ())
 
 
 def _known_links(views: Sequence[View]) -> set[str]:
@@ -523,7 +515,8 @@ def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: s
         return f"{subject}: inertia differs from {others} by {100 * off:.3g} %."
     if name == "axis":
         return f"{subject}: axis is {_vector(mine[0])}; in {others} it is {_vector(right[0])}."
-    return f"{subject}: {_WORDS.get(name, name)} is {_plain(mine)}; in {others} it is {_plain(right)}{_unit(q)}."
+    told = f"{_plain(right)} {q.unit}".rstrip()
+    return f"{subject}: {_WORDS.get(name, name)} is {_plain(mine)}; in {others} it is {told}."
 
 
 _SAID = {
@@ -548,10 +541,6 @@ _WORDS = {
 }
 
 
-def _unit(q: Compared) -> str:
-    return f" {q.unit}" if q.unit else ""
-
-
 def _vector(v: Iterable[float]) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in v) + ")"
 
@@ -562,9 +551,6 @@ def _plain(value: Any) -> str:
     if isinstance(value, Mapping):
         return " + ".join(f"{c:.9g} {n}" for n, c in value.items()) or "nothing"
     if isinstance(value, tuple):
-        return " .. ".join(f"{v:g}" for v in value) if _all_numbers(value) else ", ".join(map(str, value)) or "nothing"
+        numbers = value and all(isinstance(v, int | float) for v in value)
+        return " .. ".join(f"{v:g}" for v in value) if numbers else ", ".join(map(str, value)) or "nothing"
     return str(value)
-
-
-def _all_numbers(values: tuple) -> bool:
-    return bool(values) and all(isinstance(v, int | float) for v in values)

@@ -8,6 +8,7 @@ Supported: constants, static methods with overloads by the types of their parame
 from __future__ import annotations
 
 import math
+import operator as op
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,24 +33,18 @@ _MOST_CALLS = 10_000
 
 _NUMERIC = ("double", "float", "int", "long")
 _LEVELS = (("||",), ("&&",), ("==", "!="), ("<", ">", "<=", ">="), ("+", "-"), ("*", "/"))
-_APPLY: dict[str, Callable[[Any, Any], Any]] = {
-    "==": lambda a, b: a == b,
-    "!=": lambda a, b: a != b,
-    "<": lambda a, b: a < b,
-    ">": lambda a, b: a > b,
-    "<=": lambda a, b: a <= b,
-    ">=": lambda a, b: a >= b,
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
-    "/": lambda a, b: _divided(a, b),
-}
 
 
 def _divided(a: float, b: float) -> float:
     """Return a / b as in C#: division by zero gives infinity or NaN, without an exception."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.float64(a) / np.float64(b))
+
+
+_APPLY: dict[str, Callable[[Any, Any], Any]] = {
+    **{"==": op.eq, "!=": op.ne, "<": op.lt, ">": op.gt, "<=": op.le, ">=": op.ge},
+    **{"+": op.add, "-": op.sub, "*": op.mul, "/": _divided},
+}
 
 
 class CSharpError(Exception):
@@ -207,10 +202,7 @@ class _Run:
             if operator in ("&&", "||"):
                 value = (value and other) if operator == "&&" else (value or other)
             else:
-                try:
-                    value = _APPLY[operator](value, other)
-                except ZeroDivisionError:
-                    value = math.nan
+                value = _APPLY[operator](value, other)
         return value
 
     def _unary(self) -> Any:

@@ -106,13 +106,9 @@ def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
     if drive.limits is not None and not drive.limits[0] <= drive.limits[1]:
         text = f"joint '{joint}': lower limit {drive.limits[0]:g} is above upper limit {drive.limits[1]:g}."
         ledger.wrong("physics.limits", text, joint, suggestion="exchange the limits")
-    for name, value, least in (
-        ("stiffness", drive.stiffness, 0.0),
-        ("damping", drive.damping, 0.0),
-        ("maximum effort", drive.effort, 0.0),
-        ("maximum speed", drive.speed, 0.0),
-    ):
-        if value is not None and value < least:
+    gains = {"stiffness": drive.stiffness, "damping": drive.damping}
+    for name, value in (gains | {"maximum effort": drive.effort, "maximum speed": drive.speed}).items():
+        if value is not None and value < 0:
             text = f"joint '{joint}': the {name} is {value:g}, but must not be negative."
             ledger.wrong("physics.drive_negative", text, joint, size=Measured(value, 0.0))
 

@@ -30,13 +30,10 @@ class Timeline:
     def relative(self, joint: RawJoint) -> Array:
         """Return the pose (k + 1, 4, 4) of a joint's frame on body1 relative to its frame on body0."""
         a, b = (
-            self.poses[e.body] @ e.T_body_joint if e.body else np.broadcast_to(e.T_body_joint, self._shape())
+            self.poses[e.body] @ e.T_body_joint if e.body else np.broadcast_to(e.T_body_joint, (len(self.labels), 4, 4))
             for e in joint.ends
         )
         return spatial.inverse(a) @ b
-
-    def _shape(self) -> tuple[int, int, int]:
-        return (len(self.labels), 4, 4)
 
 
 def timeline(scene: Scene) -> Timeline:
