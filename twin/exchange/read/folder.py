@@ -6,9 +6,8 @@ digits of a double, so that the loops of the written mechanism close as well as 
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,20 +32,8 @@ NOTES = "IMPORT.md"
 """Name of the file that lists changed, guessed, missing and omitted data."""
 
 
-@contextlib.contextmanager
-def fresh_folder(target: Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary folder that is moved atomically to `target` at the end.
-
-    Raises:
-        OutputError: `require_free` refuses the target, or the folder cannot be written.
-    """
-    require_free(target, force)
-    with assets.atomic_folder(target) as work:
-        yield work
-
-
 def require_free(target: Path, force: bool = False) -> None:
-    """Check that `fresh_folder` may write to `target`: a new or empty folder or, with `force`, a robot folder.
+    """Check that `write_robot` may write to `target`: a new or empty folder or, with `force`, a robot folder.
 
     Raises:
         OutputError: `target` is a file, or a folder that must not be overwritten.
@@ -99,7 +86,8 @@ def write_robot(
 
     The other arguments, the return value and the errors are the same as for `write_folder`.
     """
-    with fresh_folder(target, force) as work:
+    require_free(target, force)
+    with assets.atomic_folder(target) as work:
         (work / "cad").mkdir()
         (work / "trajectories").mkdir()
         mechanism = cad(work / "cad")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from twin.core import spatial
-from twin.core.errors import MechanismError, SourceError, unknown
+from twin.core.errors import MechanismError, SourceError
 from twin.core.findings import Finding, finding
 from twin.core.spatial import Array
 from twin.model.body import Body, Frame
@@ -202,8 +202,3 @@ def tooled(mechanism: Mechanism, findings: Findings) -> Mechanism:
     elif said:
         findings.note("tool", said, out.tool)
     return out
-
-
-def missing(path: Path, kind: str, name: str, known: Iterable[str], where: str) -> SourceError:
-    """Return the `SourceError` that reports an unknown name and suggests known names."""
-    return SourceError(f"{path}: {where}: {unknown(kind, name, known)}")

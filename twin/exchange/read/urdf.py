@@ -19,18 +19,7 @@ from twin.core.errors import SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.closures import Closures, read_closures
 from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, size
-from twin.exchange.read.source import (
-    Findings,
-    Imported,
-    Names,
-    along,
-    assemble,
-    limits,
-    missing,
-    named_apart,
-    possible,
-    rpy,
-)
+from twin.exchange.read.source import Findings, Imported, Names, along, assemble, limits, named_apart, possible, rpy
 from twin.exchange.read.xml import Xml
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
@@ -158,7 +147,7 @@ class _Urdf:
             if link is None:
                 self.xml.fail(f"joint '{name}'", f"the joint has no <{end} link>")
             if link not in links:
-                raise missing(self.path, "link", link, links, f"joint '{name}', {end}")
+                self.xml.fail(f"joint '{name}', {end}", unknown("link", link, links))
             out.append(link)
         return out[0], out[1]
 
@@ -245,7 +234,7 @@ class _Urdf:
         told = {str(j.get("name")) for t in root.findall("transmission") for j in t.findall("joint")}
         for name in told:
             if name not in joints:
-                raise missing(self.path, "joint", name, joints, "transmission")
+                self.xml.fail("transmission", unknown("joint", name, joints))
         moving = {
             n
             for n, j in joints.items()
@@ -388,7 +377,7 @@ class _Urdf:
         assert mimic is not None
         leader = mimic.get("joint")
         if leader is None or leader not in joints:
-            raise missing(self.path, "joint", str(leader), joints, where)
+            self.xml.fail(where, unknown("joint", str(leader), joints))
         ratio = self.xml.number(where, "multiplier", mimic.get("multiplier"), 1.0)
         if ratio == 0:
             self.xml.fail(where, "mimic multiplier is 0; use a fixed joint")
