@@ -134,19 +134,12 @@ def files(robot: str | Path) -> RobotFiles:
     Raises:
         TwinError: the argument is neither a built-in robot nor a robot folder.
     """
+    folder = Path(robot)
     if str(robot) in names():
         root, name = data_folder(), str(robot)
-        found = RobotFiles(
-            name,
-            root / "cad" / name,
-            root / "usd" / name,
-            root / "trajectories" / name,
-            _PACKAGE / "robots" / f"{name}.py",
-        )
-        _settled(found)
-        return found
-    folder = Path(robot)
-    if folder.is_dir():
+        places = root / "cad" / name, root / "usd" / name, root / "trajectories" / name
+        found = RobotFiles(name, *places, _PACKAGE / "robots" / f"{name}.py")
+    elif folder.is_dir():
         folder = folder.resolve()
         descriptions = _descriptions(folder)
         if len(descriptions) != 1:
@@ -155,16 +148,13 @@ def files(robot: str | Path) -> RobotFiles:
                 f"{[p.name for p in descriptions] or 'none'}. A robot folder contains cad/<name>.toml, "
                 "trajectories/ and formula.py."
             )
-        found = RobotFiles(
-            descriptions[0].stem,
-            folder / "cad",
-            folder / "usd",
-            folder / "trajectories",
-            folder / "formula.py",
-        )
-        _settled(found)
-        return found
-    raise TwinError(f"{unknown('robot', str(robot), names())} The path of a robot folder is also accepted.")
+        places = folder / "cad", folder / "usd", folder / "trajectories"
+        found = RobotFiles(descriptions[0].stem, *places, folder / "formula.py")
+    else:
+        raise TwinError(f"{unknown('robot', str(robot), names())} The path of a robot folder is also accepted.")
+    for place in places:
+        settle(place)
+    return found
 
 
 def hidden(robot: str | Path) -> Path | None:
@@ -176,9 +166,3 @@ def hidden(robot: str | Path) -> Path | None:
 def _descriptions(folder: Path) -> list[Path]:
     """Return the TOML files in a robot folder that may be its description."""
     return [p for p in (folder / "cad").glob("*.toml") if p.stem not in _BESIDE]
-
-
-def _settled(files: RobotFiles) -> None:
-    """Complete, undo or remove the unfinished writes of killed processes in the folders of a robot."""
-    for folder in (files.cad, files.usd, files.trajectories):
-        settle(folder)

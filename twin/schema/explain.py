@@ -122,12 +122,7 @@ def _unknown_key(keys: Keys, nodes: list[dict]) -> tuple[str, str | None]:
 
 
 _KINDS = {"float_type": "a number", "int_type": "a whole number", "string_type": "text in quotes"}
-_KINDS |= {
-    "bool_type": "true or false",
-    "tuple_type": "a list",
-    "list_type": "a list",
-    "dict_type": "a table",
-}
+_KINDS |= {"bool_type": "true or false", "tuple_type": "a list", "list_type": "a list", "dict_type": "a table"}
 _KINDS |= {"model_type": "a table", "model_attributes_type": "a table", "int_from_float": "a whole number"}
 
 
@@ -237,16 +232,8 @@ def _allowed_one(node: dict) -> str:
         return ", ".join(choices)
     kind = node.get("type")
     if kind in ("number", "integer"):
-        bounds = [
-            f"{sign} {node[key]:g}"
-            for key, sign in (
-                ("minimum", ">="),
-                ("exclusiveMinimum", ">"),
-                ("maximum", "<="),
-                ("exclusiveMaximum", "<"),
-            )
-            if key in node
-        ]
+        signs = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+        bounds = [f"{sign} {node[key]:g}" for key, sign in signs.items() if key in node]
         return ("a number" if kind == "number" else "a whole number") + (f" {' and '.join(bounds)}" if bounds else "")
     if kind == "array":
         low, high = node.get("minItems"), node.get("maxItems")

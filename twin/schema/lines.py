@@ -124,4 +124,4 @@ class _Scanner:
                     self.i += 1
             self.i += 1
         else:
-            self.i = self.match(self._TEXT if opening in ("'", '"') and opening else self._BARE).end()
+            self.i = self.match(self._TEXT if opening in ("'", '"') else self._BARE).end()
