@@ -167,3 +167,15 @@ def test_numbers_that_no_robot_has_are_left_out_and_the_folder_can_be_read(name,
     toml, *_ = write_folder(imported, "r", tmp_path / "out", tmp_path / name)
     assert [d.max_effort for d in load(toml).drive] == [effort]
     assert load(toml).source == name
+
+
+def test_a_hinge_that_is_drawn_a_full_turn_away_from_its_limits_is_not_called_moved(tmp_path):
+    """Drawn at -148 degrees with limits 100 to 300: the hinge is at 212 degrees, and there is no loop to close."""
+    half = np.radians(-148) / 2
+    turned = f"quatd xformOp:orient = ({np.cos(half)}, 0, 0, {np.sin(half)})"
+    text = STAGE.replace("float physics:mass = MASS", f'{turned}\nuniform token[] xformOpOrder = ["xformOp:orient"]')
+    limits = "float physics:lowerLimit = 100\nfloat physics:upperLimit = 300\nuniform token physics:axis"
+    (tmp_path / "r.usda").write_text(text.replace("uniform token physics:axis", limits))
+    imported = close(read(tmp_path / "r.usda", guarded=False))
+    assert imported.mechanism.postures["home"]["j"] == pytest.approx(np.radians(212))
+    assert "import.moved" not in {f.code for f in imported.findings}

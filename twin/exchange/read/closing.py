@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -45,7 +44,9 @@ def close(imported: Imported) -> Imported:
     findings += said
     unread = [f for f in findings if f.severity == "warning" and f.code in _UNREAD]
     findings += [_gap(mechanism, name, *home.gap[name], unread) for name in home.gap if _open(*home.gap[name])]
-    moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - _drawn(mechanism, j.name)) > 1e-9]
+    rest = mechanism.rest
+    drawn = {j.name: j.coordinate(rest[j.parent], rest[j.child]) for j in mechanism.active}
+    moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - drawn[j.name]) > 1e-9]
     if moved:
         names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home.q_full[j.name])}" for j in moved)
         text = f"Driven joints were moved to close the loops; their values at home: {names}."
@@ -144,14 +145,6 @@ def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Se
         why = "With all other loops cut, this loop closes: the loops contradict each other, or need another start pose."
     text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {why}"
     return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
-
-
-def _drawn(mechanism: Mechanism, name: str) -> float:
-    joint = mechanism.joint(name)
-    T = joint.relative(mechanism.rest[joint.parent], mechanism.rest[joint.child])
-    if joint.is_angle:
-        return math.atan2(float(T[1, 0] - T[0, 1]), float(T[0, 0] + T[1, 1]))
-    return float(T[2, 3])
 
 
 def _shown(mechanism: Mechanism, name: str, q: float) -> str:
