@@ -74,8 +74,13 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
         a, b = (e.body for e in joint.ends)
         if a == b:
             continue
-        if way := _way(ways, a, b):
-            others = ", ".join(w.rpartition("/")[2] for w in way)
+        came = _reached(ways, a)
+        if b in came:
+            way = []
+            while b != a:
+                b, between = came[b]
+                way.insert(0, between.rpartition("/")[2])
+            others = ", ".join(way)
             text = (
                 f"joint {joint.path} closes a loop with {others}, and no joint of this loop is excluded from the "
                 "articulation: engines ignore one joint or reject the robot"
@@ -97,9 +102,9 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
         yield _FLOATING("/", "no joint connects the robot to the world, so the robot falls in a simulator")
 
 
-def _way(ways: dict[str, dict[str, str]], start: str, goal: str) -> list[str]:
-    """Return the joints on the path from one body to another; [] if there is no path."""
-    came: dict[str, tuple[str, str]] = {start: ("", "")}
+def _reached(ways: dict[str, dict[str, str]], start: str) -> dict[str, tuple[str, str]]:
+    """Return {body: (previous body, joint between the two)} of each body that is connected to the body `start`."""
+    came = {start: ("", "")}
     pending = [start]
     while pending:
         here = pending.pop(0)
@@ -107,21 +112,7 @@ def _way(ways: dict[str, dict[str, str]], start: str, goal: str) -> list[str]:
             if there not in came:
                 came[there] = (here, joint)
                 pending.append(there)
-    path = []
-    while goal in came and goal != start:
-        goal, joint = came[goal]
-        path.append(joint)
-    return path[::-1]
-
-
-def _reached(ways: dict[str, dict[str, str]], start: str) -> set[str]:
-    reached, pending = {start}, [start]
-    while pending:
-        for there in ways.get(pending.pop(), {}):
-            if there not in reached:
-                reached.add(there)
-                pending.append(there)
-    return reached
+    return came
 
 
 def _check_articulation(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
