@@ -7,7 +7,6 @@ interval. Therefore a stated error is compared with a quarter of the error measu
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -18,17 +17,10 @@ from twin.exchange.audit.physics import Joint
 from twin.exchange.audit.poses import Array
 
 
-@dataclass(frozen=True)
-class Loss:
-    """Maximum interpolation errors: position of any point of a link in m, rotation of a link in rad, joint gap in m."""
+def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> tuple[float, float, float] | None:
+    """Remove every second key, and return the maximum interpolation errors at these keys; None if there are too few.
 
-    position: float
-    rotation: float
-    gap: float
-
-
-def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> Loss | None:
-    """Remove every second key, and return the interpolation errors at these keys; None if there are too few keys.
+    The errors are: position of any point of a link in m, rotation of a link in rad, joint gap in m.
 
     Position errors are measured at the corners of each link's bounding box in `shapes`, else at the link's origin.
     """
@@ -49,7 +41,7 @@ def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> 
         position = max(position, *(float(np.linalg.norm(D[:, :3, :3] @ c + D[:, :3, 3], axis=1).max()) for c in ends))
         rotation = max(rotation, float(poses.angle(drawn[name][:, :3, :3], T[:, :3, :3]).max()))
     gap = max((gap_of(j, drawn) for j in joints), default=0.0)
-    return Loss(position, rotation, gap)
+    return position, rotation, gap
 
 
 def midway(A: Array, B: Array) -> Array:

@@ -56,7 +56,7 @@ def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequen
     data = content.extra["data"]
     if not content.clips or (loss := halved(content.clips[0], shapes, joints)) is None:
         return
-    for (key, text, unit), cost, floor in zip(_STATED, (loss.position, loss.rotation, loss.gap), _FLOOR, strict=True):
+    for (key, text, unit), cost, floor in zip(_STATED, loss, _FLOOR, strict=True):
         said, estimate = data.get(key), cost / 4
         if not isinstance(said, int | float) or (key == "joint_gap" and not joints):
             continue
