@@ -75,7 +75,7 @@ def swing():
 
 def write_good(folder: Path) -> Path:
     """Write the four-bar linkage with its swing in every format, a Unity package and proof.json; return the folder."""
-    from twin.exchange.write.glb import write_glb
+    from twin.exchange.write.glb import glb_bytes
     from twin.exchange.write.mjcf import write_mjcf
     from twin.exchange.write.tracks import write_tracks
     from twin.exchange.write.urdf import write_urdf
@@ -86,7 +86,7 @@ def write_good(folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     assumed = [f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in robot.parameters if p.provenance == "ASSUMED"]
     write_tracks(robot, clip, folder / "tracks", assumed=assumed)
-    write_glb(robot, [clip], folder / "bars.glb", {n: T[0] for n, T in clip.links.items()})
+    (folder / "bars.glb").write_bytes(glb_bytes(robot, [clip], {n: T[0] for n, T in clip.links.items()}))
     write_usd(robot, [clip], folder / "usd")
     write_usdz(robot, clip, folder / "bars_ar.usdz")
     write_mjcf(robot, folder)

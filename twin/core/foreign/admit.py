@@ -60,7 +60,7 @@ def admit_together(paths: Iterable[Path]) -> set[Path]:
         with contextlib.suppress(BudgetError, SourceError, OSError):
             _look_at_usd(path)
             likely.append(path)
-    return set(likely) if len(likely) > 1 and pass_together(likely, "USD") else set()
+    return set(likely) if len(likely) > 1 and pass_together(likely) else set()
 
 
 def _look_at_usd(path: Path) -> None:

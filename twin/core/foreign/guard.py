@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO
 
 from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.budget import BODIES, BUDGETS, MB, way
@@ -104,11 +104,11 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
     return code
 
 
-def pass_together(paths: Sequence[Path], kind: Literal["USD"]) -> bool:
-    """Return whether the parser can read all files in one process, which saves time: the parser is imported once."""
-    each = [limits(path, kind) for path in paths]
+def pass_together(paths: Sequence[Path]) -> bool:
+    """Return whether OpenUSD can read all stages in one process, which saves time: it is imported once."""
+    each = [limits(path, "USD") for path in paths]
     seconds, memory = sum(s for s, _ in each), max(m for _, m in each)
-    return _limited(kind, seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)
+    return _limited("USD", seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)
 
 
 def limits(path: Path, kind: str) -> tuple[float, int]:

@@ -34,23 +34,17 @@ _MOST_UINT16 = 65535
 """Maximum number of vertices with 16-bit indices; glTF reserves the highest index."""
 
 
-def write_glb(
-    mechanism: Mechanism,
-    clips: Sequence[Clip],
-    path: Path,
-    link_poses: Mapping[str, Array] | None = None,
-) -> Path:
-    """Write a robot with its clips as a .glb file, and return the path of the file.
-
-    Each clip becomes an animation with its name. `link_poses` has T_world_body (4, 4) of every body at rest; default:
-    home with closed loops.
-    """
-    Path(path).write_bytes(glb_bytes(mechanism, clips, link_poses))
-    return Path(path)
+def write_glb(mechanism: Mechanism, clips: Sequence[Clip], path: Path) -> Path:
+    """Write a robot at home with its clips as a .glb file, and return the path of the file."""
+    path.write_bytes(glb_bytes(mechanism, clips))
+    return path
 
 
 def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapping[str, Array] | None = None) -> bytes:
-    """Return the content of a .glb file; for the arguments see `write_glb`."""
+    """Return the content of a .glb file; each clip becomes an animation with its name.
+
+    `link_poses` has T_world_body (4, 4) of every body at rest; default: home with closed loops.
+    """
     rest = home_poses(mechanism) if link_poses is None else link_poses
     out = _Document()
     root, frames = node_names(mechanism, clips)

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -32,23 +32,8 @@ Plan = Callable[..., Trajectory]
 """Function (robot, protocol, progress) that returns the planned trajectory."""
 
 
-class Robot(Protocol):
-    """Interface that an export requires of a robot; `twin.api.Robot` implements it."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def files(self) -> Any: ...  # noqa: D102
-    @property
-    def unwritten(self) -> bool: ...  # noqa: D102
-    @property
-    def cad(self) -> Any: ...  # noqa: D102
-    @property
-    def mechanism(self) -> Any: ...  # noqa: D102
-    def weighed(self) -> Robot: ...  # noqa: D102
-    def protocol(self, name: str | Path) -> Any: ...  # noqa: D102
-    def bound(self, protocol: Any) -> Robot: ...  # noqa: D102
-    def kinematics(self) -> Any: ...  # noqa: D102
+Robot = Any
+"""A `twin.api.Robot`, whose type this room cannot import."""
 
 
 @dataclass(frozen=True)
