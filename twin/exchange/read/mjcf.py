@@ -275,12 +275,10 @@ class _Mjcf:
             joints.append(self._loop(i, label, kind == eq.mjEQ_WELD))
         elif kind == eq.mjEQ_JOINT:
             a, b = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
-            if b < 0:
+            if b < 0 or not np.any(data[1:5]):
                 raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
             if np.any(data[2:5]):
                 raise SourceError(f"{self.path}: equality '{name}' is a polynomial of degree > 1; the degree must be 1")
-            if data[1] == 0:
-                raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
             # MuJoCo: a - a_ref = c0 + c1 (b - b_ref)
             refs = [float(m.qpos0[m.jnt_qposadr[k]]) for k in (a, b)]
             total = float(data[0]) + refs[0] - float(data[1]) * refs[1]

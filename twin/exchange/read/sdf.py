@@ -234,26 +234,25 @@ class _Sdf:
 
     def _axis(self, name: str, where: str, kind: str, joint: Element, T: Array) -> tuple[Array, dict]:
         axis = joint.find("axis")
-        xyz = axis.find("xyz") if axis is not None else None
-        direction = self.xml.axis(where, "axis xyz", xyz.text if xyz is not None else None, (0, 0, 1))
-        expressed = xyz.get("expressed_in") if xyz is not None else None
-        if expressed:
+        axis = Element("axis") if axis is None else axis
+        xyz = axis.find("xyz")
+        direction = self.xml.axis(where, "axis xyz", None if xyz is None else xyz.text, (0, 0, 1))
+        if xyz is not None and (expressed := xyz.get("expressed_in")):
             direction = T[:3, :3].T @ self._at(expressed)[:3, :3] @ direction
         values: dict = {"active": True}
         bounds = []
         for key in ("lower", "upper"):
-            text = axis.findtext(f"limit/{key}") if axis is not None and kind != "continuous" else None
+            text = axis.findtext(f"limit/{key}") if kind != "continuous" else None
             value = None
             if text is not None and text.strip().lstrip("-+").lower() not in ("inf", "infinity"):
                 value = self.xml.number(where, key, text)
             bounds.append(None if value is None or abs(value) >= _ENDLESS else value)
         values["limits"] = limits(self.path, bounds[0], bounds[1], name, self.findings)
-        speed = axis.findtext("limit/velocity") if axis is not None else None
-        if speed is not None and 0 < (value := self.xml.number(where, "velocity", speed)) < _ENDLESS:
-            values["max_speed"] = value
-        effort = axis.findtext("limit/effort") if axis is not None else None
-        if effort is not None and 0 < (value := self.xml.number(where, "effort", effort)) < _ENDLESS:
-            self.efforts[name] = value
+        most = {key: self.xml.number(where, key, axis.findtext(f"limit/{key}"), 0.0) for key in ("velocity", "effort")}
+        if 0 < most["velocity"] < _ENDLESS:
+            values["max_speed"] = most["velocity"]
+        if 0 < most["effort"] < _ENDLESS:
+            self.efforts[name] = most["effort"]
         return T @ along(direction), values
 
     def _inertia(self, name: str, link: Element) -> Inertia | None:

@@ -92,7 +92,7 @@ def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str
     """
     model = ReferenceModel(mechanism)
     home = model.home()
-    found = None
+    values, found = _values(mechanism, home.q), None
     for i, joint in enumerate(mechanism.active):
         low, high = joint.limits or (-np.inf, np.inf)
         for step in (_STEP[joint.type], -_STEP[joint.type]):
@@ -105,16 +105,12 @@ def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str
             except TwinError:
                 continue
             by = f"{step / DEG:g} degrees" if joint.is_angle else f"{step / MM:g} mm"
-            found = found or (q, joint.name, by)
+            how = f"Driven joint {joint.name} moves by {by}"
             if np.abs(moved.T_base_tool - home.T_base_tool).max() > 1e-6:
-                return _values(mechanism, home.q), _values(mechanism, q), f"Driven joint {joint.name} moves by {by}."
-    values = _values(mechanism, home.q)
+                return values, _values(mechanism, q), f"{how}."
+            found = found or (values, _values(mechanism, q), f"{how}; the tool does not move.")
     if found is not None:
-        return (
-            values,
-            _values(mechanism, found[0]),
-            f"Driven joint {found[1]} moves by {found[2]}; the tool does not move.",
-        )
+        return found
     why = "No driven joint can be moved from home" if mechanism.active else "No joint is driven yet"
     return values, values, f"{why}: give `near` other values, as in joints = {{ NAME_deg = 5 }} or {{ NAME_mm = 10 }}."
 
