@@ -133,7 +133,7 @@ def _grouped(path: Path) -> bool:
 
     try:
         return "group" in tomllib.loads(path.read_text("utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
 
 
