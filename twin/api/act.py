@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from twin.api.judge import plan
 from twin.api.robot import Progress, Robot, load, silent
-from twin.core import assets
-from twin.core.errors import TwinError, unknown
+from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
@@ -61,22 +60,6 @@ def operate(
     progress("read CAD", 0.0)
     kin, mechanism = robot.kinematics(), robot.mechanism
     return run_trials(robot.name, kin, mechanism, chosen, trials, seed, clutch, scale, solver, progress)
-
-
-def load_scene(scene: str | Path) -> Scene:
-    """Return the scene with a name or path.
-
-    `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder.
-
-    Raises:
-        TwinError: there is no such scene.
-        DescriptionError: the scene file is malformed.
-    """
-    from twin.model.scene import load_scene as read
-
-    if (file := assets.scene_file(scene)) is None:
-        raise TwinError(unknown("scene", str(scene), assets.scenes()))
-    return read(file)
 
 
 def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
