@@ -46,7 +46,7 @@ def operate(
         progress: see `Progress`.
 
     Raises:
-        TwinError: the protocol has no insertion, `trials` is below 1, or `scale` is not above 0.
+        TwinError: the protocol has no insertion, `trials` is below 1, or `scale` is not above 0 and finite.
         KinematicsError: the robot cannot reach the end pose of a phase.
     """
     from twin.planning.protocol import Protocol
@@ -54,8 +54,8 @@ def operate(
 
     if trials < 1:
         raise TwinError(f"--trials {trials}: the number must be at least 1")
-    if not scale > 0:
-        raise TwinError(f"--scale {scale:g}: the scale must be above 0")
+    if not 0 < scale < float("inf"):
+        raise TwinError(f"--scale {scale:g}: the scale must be above 0 and finite")
     chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
     progress("read CAD", 0.0)
     kin, mechanism = robot.kinematics(), robot.mechanism
