@@ -15,7 +15,7 @@ from twin.cli import main
 from twin.core import spatial
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
-from twin.validation.masses import collect, possible
+from twin.validation.masses import audit, collect, possible
 from twin.validation.masses.guess import guesses, misfit
 from twin.validation.masses.possible import Stated, judged, stated
 
@@ -193,6 +193,15 @@ def test_the_printed_tables_of_the_pa10():
     assert "row 2 alone 93.420 kg" in source.findings[0].message
 
 
+def test_moments_about_the_mass_centre_need_no_mass():
+    """Without a first moment, any mass is possible, also a small one."""
+    out = judged(Stated("b", "t", None, np.zeros(3), np.diag([2.0, 3.0, 4.0])))
+    assert (out.least, out.findings) == (0.0, ())
+    assert 0 < out.definite < 1
+    thin = judged(Stated("b", "t", None, np.zeros(3), np.diag([1.0, 1.0, 4.0])))
+    assert codes(thin.findings) == ["inertia.impossible"]
+
+
 @SLOW
 @given(st.integers(0, 10**6))
 def test_the_sign_of_printed_products_is_told_by_the_mass_that_it_asks_for(seed):
@@ -201,14 +210,12 @@ def test_the_sign_of_printed_products_is_told_by_the_mass_that_it_asks_for(seed)
     for i in range(4):
         inertia, _ = body(int(rng.integers(10**6)))
         s = stated(f"{i}", "t", inertia)
-        J = s.tensor
-        products = np.array([J[0, 1], J[0, 2], J[1, 2]])
-        rows.append((s.name, s.first, np.diag(J), products))
-        negated.append((s.name, s.first, np.diag(J), -products))
+        rows.append((s.name, s.first, s.tensor))
+        negated.append((s.name, s.first, audit.negated(s.tensor)))
     assert "inertia.sign" not in codes(collect.of_moments("t", rows).findings)
     told = collect.of_moments("t", negated)
     assert codes(told.findings) in (["inertia.sign"], ["inertia.sign_open"])
-    least = sum(possible.least_mass(np.diag(m) * 0 + collect._tensor(m, p), h) for _, h, m, p in negated)
+    least = sum(possible.least_mass(J, h) for _, h, J in negated)
     if least > 1.1 * sum(b.least for b in told.bodies):
         assert codes(told.findings) == ["inertia.sign"]
 

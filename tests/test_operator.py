@@ -158,3 +158,6 @@ def test_wrong_input_is_named(tmp_path, capsys):
     assert not (tmp_path / "op").exists()
     assert main(["operate", "sher", "--trials", "0"]) == 2
     assert "--trials 0: the number must be at least 1" in capsys.readouterr().err
+    for scale in ("inf", "nan", "0"):
+        assert main(["operate", "sher", "--scale", scale]) == 2
+        assert f"--scale {scale}: the scale must be above 0 and finite" in capsys.readouterr().err

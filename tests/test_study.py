@@ -113,5 +113,8 @@ def test_bad_files_are_told_with_their_line(tmp_path, capsys):
     file.write_text(FILE.read_text().replace("[46.65, 38.11, 40.92, 36.80, 45.63]", "[46.65, 38.11]"))
     with pytest.raises(DescriptionError, match=r"bad\.toml:\d+.*5 values, but `physical` has 2; give one per user"):
         load(file)
+    file.write_text(FILE.read_text().replace("physical = [8.4, 1.85]", "physical = [8.4, -1.85]"))
+    with pytest.raises(DescriptionError, match=r"bad\.toml:33: rating.*out of range"):
+        load(file)
     assert main(["study", "sils"]) == 2
     assert "sils has no study file and no published inertia tables" in capsys.readouterr().err

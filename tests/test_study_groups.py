@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twin.api.published import study
 from twin.cli import main
-from twin.core.errors import DescriptionError
+from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import MM
 from twin.simulation.controllers.console import READINGS, console
 from twin.validation import accuracy
@@ -162,12 +163,23 @@ def test_what_cannot_follow_is_found(code, old, new, tmp_path):
         ("mean = { A = 1.25, B = 1.40 }", "mean = { A = 1.25 }", "give one number for each group: A, B"),
         ('["A", "B"], printed', '["A", "C"], printed', "groups are A, B"),
         ('outcomes = ["errors"]', 'outcomes = ["time"]', "there is no outcome 'time'"),
+        ('where = ["here", "there"]', 'where = ["here"]', "give one list of values for each place: 1 place, 2 lists"),
+        ("std = { A = 1.0", "std = { A = -1.0", "out of range"),
+        ("std = [0.03, 0.03, 0.02]", "std = [0.03, -0.03, 0.02]", "out of range"),
+        ("upper = { A = 50", "upper = { A = 20", "A: the range ends below its beginning"),
         ('of = "lin"', 'of = "ang"', r"no \[\[accuracy\]\] section has the name 'ang'; the names are lin"),
     ],
 )
 def test_bad_files_are_told_with_their_line(old, new, said, tmp_path):
     with pytest.raises(DescriptionError, match=rf"small\.toml:\d+.*{said}"):
         small(tmp_path, (old, new))
+
+
+def test_a_file_of_many_nested_lists_is_refused(tmp_path):
+    file = tmp_path / "deep.toml"
+    file.write_text("a = " + 3000 * "[" + 3000 * "]")
+    with pytest.raises(TwinError, match=r"deep\.toml: depth of the brackets"):
+        study(file)
 
 
 # -- the accuracy chain ---------------------------------------------------------------------------------------------

@@ -236,6 +236,14 @@ def test_measures_of_a_peg_board_are_the_papers():
     assert (found["time_s"], found["errors"], found["psm1_path_mm"]) == (200, 3, 5)
 
 
+@pytest.mark.parametrize("content", [{}, {"scene": "s", "task": None, "time_s": 1.0, "hands": [3]}])
+def test_a_damaged_session_json_is_refused(content, tmp_path):
+    file = tmp_path / "session.json"
+    file.write_text(json.dumps({"schema": "twin/session/1", **content}))
+    with pytest.raises(DescriptionError, match=r"session\.json: .*damaged"):
+        study_sessions({"a": [file], "b": [file]})
+
+
 def test_sessions_that_cannot_be_compared_are_refused(four, tmp_path):
     other = session(tmp_path, "other", 80, task="pegboard")
     with pytest.raises(DescriptionError, match=r"session of davinci, task pegboard: the tasks must be equal"):

@@ -189,7 +189,7 @@ def stand(monkeypatch):
     """A scene with two places for arms, and nothing else."""
     places = tuple(Place(n, "arm", "", T, {}, {}, {}) for n, T in PLACES.items())
     scene = SimpleNamespace(name="stand", places=places, props=None, touching=frozenset())
-    monkeypatch.setattr("twin.api.together._scene", lambda name: scene)
+    monkeypatch.setattr("twin.api.together.load_scene", lambda name: scene)
     return scene
 
 

@@ -42,7 +42,8 @@ POSITIONS = 27_000
 """Number of tool positions at which every design is evaluated."""
 
 _SPREAD = Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG)
-_UNITS = {"m": 1.0, "mm": MM, "um": UM, "µm": UM, "rad": 1.0, "deg": DEG, "": 1.0}
+_LENGTHS, _ANGLES = {"m": 1.0, "mm": MM, "um": UM, "µm": UM}, {"rad": 1.0, "deg": DEG}
+_UNITS = {**_LENGTHS, **_ANGLES, "": 1.0}
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ def factor(robot: api.Robot, text: str) -> Factor:
     """Return the factor for the text NAME=LOW..HIGH[unit]; default unit: the unit of the parameter, or mm.
 
     Raises:
-        TwinError: the text does not have this form, or the name does not exist.
+        TwinError: the text does not have this form, the name does not exist, or the unit is not one of its kind.
     """
     name, mark, range_ = text.partition("=")
     low, dots, high = range_.partition("..")
@@ -111,14 +112,17 @@ def factor(robot: api.Robot, text: str) -> Factor:
     if not ends[0] < ends[1]:
         raise TwinError(f"--vary '{text}': the lower value {ends[0]:g} must be below the upper value {ends[1]:g}")
     if ":" in name:
-        drawn = distance(robot.mechanism, name)
-        unit = unit or "mm"
-        return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, drawn)
-    parameters = {p.name: p for p in robot.formula.parameters}
-    if name not in parameters:
-        raise TwinError(f"--vary: {unknown('parameter', name, parameters)}; a distance is written body:joint-joint")
-    unit = unit or (parameters[name].unit if parameters[name].unit in _UNITS else "")
-    return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, float(parameters[name].value))
+        drawn, own = distance(robot.mechanism, name), "mm"
+    else:
+        parameters = {p.name: p for p in robot.formula.parameters}
+        if name not in parameters:
+            raise TwinError(f"--vary: {unknown('parameter', name, parameters)}; a distance is written body:joint-joint")
+        drawn, own = float(parameters[name].value), parameters[name].unit
+    unit = unit or (own if own in _UNITS else "")
+    for kind, units in (("length", _LENGTHS), ("angle", _ANGLES)):
+        if own in units and unit not in units:
+            raise TwinError(f"--vary '{text}': {name} is given in {own}; '{unit}' is not a unit of {kind}")
+    return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, drawn)
 
 
 def distance(mechanism: Mechanism, name: str) -> float:

@@ -9,7 +9,7 @@ implicit equations. A Monte Carlo simulation with compiled Newton steps checks t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -26,7 +26,7 @@ from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.core.units import DEG, UM
 from twin.kinematics.closed_loops import LoopSolver, linear
-from twin.kinematics.closed_loops.equations import Equations
+from twin.kinematics.closed_loops.equations import Equations, stepped
 from twin.model.mechanism import Mechanism
 
 _CHUNK = 8192
@@ -147,21 +147,20 @@ class Tolerances:
         Raises:
             AssemblyError: the loops cannot be closed at q.
         """
-        found = self.solver.forward_many(np.asarray(q, float)[None])
+        q = np.asarray(q, float)
+        found = self.solver.forward_many(q[None])
         self.solver.forward(q)  # raises a clear error if the loops cannot be closed
         state = found.states[:, 0]
-        S = self._sensitivity(np.asarray(q, float), state)
+        S = self._sensitivity(q, state)
         covariance = (S * self.sigma**2) @ S.T
-        budget = Budget(name, np.asarray(q, float), S, self.labels, self.sigma, covariance, _within(covariance))
+        budget = Budget(name, q, S, self.labels, self.sigma, covariance, _within(covariance))
         if not samples:
             return budget
-        twists = self._chance(np.asarray(q, float), state, samples, rng or np.random.default_rng(0))
+        twists = self._chance(budget.q, state, samples, rng or np.random.default_rng(0))
         size = np.stack([np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)])
         far, turned = np.quantile(size, SHARE, axis=1)
         sampled: Array = twists.T @ twists / samples
-        return Budget(
-            name, budget.q, S, self.labels, self.sigma, covariance, budget.within, sampled, (far, turned), samples
-        )
+        return replace(budget, sampled=sampled, sampled_within=(far, turned), samples=samples)
 
     def _derivatives(self, T: ca.SX) -> ca.Function:
         """Return derivatives of residual and tool pose with respect to unknowns, frame errors and active joints."""
@@ -177,11 +176,7 @@ class Tolerances:
 
         def twist(by: ca.SX) -> ca.SX:
             rows = ca.jacobian(T[:3, 3], by)
-            turns = []
-            for k in range(by.numel()):
-                W = ca.jtimes(T[:3, :3], by, ca.SX.eye(by.numel())[:, k])
-                turns.append(W)
-            spun = [at(W) @ R.T for W in turns]
+            spun = [at(ca.jtimes(T[:3, :3], by, ca.SX.eye(by.numel())[:, k])) @ R.T for k in range(by.numel())]
             vee = [ca.vertcat(W[2, 1], W[0, 2], W[1, 0]) for W in spun]
             return ca.vertcat(at(rows), ca.horzcat(*vee) if vee else ca.SX(3, 0))
 
@@ -217,25 +212,14 @@ class Tolerances:
         """Compiled function that closes the loops with given errors, by Gauss-Newton from the error-free state."""
         e = self.equations
         keys = [p.key for p in e.passive]
-        seed = ca.SX.sym("seed", e.states.numel())
-        parts, at = [], 0
-        for p in e.passive:
-            parts.append(seed[at : at + p.state.numel()])
-            at += p.state.numel()
-        stages = [Stage(ca.Function("split", [seed], parts), ("seed",), tuple(keys))] if keys else []
+        stages = [Stage(e.split(), ("seed",), tuple(keys))] if keys else []
         arguments = [self.error, e.q, *[p.state for p in e.passive]]
         takes = ("e", "q", *keys)
         if keys and e.residual.numel():
             pattern = np.array(ca.DM(e.jacobian.sparsity(), 1).full(), bool)
             step = linear.least_squares(e.jacobian, -e.residual, pattern)
-            size = ca.SX(0)
-            for x in ca.vertsplit(step):
-                size = ca.fmax(size, ca.fabs(x))
-            new, at = {}, 0
-            for p in e.passive:
-                new[p.key] = p.stepped(step[at : at + p.step.numel()])
-                at += p.step.numel()
-            function = ca.Function("step", arguments, [*new.values(), size], {"cse": True})
+            new = stepped(e.passive, step)
+            function = ca.Function("step", arguments, [*new.values(), linear.largest(step)], {"cse": True})
             stages.append(Stage(function, takes, (*new, "error"), _NEWTON, _LAST))
         pose = ca.Function("pose", arguments, [ca.densify(ca.vec(e.T_base_tool[:3, :].T))], {"cse": True})
         stages.append(Stage(pose, takes, ("pose",)))

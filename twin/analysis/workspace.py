@@ -26,6 +26,7 @@ from twin.core.findings import Finding
 from twin.core.result import Part, Result
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.formula import symbolic
 from twin.kinematics.closed_loops.dragging import Bound, bounds_of
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 CHUNK = 1 << 18
 """Number of poses in a chunk, which takes tens of milliseconds and a few MB."""
 
-COLUMNS = ("reached", "inverse_condition", "limit_margin", "singularity")
+COLUMNS = measure.NAMES
 """Columns of the values for each position.
 
 `reached`: fraction of the orientations that are reached at the position. Over these orientations: `inverse_condition`,
@@ -107,19 +108,8 @@ class Grid:
             turn = i - self.turns * place
             parts = [turn / measure.ROOT**k for k in (1, 2, 3)]
             w = [2 * self.tilt * (x + 0.5 - ca.floor(x + 0.5) - 0.5) for x in parts]
-            R = _turned(ca.vertcat(*w)) @ R
+            R = symbolic.exp_so3(ca.vertcat(*w)) @ R
         return ca.vertcat(ca.horzcat(R, ca.vertcat(*p)), ca.SX([[0, 0, 0, 1]]))
-
-
-def _turned(w: ca.SX) -> ca.SX:
-    """Return the rotation (3, 3) for a rotation vector (3) in rad, exact and smooth at 0."""
-    square = ca.sumsqr(w)
-    safe = ca.if_else(square > 1e-24, square, 1)
-    angle = ca.sqrt(safe)
-    a = ca.if_else(square > 1e-24, ca.sin(angle) / angle, 1)
-    b = ca.if_else(square > 1e-24, (1 - ca.cos(angle)) / safe, 0.5)
-    K = ca.skew(w)
-    return ca.SX.eye(3) + a * K + b * (K @ K)
 
 
 @dataclass(frozen=True)
@@ -338,9 +328,9 @@ def judge(robot: Robot, grid: Grid) -> Kernel:
     return measure.kernel(kin, robot.mechanism.limits, grid.pose, bounds=shared_bounds(robot))
 
 
-def chunks(grid: Grid, size: int = CHUNK) -> Iterator[tuple[int, int]]:
-    """Yield (first position, last position + 1) of chunks of about `size` poses."""
-    many = max(1, size // grid.turns)
+def chunks(grid: Grid) -> Iterator[tuple[int, int]]:
+    """Yield (first position, last position + 1) of chunks of about `CHUNK` poses."""
+    many = max(1, CHUNK // grid.turns)
     for first in range(0, grid.positions, many):
         yield first, min(first + many, grid.positions)
 

@@ -1,13 +1,14 @@
 """The Python API, also used by the command line: robots and scenes, and functions on them."""
 
 from twin.api.about import SCENE_COMMANDS, info, info_of_scene, listing
-from twin.api.act import load_scene, operate, play, world
+from twin.api.act import operate, play, world
 from twin.api.control import track
 from twin.api.current import check_build
 from twin.api.judge import explain, plan, strokes, validate
 from twin.api.make import audit, build, export
 from twin.api.published import console, equations_of_motion, masses, study
 from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, load, names
+from twin.api.standing import load_scene
 from twin.api.together import plan_together
 
 __all__ = [

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from twin.api.judge import plan
 from twin.api.robot import Progress, Robot, load, silent
-from twin.core import assets
-from twin.core.errors import TwinError, unknown
+from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
@@ -47,7 +46,7 @@ def operate(
         progress: see `Progress`.
 
     Raises:
-        TwinError: the protocol has no insertion, `trials` is below 1, or `scale` is not above 0.
+        TwinError: the protocol has no insertion, `trials` is below 1, or `scale` is not above 0 and finite.
         KinematicsError: the robot cannot reach the end pose of a phase.
     """
     from twin.planning.protocol import Protocol
@@ -55,28 +54,12 @@ def operate(
 
     if trials < 1:
         raise TwinError(f"--trials {trials}: the number must be at least 1")
-    if not scale > 0:
-        raise TwinError(f"--scale {scale:g}: the scale must be above 0")
+    if not 0 < scale < float("inf"):
+        raise TwinError(f"--scale {scale:g}: the scale must be above 0 and finite")
     chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
     progress("read CAD", 0.0)
     kin, mechanism = robot.kinematics(), robot.mechanism
     return run_trials(robot.name, kin, mechanism, chosen, trials, seed, clutch, scale, solver, progress)
-
-
-def load_scene(scene: str | Path) -> Scene:
-    """Return the scene with a name or path.
-
-    `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder.
-
-    Raises:
-        TwinError: there is no such scene.
-        DescriptionError: the scene file is malformed.
-    """
-    from twin.model.scene import load_scene as read
-
-    if (file := assets.scene_file(scene)) is None:
-        raise TwinError(unknown("scene", str(scene), assets.scenes()))
-    return read(file)
 
 
 def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:

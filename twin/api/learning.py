@@ -35,12 +35,15 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
     for i, (group, number, path) in enumerate(files):
         progress(path.name, i / len(files))
         found = _content(path)
-        task = f"{found['scene']}, task {found['task'] or 'none'}"
+        try:
+            task, row = f"{found['scene']}, task {found['task'] or 'none'}", measures(found)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise DescriptionError(f"{path}: the session is damaged ({type(error).__name__}: {error})") from error
         tasks.setdefault(task, path)
         if len(tasks) > 1:
             (a, first), (b, other) = tasks.items()
             raise DescriptionError(f"{first} is a session of {a}, {other} is a session of {b}: the tasks must be equal")
-        rows.append((group, float(number), measures(found)))
+        rows.append((group, float(number), row))
     names = [n for n in rows[0][2] if all(n in row for _, _, row in rows)]
     table = {n: [row[n] for _, _, row in rows] for n in names}
     users = Users(next(iter(tasks)), [g for g, _, _ in rows], [k for _, k, _ in rows], False, table)

@@ -99,7 +99,7 @@ class ChildMachine:
         address: network address of the machine.
     """
 
-    def __init__(self, robot: str, *, mass: float = 1.0, friction: float = 1.0, faults: Sequence[Fault] = ()) -> None:
+    def __init__(self, robot: str, *, faults: Sequence[Fault] = ()) -> None:
         """Start the machine of a robot, a name or folder, and press its start button; see `machine`.
 
         Raises:
@@ -108,7 +108,7 @@ class ChildMachine:
         from twin.simulation.machine.link import Address
         from twin.simulation.machine.server import HOST
 
-        self._process = Apart(_run, robot, mass, friction, tuple(faults))
+        self._process = Apart(_run, robot, tuple(faults))
         try:
             told = self._process.line.recv()
         except EOFError:
@@ -128,12 +128,12 @@ class ChildMachine:
         self._process.line.close()
 
 
-def _run(line: Connection, name: str, mass: float, friction: float, faults: Sequence[Fault]) -> None:
+def _run(line: Connection, name: str, faults: Sequence[Fault]) -> None:
     """Run a machine in the child process until the parent process closes the connection."""
     from twin.simulation.machine.server import Server
 
     try:
-        made = machine(machine_parts(load(name)), mass=mass, friction=friction, faults=faults)
+        made = machine(machine_parts(load(name)), faults=faults)
         server = Server(made)
     except TwinError as error:
         line.send(str(error))

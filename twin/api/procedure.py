@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from twin.api.act import anatomy_of, load_scene, members_of, props_of, robots_at
+from twin.api.act import anatomy_of, members_of, props_of, robots_at
 from twin.api.robot import Progress, silent
+from twin.api.standing import load_scene
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, warning

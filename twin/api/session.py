@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from twin.api.act import load_scene, members_of, props_of, robots_at
+from twin.api.act import members_of, props_of, robots_at
 from twin.api.console_session import Arm, ConsoleSession
 from twin.api.machine import Machines, machine_parts
 from twin.api.robot import Progress, Robot, silent
+from twin.api.standing import load_scene
 from twin.core import assets
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, TwinError

@@ -1,8 +1,9 @@
-"""Obstacles around a robot in a scene: props, and the other robots in their rest poses or in given poses."""
+"""Find a scene, a robot in it, and the obstacles around a robot: props, and the other robots at rest or as given."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.core import assets, spatial
@@ -10,8 +11,37 @@ from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
-    from twin.model.scene import Scene
+    from twin.model.scene import Place, Scene
     from twin.reference.pairs import Still
+
+
+def load_scene(scene: str | Path) -> Scene:
+    """Return the scene with a name or path.
+
+    `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder.
+
+    Raises:
+        TwinError: there is no such scene.
+        DescriptionError: the scene file is malformed.
+    """
+    from twin.model.scene import load_scene as read
+
+    if (file := assets.scene_file(scene)) is None:
+        raise TwinError(unknown("scene", str(scene), assets.scenes()))
+    return read(file)
+
+
+def place_of(scene: Scene, name: str, taken: Collection[str] = ()) -> Place:
+    """Return the place of a robot, by its name in the scene or by its kind, without the places `taken`.
+
+    Raises:
+        TwinError: there is no such place.
+    """
+    place = next((p for key in ("name", "robot") for p in scene.places if getattr(p, key) == name), None)
+    if place is None or place.name in taken:
+        left = ", ".join(p.name for p in scene.places if p.name not in taken)
+        raise TwinError(f"scene '{scene.name}' has no {'further ' if place else ''}robot '{name}'; it has: {left}")
+    return place
 
 
 def standing(
@@ -27,14 +57,7 @@ def standing(
     Raises:
         TwinError: there is no such scene, or the robot is not in it.
     """
-    from twin.model.scene import load_scene
-
-    if (file := assets.scene_file(scene)) is None:
-        raise TwinError(unknown("scene", scene, assets.scenes()))
-    read = load_scene(file)
-    own = next((p for key in ("name", "robot") for p in read.places if getattr(p, key) == robot), None)
-    if own is None:
-        raise TwinError(f"scene '{read.name}' has no robot '{robot}'; it has: {', '.join(p.name for p in read.places)}")
+    own = place_of(read := load_scene(scene), robot)
     return _loaded(read, {own.name: ""}, own.T_world_base, load, poses or {})
 
 

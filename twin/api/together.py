@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.api.robot import Progress, Robot, load, silent
-from twin.core import assets, spatial
-from twin.core.errors import CancelledError, ProtocolError, TwinError, unknown
+from twin.api.standing import load_scene, obstacles, place_of
+from twin.core import spatial
+from twin.core.errors import CancelledError, ProtocolError, TwinError
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
@@ -127,10 +128,10 @@ def plan_together(
 
     if not 0 < clearance < float("inf"):
         raise ProtocolError(f"the clearance is {clearance:g} m; give a finite number above 0")
-    read = _scene(scene)
+    read = load_scene(scene)
     found: list[_Arm] = []
     for name, (robot, protocol) in arms.items():
-        place = _place(read, name, {a.name for a in found})
+        place = place_of(read, name, {a.name for a in found})
         if robot.name != place.robot:
             raise TwinError(
                 f"'{name}' in scene '{read.name}' is the robot {place.robot}; a plan of {robot.name} does not apply"
@@ -155,23 +156,6 @@ def plan_together(
         raise ProtocolError(f"{reason}. In the opposite order: {error}") from error
 
 
-def _scene(scene: str) -> Scene:
-    from twin.model.scene import load_scene
-
-    if (file := assets.scene_file(scene)) is None:
-        raise TwinError(unknown("scene", scene, assets.scenes()))
-    return load_scene(file)
-
-
-def _place(read: Scene, name: str, taken: set[str]) -> Place:
-    """Return the place of a robot, by its name in the scene or its kind; an error if there is none outside `taken`."""
-    place = next((p for k in ("name", "robot") for p in read.places if getattr(p, k) == name), None)
-    if place is None or place.name in taken:
-        left = ", ".join(p.name for p in read.places if p.name not in taken)
-        raise TwinError(f"scene '{read.name}' has no {'further ' if place else ''}robot '{name}'; it has: {left}")
-    return place
-
-
 class _Plan:
     """A plan with one order of the arms."""
 
@@ -194,7 +178,6 @@ class _Plan:
 
         The arms after these are left out; all other robots of the scene are obstacles.
         """
-        from twin.api.standing import obstacles
         from twin.model.joined import joined, owners
         from twin.reference import ReferenceModel
         from twin.reference.space import JointSpace

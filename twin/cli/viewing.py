@@ -104,7 +104,6 @@ def show_page(
 def _write(
     load: Callable[[viser.ViserServer, dict[str, Any]], Page], title: str, port: int, args: argparse.Namespace
 ) -> int:
-    """Write a recording as a page in a file."""
     from twin.ui.door.gate import Gate
     from twin.ui.viewer.front import Front
     from twin.ui.viewer.server import serve, stop

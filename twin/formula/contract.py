@@ -164,6 +164,16 @@ class Formula:
         """Return whether the formula has an equation of a stage: "inverse", "forward" or "helper"."""
         return any(e.stage == stage for e in self.equations)
 
+    @property
+    def scalars(self) -> dict[str, dict[str, str]]:
+        """Symbols of the scalars by kind ("passive", "reach", "measure", "aspect") and name, in order."""
+        return {
+            "passive": {name: name for name in self.passive},
+            "reach": dict(self.reach),
+            "measure": {m.name: m.symbol for m in self.measures},
+            "aspect": {a.symbol: a.symbol for a in self.aspects},
+        }
+
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _JOINT_NAME = re.compile(r"[a-z][a-z0-9_]*")

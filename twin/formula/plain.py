@@ -126,11 +126,14 @@ class _Rows(PlainRows):
         Raises:
             KinematicsError: the function fails, or an output has a wrong shape; the message gives file and line.
         """
-        join = (lambda *q: ca.vertcat(*q)) if self.casadi else (lambda *q: np.array([from_sx(x) for x in q], object))
-        arguments = self.arguments(symbols, (lambda x: x) if self.casadi else from_sx, join)
-        value = self.run(arguments)
-        parts = self.spread(value, _split)
+        parts = self.spread(self.on_symbols(symbols), _split)
         return tuple(self._leave(p, n) for p, n in zip(parts, self.outputs, strict=True))
+
+    def on_symbols(self, symbols: Mapping[str, Any]) -> Any:
+        """Return the result of the function for CasADi symbols, by name."""
+        if self.casadi:
+            return self.run(self.arguments(symbols, lambda x: x, lambda *q: ca.vertcat(*q)))
+        return self.run(self.arguments(symbols, from_sx, lambda *q: np.array([from_sx(x) for x in q], object)))
 
     def run(self, arguments: Mapping[str, Any]) -> Any:
         """Call the function and return its result; an operation that gives NaN or infinity raises an error."""
@@ -271,13 +274,7 @@ def _symbols(parameters: Sequence[Parameter], joints: Sequence[str], coordinates
 def _point_names(
     points: _Rows, parameters: Sequence[Parameter], joints: Sequence[str], coordinates: Coordinates
 ) -> tuple[str, ...]:
-    symbols = _symbols(parameters, joints, coordinates)
-    arguments = points.arguments(
-        symbols,
-        (lambda x: x) if points.casadi else from_sx,
-        (lambda *q: ca.vertcat(*q)) if points.casadi else (lambda *q: np.array([from_sx(x) for x in q], object)),
-    )
-    value = points.run(arguments)
+    value = points.on_symbols(_symbols(parameters, joints, coordinates))
     if not isinstance(value, Mapping) or not all(isinstance(k, str) for k in value):
         raise points.error(f"points() must return a dictionary of named points, not {type(value).__name__}")
     return tuple(value)

@@ -25,8 +25,7 @@ class Program:
         order: symbols of all joints, in the order of q.
         extra_values: values (m, rad) of the joints that are not in the equations, by name; see `Compiled.auxiliary`.
         length: characteristic length in m.
-        group: evaluators by kind of scalar: "passive", "reach", "measure", "aspect".
-        scalars: names of the scalars of each kind, in the order of the evaluator's output.
+        group: evaluators by kind of scalar, see `Formula.scalars`.
     """
 
     def __init__(
@@ -50,22 +49,10 @@ class Program:
             self._z = self._q = ca.SX.sym("q", n)
             symbols = self._after_joints(self._z)
         self._symbols = flow.run(formula, variants, symbols, "helper")
-        self.scalars = {
-            "passive": formula.passive,
-            "reach": tuple(formula.reach),
-            "measure": tuple(m.name for m in formula.measures),
-            "aspect": tuple(a.symbol for a in formula.aspects),
-        }
-        groups = {
-            "passive": formula.passive,
-            "reach": tuple(formula.reach.values()),
-            "measure": tuple(m.symbol for m in formula.measures),
-            "aspect": tuple(a.symbol for a in formula.aspects),
-        }
         # Compiled here, not at first use, so that a missing point or measure causes an error at once.
         self.group = {
-            kind: Evaluator(kind, self._z, flow.gather(formula, self._symbols, names, kind))
-            for kind, names in groups.items()
+            kind: Evaluator(kind, self._z, flow.gather(formula, self._symbols, tuple(of.values()), kind))
+            for kind, of in formula.scalars.items()
         }
         self.points = Evaluator("points", self._z, self._points(), (len(formula.points), 3))
         self._partial: dict[tuple[str, ...], Evaluator] = {}
@@ -188,11 +175,8 @@ class Program:
                 symbols |= {symbol: p} if isinstance(symbol, str) else dict(zip(symbol, ca.vertsplit(p), strict=True))
             for stage in ("inverse", "forward", "helper"):
                 symbols = flow.run(self.formula, self.variants, symbols, stage)
-            names = (
-                *self.formula.reach.values(),
-                *(m.symbol for m in self.formula.measures),
-                *(a.symbol for a in self.formula.aspects),
-            )
+            kinds = self.formula.scalars
+            names = tuple(s for kind in ("reach", "measure", "aspect") for s in kinds[kind].values())
             self._partial[key] = Evaluator("margins_at", z, flow.gather(self.formula, symbols, names, "margin"))
         return self._partial[key]
 

@@ -7,6 +7,7 @@ error.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
@@ -17,6 +18,10 @@ METHODS = (
     *("exp", "log", "sqrt", "arctan2", "hypot", "fabs"),
 )
 """Functions that NumPy calls as methods of the objects in an array."""
+
+
+_BINARY = ("add", "sub", "mul", "truediv", "pow")
+_COMPARE = ("lt", "le", "gt", "ge", "eq", "ne")
 
 
 class NeedsNumberError(TypeError):
@@ -42,54 +47,6 @@ class Scalar:
             return NotImplemented
         return type(self)(self.functions[name](self.x, *values))
 
-    def __add__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: a + b)
-
-    def __radd__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: b + a)
-
-    def __sub__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: a - b)
-
-    def __rsub__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: b - a)
-
-    def __mul__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: a * b)
-
-    def __rmul__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: b * a)
-
-    def __truediv__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: a / b)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: b / a)
-
-    def __pow__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: a**b)
-
-    def __rpow__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: b**a)
-
-    def __lt__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: a < b)
-
-    def __le__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: a <= b)
-
-    def __gt__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: a > b)
-
-    def __ge__(self, other: Any) -> Any:
-        return self._made(other, lambda a, b: a >= b)
-
-    def __eq__(self, other: object) -> Any:
-        return self._made(other, lambda a, b: a == b)
-
-    def __ne__(self, other: object) -> Any:
-        return self._made(other, lambda a, b: a != b)
-
     __hash__ = None  # type: ignore[assignment] # equality is a symbol
 
     def __neg__(self) -> Any:
@@ -107,11 +64,11 @@ class Scalar:
 
     def radians(self) -> Any:
         """Return this angle, in degrees, converted to radians."""
-        return self * (np.pi / 180)
+        return self._made(np.pi / 180, operator.mul)
 
     def degrees(self) -> Any:
         """Return this angle, in radians, converted to degrees."""
-        return self * (180 / np.pi)
+        return self._made(180 / np.pi, operator.mul)
 
     deg2rad, rad2deg = radians, degrees
 
@@ -155,5 +112,14 @@ def _method(name: str) -> Callable[..., Any]:
     return method
 
 
+def _operator(name: str, reflected: bool = False) -> Callable[..., Any]:
+    compute = getattr(operator, name)
+    return lambda self, other: self._made(other, (lambda a, b: compute(b, a)) if reflected else compute)
+
+
 for _name in METHODS:
     setattr(Scalar, _name, _method(_name))
+for _name in (*_BINARY, *_COMPARE):
+    setattr(Scalar, f"__{_name}__", _operator(_name))
+for _name in _BINARY:
+    setattr(Scalar, f"__r{_name}__", _operator(_name, reflected=True))

@@ -173,7 +173,7 @@ class Compiled(ABC):
 
     def branch(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> np.ndarray:
         """Return the labels (k,) of the assemblies: names and signs of the aspects, such as "X_E+ z_up+ D-"."""
-        names, marks = self.program.scalars["aspect"], {1: "+", -1: "-", 0: "0"}
+        names, marks = self.formula.scalars["aspect"], {1: "+", -1: "-", 0: "0"}
         rows = self.aspect_signs(Ts, qs)
         return np.array([" ".join(f"{n}{marks[int(s)]}" for n, s in zip(names, r, strict=True)) for r in rows])
 
@@ -183,13 +183,14 @@ class Compiled(ABC):
         return " ".join(f"{a.symbol}{'+' if a.preferred > 0 else '-'}" for a in self.formula.aspects)
 
     def condition(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> float:
-        """Return the condition number of the Jacobian, rotations scaled by the characteristic length."""
-        if self.closed_forward:
-            return singularity.condition(self.jacobian(T, q), self.characteristic_length)
-        return singularity.condition_inverse(self.inverse_jacobian(T, q), self.characteristic_length)
+        """Return the condition number of the Jacobian at a pose or at q; see `condition_many`."""
+        return float(self.condition_many(_one(T), _one(q))[0])
 
     def condition_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the condition numbers (k,) of the scaled Jacobians, see `condition`; infinite if singular or NaN."""
+        """Return the condition numbers (k,) of the Jacobians, or of the inverse ones without forward equations.
+
+        Rotations are scaled by the characteristic length. Singular or NaN: infinite.
+        """
         if self.closed_forward:
             J = self.jacobian_many(Ts, qs)
             J[:, 3:] *= self.characteristic_length
@@ -235,7 +236,7 @@ class Compiled(ABC):
 
     def _named(self, kind: str, Ts: ArrayLike | None, qs: ArrayLike | None) -> dict[str, Array]:
         values = self.program.group[kind].many(self._states(Ts, qs))
-        return {name: values[:, i] for i, name in enumerate(self.program.scalars[kind])}
+        return {name: values[:, i] for i, name in enumerate(self.formula.scalars[kind])}
 
     def _states(self, Ts: ArrayLike | None, qs: ArrayLike | None) -> Array:
         """Return the input of the compiled functions: poses (k, 16), or joints (k, n)."""

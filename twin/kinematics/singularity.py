@@ -10,16 +10,6 @@ _WELL = 1e-8
 """Squared inverse condition number above which the eigenvalues of J J^T are accurate to eight digits."""
 
 
-def condition(J: Array, length: float) -> float:
-    """Return the condition number of a Jacobian (6, n), with rotation rows multiplied by `length` in m."""
-    return float(np.linalg.cond(np.vstack([J[:3], J[3:] * length])))
-
-
-def condition_inverse(J: Array, length: float) -> float:
-    """Return the condition number of an inverse Jacobian (n, 6), with rotation columns divided by `length` in m."""
-    return float(np.linalg.cond(np.hstack([J[:, :3], J[:, 3:] / length])))
-
-
 def condition_many(Js: Array) -> Array:
     """Return the condition numbers (k,) of Js (k, m, n); infinite for matrices that are singular or not finite.
 

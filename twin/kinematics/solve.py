@@ -67,7 +67,6 @@ def solve(
     rng: int = 0,
     any_branch: bool = False,
     length_scale: float | None = None,
-    tolerance: float = TOLERANCE,
 ) -> Solution:
     """Solve a task, from several starting states.
 
@@ -80,7 +79,6 @@ def solve(
         rng: seed of the random states; the same number gives the same solution.
         any_branch: whether to accept any branch, not only the branch of the seed or the preferred branch.
         length_scale: length in m that counts as much as 1 rad; default: the robot's characteristic length.
-        tolerance: norm of the dimensionless residual below which the task counts as solved.
 
     Returns:
         The first solution within the limits on the seed's branch (without a seed: the preferred branch).
@@ -96,11 +94,11 @@ def solve(
     first = [] if begin is None else [begin]
     for start in islice(chain(first, seeds(kin, rng, starts, bounds)), starts):
         tried += 1
-        result = descend(kin, task, start, bounds, length_scale, tolerance)
+        result = descend(kin, task, start, bounds, length_scale)
         iterations += result.iterations
         label = _label(kin, result.T if kin.closed_inverse else result.q)
         broken = _breaches(kin, result.q, bounds)
-        fine = result.residual <= tolerance and not broken and (any_branch or label == wanted)
+        fine = result.residual <= TOLERANCE and not broken and (any_branch or label == wanted)
         if best is None or (result.residual, len(broken)) < (
             best.residual,
             len(_breaches(kin, best.q, bounds)),
@@ -110,8 +108,8 @@ def solve(
             return Solution(result.q, result.T, result.residual, label, iterations)
     if best is None:
         raise KinematicsError(f"{kin.formula.name}: no starting state: give a seed, or define seeds in the formula.")
-    if best.residual > tolerance:
-        why = f"residual {best.residual:.3g} (dimensionless) stays above {tolerance:g}" + (f"; {why}" if why else "")
+    if best.residual > TOLERANCE:
+        why = f"residual {best.residual:.3g} (dimensionless) stays above {TOLERANCE:g}" + (f"; {why}" if why else "")
     elif not why:
         why = f"a solution was found only on branch {best.branch}, not on {wanted}"
     best = replace(best, iterations=iterations)
@@ -148,12 +146,7 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
 
 
 def descend(
-    kin: Compiled,
-    task: Task,
-    start: Array,
-    bounds: Array | None = None,
-    length_scale: float | None = None,
-    tolerance: float = TOLERANCE,
+    kin: Compiled, task: Task, start: Array, bounds: Array | None = None, length_scale: float | None = None
 ) -> Descent:
     """Return the result of one descent from a state, converged or not; the start must be within reach."""
     scale = kin.characteristic_length if length_scale is None else float(length_scale)
@@ -171,7 +164,7 @@ def descend(
     columns = 1 / joint_scale if kin.closed_forward else np.repeat([scale, 1.0], 3)
     inputs = np.concatenate([*(t.numbers for t in task.terms), *weights, columns, joint_scale, low, high])
     begin = np.minimum(np.maximum(start, low), high) if kin.closed_forward else start.ravel()
-    end, residual, tried = iteration(kin.program, kinds).run(begin, inputs, 0.01 * tolerance)
+    end, residual, tried = iteration(kin.program, kinds).run(begin, inputs, 0.01 * TOLERANCE)
     if kin.closed_forward:
         return Descent(kin.program.forward.one(end), end, residual, tried)
     return Descent(end.reshape(4, 4), kin.program.inverse.one(end)[:-1], residual, tried)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from casadi import atan2, cos, cross, dot, fabs, pi, sin, sqrt, vertcat
 
-from twin.core.provenance import Parameter
 from twin.core.units import DEG, MM
 from twin.formula import symbolic
 from twin.formula.contract import (
@@ -29,6 +28,7 @@ from twin.formula.contract import (
     Measure,
 )
 from twin.formula.equations import Equations
+from twin.robots._authoring import mm
 from twin.robots._sils_assembly import branches
 
 _PAPER = "RJTS-AM 68(1), 2023"
@@ -227,10 +227,6 @@ def _axes(alpha1, alpha2, alpha3):
 # ------------------------------------------------------------------- the formula
 
 
-def _length(name: str, mm: float, provenance, note: str) -> Parameter:
-    return Parameter(name, mm * MM, "mm", mm, provenance, note)
-
-
 _TABLE2 = (
     (380.0, 280.0, 185.0, 0.0, 0.0, 0.0),
     (407.9, 306.0, 211.4, 10.0, 15.0, 10.0),
@@ -246,19 +242,19 @@ FORMULA = Formula(
     title="SILS 6-DOF parallel robot, three limbs R-PRR-PRS",
     source="Ro. J. Techn. Sci. - Appl. Mech. 68(1), 3-18, 2023, DOI 10.59277/RJTS-AM.2023.1.01",
     parameters=(
-        _length(
+        mm(
             "l_0", 50.0, "PUBLISHED", f"{_EQ3}, printed l_o: distance from rail axis to strut and bar pivots, along e_r"
         ),
-        _length("l_1", 182.0, "PUBLISHED", f"{_EQ3}: length of the strut, and distance from bar pivot to apex joint"),
-        _length(
+        mm("l_1", 182.0, "PUBLISHED", f"{_EQ3}: length of the strut, and distance from bar pivot to apex joint"),
+        mm(
             "l_2",
             392.0,
             "PUBLISHED",
             f"{_EQ3}: distance from apex joint to ball centre; the bar has the length l_1 + l_2",
         ),
-        _length("l_p", 135.0, "PUBLISHED", f"{_EQ3}: side of the equilateral triangle S1 S2 S3"),
-        _length("L_V", 657.0, "PUBLISHED", f"{_EQ3}: height of the horizontal rail 2"),
-        _length(
+        mm("l_p", 135.0, "PUBLISHED", f"{_EQ3}: side of the equilateral triangle S1 S2 S3"),
+        mm("L_V", 657.0, "PUBLISHED", f"{_EQ3}: height of the horizontal rail 2"),
+        mm(
             "L_H",
             612.0,
             "ASSUMED",

@@ -7,12 +7,13 @@ error of eq. (7) as printed in the console's paper.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from twin.core.units import MM
+from twin.validation.console import Laws
 
 _REPEATS = 100
 """Number of repetitions of the test, for the long-run standard deviation."""
@@ -22,24 +23,8 @@ _REACH, _WAY, _ASIDE = 50 * MM, (20 * MM, 60 * MM), 1 * MM
 maximum) displacement, and maximum additional motion along each axis."""
 
 
-class Mover(Protocol):
-    """Interface of a console that computes tool poses from hand poses."""
-
-    def tool(self, P_0: np.ndarray, W_0: np.ndarray, W_1: np.ndarray, T: np.ndarray, scale: float) -> np.ndarray:
-        """Return the next tool pose (4, 4) in {RB}.
-
-        Args:
-            P_0: (4, 4) current tool pose in {RB}.
-            W_0: (4, 4) previous handle pose in {H}.
-            W_1: (4, 4) current handle pose in {H}.
-            T: (4, 4) pose of {H} in {RB}.
-            scale: motion scale: tool displacement divided by hand displacement.
-        """
-        ...
-
-
 def measure(
-    console: Mover, displacements: int, resolution: float, seed: int = 0
+    console: Laws, displacements: int, resolution: float, seed: int = 0
 ) -> tuple[Mapping[str, Any], list[float]]:
     """Simulate the accuracy test; return (plain data, standard deviation of the error along each axis in mm).
 

@@ -18,7 +18,7 @@ from twin.core.findings import Finding, Kind
 from twin.core.quantity import Quantity, deg, mm
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.body import Body
+from twin.model.body import Body, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, reversed_joint
 from twin.model.mechanism import Mechanism
@@ -202,19 +202,17 @@ def estimate(body: Body, description: Description) -> Inertia | None:
 
     Returns None if a mesh is open or has no material, so that the mass is unknown.
     """
-    total = None
-    for mesh in body.meshes:
-        if not solid.closed(mesh.triangles):
-            return None
-        density = None
+
+    def density(mesh: Mesh) -> float | None:
+        """Return the density of the last material that names the mesh."""
+        found = None
         for material in description.material.values():
             if any(fnmatch.fnmatch(mesh.name, pattern.lower()) for pattern in material.parts):
-                density = material.density_kg_m3
-        if density is None:
-            return None
-        part = solid.moments(mesh.vertices, mesh.triangles).scaled(density)
-        total = part if total is None else total + part
-    if total is None or total.volume <= 0:
+                found = material.density_kg_m3
+        return found
+
+    total = solid.of_meshes(body.meshes, density)
+    if total is None:
         return None
     com = total.first / total.volume
     about = total.second - total.volume * np.outer(com, com)

@@ -26,6 +26,8 @@ from twin.core.result import Table as Shown
 from twin.schema import Table, Vector, at, load_toml
 
 _ByGroup = dict[str, float]
+_Std = Annotated[float, Field(ge=0)]
+_StdByGroup = dict[str, _Std]
 
 
 class Group(Table):
@@ -53,7 +55,7 @@ class Outcome(Table):
     decimals: int = Field(ge=0, le=9)
     items: int = Field(default=0, ge=0)
     mean: _ByGroup
-    std: _ByGroup
+    std: _StdByGroup
     compared: list[Pair] = Field(default_factory=list)
 
 
@@ -63,7 +65,7 @@ class Span(Table):
     name: str
     unit: str
     mean: _ByGroup
-    std: _ByGroup
+    std: _StdByGroup
     lower: _ByGroup
     upper: _ByGroup
 
@@ -74,7 +76,7 @@ class Accuracy(Table):
     name: str
     unit: str
     mean: Vector
-    std: Vector
+    std: tuple[_Std, _Std, _Std]
     rmse: float = Field(ge=0)
     decimals: int = Field(ge=0, le=9)
 
@@ -132,6 +134,13 @@ class GroupTables(Table):
                     cells = getattr(row, field, None)
                     if cells is not None and set(cells) != names:
                         raise at((key, i, field), f"give one number for each group: {', '.join(sorted(names))}")
+        for i, row in enumerate(self.range):
+            if below := [g for g in row.lower if row.lower[g] > row.upper[g]]:
+                raise at(("range", i, "upper"), f"{below[0]}: the range ends below its beginning")
+        for i, twice in enumerate(self.twice):
+            if (places := len(twice.where)) != (lists := len(twice.values)):
+                text = f"give one list of values for each place: {places} place{'s' * (places > 1)}, {lists} lists"
+                raise at(("twice", i, "values"), text)
         for i, row in enumerate(self.outcome):
             for j, pair in enumerate(row.compared):
                 if not set(pair.between) <= names:

@@ -290,7 +290,6 @@ def _small(found: Sequence[Comparison]) -> Iterator[Finding]:
 
 
 def _read(path: Path) -> Users:
-    """Return the table of a CSV file."""
     try:
         rows = list(csv.reader(read_text(path, "CSV", "utf-8-sig").splitlines()))
     except UnicodeDecodeError as error:

@@ -18,6 +18,7 @@ from twin.core.quantity import Quantity
 from twin.schema import Table, at, load_toml
 
 _P = Annotated[float, Field(ge=0, le=1)]
+_MeanStd = tuple[float, Annotated[float, Field(ge=0)]]
 _HALF_DIGIT = 0.005
 """Half a unit of the last printed digit, for table cells and p-values."""
 
@@ -46,8 +47,8 @@ class Rating(Table):
     """One questionnaire item: mean and standard deviation of the ratings of both environments."""
 
     name: str
-    physical: tuple[float, float]
-    simulation: tuple[float, float]
+    physical: _MeanStd
+    simulation: _MeanStd
     printed_p: _P
 
 

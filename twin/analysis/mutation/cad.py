@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.analysis.mutation.fault import Fault
+from twin.analysis.mutation.fault import Fault, Made, drawn, some
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -19,35 +19,16 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
 KINDS = (
-    "moved",
-    "turned",
-    "moved",
-    "turned",
-    "limit",
-    "moved",
-    "turned",
-    "axis",
-    "swapped",
-    "limit",
-    "scale",
-    "inside out",
+    *("moved", "turned", "moved", "turned", "limit", "moved", "turned"),
+    *("axis", "swapped", "limit", "scale", "inside out"),
 )
 """Kinds of faults in the order of seeding; small errors of joint frames are the most frequent."""
 
 
 def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[Fault]:
     """Yield `count` faults of a mechanism; their kinds follow `KINDS`, repeated as often as necessary."""
-    for i in range(count):
-        kind = KINDS[i % len(KINDS)]
-        what, make = _MAKERS[kind](mechanism, rng)
+    for kind, (what, make) in drawn(KINDS, _MAKERS, mechanism, rng, count):
         yield Fault("cad", kind, what, mechanism=make)
-
-
-Made = tuple[str, Callable[[], Mechanism]]
-
-
-def _some(items, rng: np.random.Generator):
-    return items[rng.integers(len(items))]
 
 
 def _changed(m: Mechanism, joint: Joint, **values: object) -> Mechanism:
@@ -62,8 +43,8 @@ def drawn_anew(mechanism: Mechanism) -> Mechanism:
 
 
 def _on(m: Mechanism, rng: np.random.Generator, step: Array, text: str) -> Made:
-    joint = _some(m.joints, rng)
-    side, body = _some((("T_parent_joint", joint.parent), ("T_child_joint", joint.child)), rng)
+    joint = some(m.joints, rng)
+    side, body = some((("T_parent_joint", joint.parent), ("T_child_joint", joint.child)), rng)
     what = f"joint {joint.name} on {body} {text}"
     return what, lambda: drawn_anew(_changed(m, joint, **{side: getattr(joint, side) @ step}))
 
@@ -81,7 +62,7 @@ def _turned(m: Mechanism, rng: np.random.Generator) -> Made:
 
 
 def _axis(m: Mechanism, rng: np.random.Generator) -> Made:
-    joint = _some([j for j in m.joints if len(j.free_axes) == 1], rng)
+    joint = some([j for j in m.joints if len(j.free_axes) == 1], rng)
     R = spatial.pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))  # the old x axis becomes the z axis
 
     def make() -> Mechanism:
@@ -96,7 +77,7 @@ def _swapped(m: Mechanism, rng: np.random.Generator) -> Made:
     for j in m.joints:
         groups.setdefault(j.type, []).append(j)
     alike = [g for g in groups.values() if len(g) > 1]
-    first, second = rng.permutation(len(group := _some(alike, rng)))[:2]
+    first, second = rng.permutation(len(group := some(alike, rng)))[:2]
     a, b = group[first], group[second]
 
     def make() -> Mechanism:
@@ -110,11 +91,11 @@ def _limit(m: Mechanism, rng: np.random.Generator) -> Made:
     limited = [j for j in m.active if j.limits is not None]
     if not limited:
         return _moved(m, rng)
-    joint = _some(limited, rng)
+    joint = some(limited, rng)
     assert joint.limits is not None
     low, high = joint.limits
     unit = 180 / np.pi if joint.is_angle else 1000.0
-    name, limits = _some(
+    name, limits = some(
         (
             ("given in another unit, too wide", (low * unit, high * unit)),
             ("given in another unit, too narrow", (low / unit, high / unit)),
@@ -131,7 +112,7 @@ def _limit(m: Mechanism, rng: np.random.Generator) -> Made:
 
 def _shaped(m: Mechanism, rng: np.random.Generator, text: str, of: Callable[[Mesh], Mesh]) -> Made:
     mated = {b for j in m.joints if j.mating for b in (j.parent, j.child)}
-    body = _some([b for b in m.bodies if b.meshes and b.name in mated] or [b for b in m.bodies if b.meshes], rng)
+    body = some([b for b in m.bodies if b.meshes and b.name in mated] or [b for b in m.bodies if b.meshes], rng)
 
     def make() -> Mechanism:
         def new(b: Body) -> Body:
@@ -143,7 +124,7 @@ def _shaped(m: Mechanism, rng: np.random.Generator, text: str, of: Callable[[Mes
 
 
 def _scale(m: Mechanism, rng: np.random.Generator) -> Made:
-    factor = float(_some((1000.0, 0.001, 25.4, 1 / 25.4, 1.05), rng))
+    factor = float(some((1000.0, 0.001, 25.4, 1 / 25.4, 1.05), rng))
     return _shaped(m, rng, f"scaled by {factor:.4g}", lambda x: replace(x, vertices=factor * x.vertices))
 
 

@@ -7,6 +7,7 @@ closes the loops. Two stages are compared by the text of the flattened stage.
 
 from __future__ import annotations
 
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 
+_LIMITS = attrgetter("limits", "cone", "max_speed", "max_acceleration", "max_jerk")
 _POSES = 200
 _AROUND = (30 * MM, 15 * DEG)
 _SAME = 1e-12
@@ -50,13 +52,10 @@ def same_equations(a: Kinematics, b: Kinematics, trajectory: Trajectory, rng: np
 
 def _answers(kin: Kinematics, Ts: Array, q: Array):
     if kin.closed_inverse:
-        given = {"Ts": Ts, "qs": None}
         yield kin.inverse_many(Ts)
-    else:
-        given = {"Ts": None, "qs": q}
     if kin.closed_forward:
         yield kin.forward_many(q)
-    state = {k: v for k, v in given.items() if v is not None}
+    state = {"Ts": Ts} if kin.closed_inverse else {"qs": q}
     for group in (kin.points_many(**state), kin.passive_many(**state)):
         yield from group.values()
 
@@ -66,11 +65,10 @@ class Chain:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
-        active = {j.name: i for i, j in enumerate(mechanism.active)}
+        self.active = {j.name: i for i, j in enumerate(mechanism.active)}
         self.free: list[tuple[Joint, int]] = [
-            (j, axis) for j in mechanism.tree if j.name not in active for axis in FREE_AXES[j.type]
+            (j, axis) for j in mechanism.tree if j.name not in self.active for axis in FREE_AXES[j.type]
         ]
-        self.active = active
         self.index = {}
         for k, (j, axis) in enumerate(self.free):
             self.index.setdefault(j.name, []).append((axis, k))
@@ -117,7 +115,7 @@ class Chain:
                 turn = spatial.log_so3(M[:3, :3])
             e = np.concatenate([M[:3, 3], 0.1 * turn])
             out += [e[i] for i in sorted(locked)]
-        single = {j.name: k for j, k in ((j, self.index[j.name][0][1]) for j, _ in self.free)}
+        single = {name: axes[0][1] for name, axes in self.index.items()}
         for c in self.mechanism.couplings:
             total = sum(
                 r * (float(q[self.active[n]]) if n in self.active else float(x[single[n]]))
@@ -138,13 +136,7 @@ class Chain:
 def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int = 5) -> str:
     """Return the reason why two mechanisms are equivalent (limits, meshes, body poses); "" if they are not."""
     for one, two in zip(a.joints, b.joints, strict=True):
-        if (one.limits, one.cone, one.max_speed, one.max_acceleration, one.max_jerk) != (
-            two.limits,
-            two.cone,
-            two.max_speed,
-            two.max_acceleration,
-            two.max_jerk,
-        ):
+        if _LIMITS(one) != _LIMITS(two):
             return ""
     for one, two in zip(a.bodies, b.bodies, strict=True):
         for p, r in zip(one.meshes, two.meshes, strict=True):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
+
+import numpy as np
 
 from twin.api import Robot
 from twin.model.mechanism import Mechanism
@@ -54,6 +56,28 @@ class Fault:
     stage: Callable[[Path], None] | None = None
     protocol: Callable[[Path], Protocol] | None = None
     trajectory: Callable[[], Trajectory] | None = None
+
+
+Made = tuple[str, Any]
+"""Description of a fault, and the function of `Fault` that seeds it."""
+
+
+def drawn(
+    kinds: Sequence[str],
+    makers: Mapping[str, Callable[[Any, np.random.Generator], Made]],
+    subject: Any,
+    rng: np.random.Generator,
+    count: int,
+) -> Iterator[tuple[str, Made]]:
+    """Yield `count` faults of a subject, (kind, fault); the kinds follow `kinds`, repeated as often as necessary."""
+    for i in range(count):
+        kind = kinds[i % len(kinds)]
+        yield kind, makers[kind](subject, rng)
+
+
+def some(items: Any, rng: np.random.Generator) -> Any:
+    """Return one of the items at random."""
+    return items[rng.integers(len(items))]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.analysis.mutation.fault import Fault
+from twin.analysis.mutation.fault import Fault, Made, drawn
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -15,6 +15,9 @@ from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PhaseSpan, Trajectory
 
 KINDS = ("faster", "slower", "late joint", "bump", "stated speed", "RCM", "in motion", "planned", "shaft", "clock")
+
+_SCALED = ("tip_speed", "tip_acceleration", "rotation_speed", "rotation_acceleration")
+"""Limits of a protocol that are multiplied by a factor."""
 
 Planner = Callable[[Protocol], Trajectory]
 
@@ -25,16 +28,9 @@ def faults(
     """Yield faults of a trajectory; `planner` plans a protocol with the sample time of the trajectory."""
     about = any(s.rcm is not None for s in trajectory.phases)
     kinds = [k for k in KINDS if about or k not in ("RCM", "shaft")]
-    for i in range(count):
-        kind = kinds[i % len(kinds)]
-        if kind == "planned":
-            what, make = _planned(protocol, planner, rng)
-        else:
-            what, make = _MAKERS[kind](trajectory, rng)
+    makers = {**_MAKERS, "planned": lambda _, rng: _planned(protocol, planner, rng)}
+    for kind, (what, make) in drawn(kinds, makers, trajectory, rng, count):
         yield Fault("timing", kind, what, trajectory=make)
-
-
-Made = tuple[str, Callable[[], Trajectory]]
 
 
 def _scaled(t: Trajectory, factor: float) -> Trajectory:
@@ -126,14 +122,8 @@ def _in_motion(t: Trajectory, rng: np.random.Generator) -> Made:
 def _planned(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> Made:
     factor = float(rng.uniform(1.15, 2.0))
     limits = {
-        k: replace(
-            l,
-            tip_speed=factor * l.tip_speed,
-            tip_acceleration=factor * l.tip_acceleration,
-            rotation_speed=factor * l.rotation_speed,
-            rotation_acceleration=factor * l.rotation_acceleration,
-        )
-        for k, l in protocol.limits.items()  # noqa: E741
+        kind: replace(l, **{name: factor * getattr(l, name) for name in _SCALED})
+        for kind, l in protocol.limits.items()  # noqa: E741
     }
     return f"planned with limits multiplied by {factor:.2f}", lambda: planner(replace(protocol, limits=limits))
 

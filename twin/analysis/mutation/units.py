@@ -10,20 +10,12 @@ import numpy as np
 import tomlkit
 
 from twin import api
-from twin.analysis.mutation.fault import Fault
+from twin.analysis.mutation.fault import Fault, some
 from twin.planning.protocol import Protocol, load_protocol
 
 KINDS = (
-    "parameter",
-    "position",
-    "parameter",
-    "angles",
-    "parameter",
-    "speed",
-    "parameter",
-    "depth",
-    "turning",
-    "trocar",
+    *("parameter", "position", "parameter", "angles", "parameter", "speed", "parameter"),
+    *("depth", "turning", "trocar"),
 )
 """Kinds of faults in the order of seeding; kinds that do not apply to the robot are skipped."""
 
@@ -62,8 +54,7 @@ def _reader(name: str, document: Any) -> Callable[[Path], Protocol]:
 
 def _parameter(robot: api.Robot, rng: np.random.Generator) -> Fault:
     assert robot.files is not None
-    some = [p for p in robot.formula.parameters if p.value and p.name not in robot.parameters]
-    p = some[rng.integers(len(some))]
+    p = some([p for p in robot.formula.parameters if p.value and p.name not in robot.parameters], rng)
     angle = p.unit in ("deg", "rad")
     factor = float(rng.choice((180 / np.pi, np.pi / 180) if angle else (1000.0, 0.001)))
     word = (
@@ -83,45 +74,30 @@ def _scaled(values: Any, factor: float) -> list[float]:
     return [float(f"{factor * float(v):.5g}") for v in values]
 
 
-def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float) -> tuple[str, Any] | None:
-    some = [
-        (n, w) for n, w in document["waypoints"].items() if key in w and np.abs(np.array(w[key], float)).max() > least
-    ]
-    return some[rng.integers(len(some))] if some else None
-
-
-def _position(document: Any, rng: np.random.Generator) -> Done:
-    found = _waypoint(document, rng, "position_mm", 1.0)
-    if found is None:
+def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float, factor: float, unit: str) -> Done:
+    """Scale the numbers of one waypoint of which one is larger than `least`."""
+    found = [n for n, w in document["waypoints"].items() if np.abs(np.array(w.get(key, 0.0), float)).max() > least]
+    if not found:
         return None
-    name, w = found
-    w["position_mm"] = _scaled(w["position_mm"], 1e-3)
-    return f"position of waypoint '{name}' in metres", document
-
-
-def _angles(document: Any, rng: np.random.Generator) -> Done:
-    found = _waypoint(document, rng, "angles_deg", 0.0)
-    if found is None:
-        return None
-    name, w = found
-    w["angles_deg"] = _scaled(w["angles_deg"], np.pi / 180)
-    return f"angles of waypoint '{name}' in radians", document
+    name = some(found, rng)
+    w = document["waypoints"][name]
+    w[key] = _scaled(w[key], factor)
+    return f"{key.partition('_')[0]} of waypoint '{name}' in {unit}", document
 
 
 def _depth(document: Any, rng: np.random.Generator) -> Done:
-    some = [w for w in document["waypoints"].values() if w.get("depth_mm")]
-    some += [p for p in document["phases"] if p.get("depth_mm") and p["type"] == "insertion"]
-    if not some:
+    deep = [w for w in document["waypoints"].values() if w.get("depth_mm")]
+    deep += [p for p in document["phases"] if p.get("depth_mm") and p["type"] == "insertion"]
+    if not deep:
         return None
-    one = some[rng.integers(len(some))]
+    one = some(deep, rng)
     depth = float(one["depth_mm"])
     one["depth_mm"] = float(f"{1e-3 * depth:.5g}")
     return f"a depth of {depth:g} mm in metres", document
 
 
 def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, unit: str) -> Done:
-    kinds = list(document["limits"])
-    kind = kinds[rng.integers(len(kinds))]
+    kind = some(list(document["limits"]), rng)
     keys = [k for k in document["limits"][kind] if k.startswith(name)]
     both = rng.integers(2) == 0
     for key in keys if both else keys[:1]:
@@ -141,8 +117,8 @@ def _trocar(document: Any, rng: np.random.Generator) -> Done:
 
 
 _MAKERS: dict[str, Callable[[Any, np.random.Generator], Done]] = {
-    "position": _position,
-    "angles": _angles,
+    "position": lambda d, rng: _waypoint(d, rng, "position_mm", 1.0, 1e-3, "metres"),
+    "angles": lambda d, rng: _waypoint(d, rng, "angles_deg", 0.0, np.pi / 180, "radians"),
     "depth": _depth,
     "speed": lambda d, rng: _limits(d, rng, "tip", 1e-3, "m/s"),
     "turning": lambda d, rng: _limits(d, rng, "rotation", np.pi / 180, "rad/s"),

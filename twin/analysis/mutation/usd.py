@@ -4,28 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
-from twin.analysis.mutation.fault import Fault
+from twin.analysis.mutation.fault import Fault, drawn, some
 from twin.core.units import DEG, MM
 
 KINDS = (
-    "joint frame",
-    "drive unit",
-    "time samples",
-    "inertia",
-    "joint frame",
-    "units",
-    "loop joint",
-    "limits",
-    "body",
-    "quaternion",
-    "mesh",
-    "rest pose",
-    "time codes",
-    "axis",
+    *("joint frame", "drive unit", "time samples", "inertia", "joint frame", "units", "loop joint", "limits"),
+    *("body", "quaternion", "mesh", "rest pose", "time codes", "axis"),
 )
 """Kinds of faults in the order of seeding."""
 
@@ -36,9 +25,7 @@ Made = tuple[str, Edit]
 def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
     """Yield faults of a stage; `root` is the layer with the motion or, without motion, the robot's root layer."""
     stage = Usd.Stage.Open(str(root))
-    for i in range(count):
-        kind = KINDS[i % len(KINDS)]
-        what, edit = _MAKERS[kind](stage, rng)
+    for kind, (what, edit) in drawn(KINDS, _MAKERS, stage, rng, count):
         yield Fault("usd", kind, what, stage=_spoiler(root.name, edit))
 
 
@@ -60,9 +47,13 @@ def _set(stage: Usd.Stage, path: str, value: object, code: float | None = None) 
     attribute.Set(value, Usd.TimeCode.Default() if code is None else code)
 
 
-def _some(items, rng: np.random.Generator):
-    items = list(items)
-    return items[rng.integers(len(items))]
+def _changed(path: str, change: Callable[[Any], object]) -> Edit:
+    """Return the edit that replaces the value of an attribute by a function of it."""
+    return lambda stage: _set(stage, path, change(stage.GetAttributeAtPath(path).Get()))
+
+
+def _times(path: str, factor: float) -> Made:
+    return f"{path} times {factor:.4g}", _changed(path, lambda x: factor * x)
 
 
 def _joints(stage: Usd.Stage, kind: type = UsdPhysics.Joint) -> list[Usd.Prim]:
@@ -76,24 +67,16 @@ def _bodies(stage: Usd.Stage) -> list[Usd.Prim]:
 
 
 def _frame(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    joint, side = str(_some(_joints(stage), rng).GetPath()), int(rng.integers(2))
+    joint, side = str(some(_joints(stage), rng).GetPath()), int(rng.integers(2))
     if rng.integers(2):
         size, direction = rng.uniform(0.1, 1.0) * MM, rng.normal(size=3)
         step = Gf.Vec3f(*(size * direction / np.linalg.norm(direction)).tolist())
         path = f"{joint}.physics:localPos{side}"
-
-        def move(s: Usd.Stage) -> None:
-            _set(s, path, s.GetAttributeAtPath(path).Get() + step)
-
-        return f"{path} moved by {size / MM:.2f} mm", move
+        return f"{path} moved by {size / MM:.2f} mm", _changed(path, lambda x: x + step)
     size, axis = rng.uniform(0.1, 1.0), rng.normal(size=3)
     turn = Gf.Quatf(Gf.Rotation(Gf.Vec3d(*axis.tolist()), size).GetQuat())
     path = f"{joint}.physics:localRot{side}"
-
-    def rotate(s: Usd.Stage) -> None:
-        _set(s, path, (s.GetAttributeAtPath(path).Get() * turn).GetNormalized())
-
-    return f"{path} turned by {size:.2f} deg", rotate
+    return f"{path} turned by {size:.2f} deg", _changed(path, lambda x: (x * turn).GetNormalized())
 
 
 def _drive(stage: Usd.Stage, rng: np.random.Generator) -> Made:
@@ -104,10 +87,11 @@ def _drive(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         for a in p.GetAuthoredAttributes()
         if a.GetName().startswith("drive:") and a.GetName().endswith(names) and a.Get()
     ]
-    prim, name = _some(found, rng)
-    factor = float(_some((180 / np.pi, np.pi / 180) if ":angular:" in name else (1000.0, 1e-3), rng))
-    path = f"{prim.GetPath()}.{name}"
-    return f"{path} times {factor:.4g}", lambda s: _set(s, path, factor * s.GetAttributeAtPath(path).Get())
+    prim, name = some(found, rng)
+    return _times(
+        f"{prim.GetPath()}.{name}",
+        float(some((180 / np.pi, np.pi / 180) if ":angular:" in name else (1000.0, 1e-3), rng)),
+    )
 
 
 def _sampled(stage: Usd.Stage) -> list[Usd.Attribute]:
@@ -129,7 +113,7 @@ def _samples(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     found = _sampled(stage)
     if not found:
         return _inertia(stage, rng)
-    path, lag = str(_some(found, rng).GetPath()), int(rng.integers(1, 12))
+    path, lag = str(some(found, rng).GetPath()), int(rng.integers(1, 12))
 
     def shift(s: Usd.Stage) -> None:
         attribute = s.GetAttributeAtPath(path)
@@ -149,49 +133,49 @@ def _sample(stage: Usd.Stage, path: str, value: object, code: float) -> None:
 
 
 def _inertia(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    body = str(_some([b for b in _bodies(stage) if UsdPhysics.MassAPI(b).GetMassAttr().Get()], rng).GetPath())
-    what = _some(("mass", "turned", "unit", "centre"), rng)
+    body = str(some([b for b in _bodies(stage) if UsdPhysics.MassAPI(b).GetMassAttr().Get()], rng).GetPath())
+    what = some(("mass", "turned", "unit", "centre"), rng)
     if what == "mass":
-        path, factor = f"{body}.physics:mass", float(_some((10.0, 0.1, 1000.0, 1.5), rng))
-        return f"{path} times {factor:g}", lambda s: _set(s, path, factor * s.GetAttributeAtPath(path).Get())
+        return _times(f"{body}.physics:mass", float(some((10.0, 0.1, 1000.0, 1.5), rng)))
     if what == "centre":
         path = f"{body}.physics:centerOfMass"
-
-        def far(s: Usd.Stage) -> None:
-            _set(s, path, s.GetAttributeAtPath(path).Get() + Gf.Vec3f(0.02, 0.03, -0.04))
-
-        return f"{path} moved by 54 mm", far
+        return f"{path} moved by 54 mm", _changed(path, lambda x: x + Gf.Vec3f(0.02, 0.03, -0.04))
     path = f"{body}.physics:diagonalInertia"
     if what == "unit":
-        return f"{path} in kg mm2", lambda s: _set(s, path, 1e6 * s.GetAttributeAtPath(path).Get())
+        return f"{path} in kg mm2", _changed(path, lambda x: 1e6 * x)
 
-    def turn(s: Usd.Stage) -> None:
-        x = s.GetAttributeAtPath(path).Get()
+    def turned(x: Gf.Vec3f) -> Gf.Vec3f:
         low, high = sorted(range(3), key=lambda i: x[i])[::2]
         y = Gf.Vec3f(x)
         y[low], y[high] = x[high], x[low]
-        _set(s, path, y)
+        return y
 
-    return f"{path} with its largest and smallest value exchanged", turn
+    return f"{path} with its largest and smallest value exchanged", _changed(path, turned)
 
 
 def _units(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    name, value = _some(
+    name, value = some(
         (("metersPerUnit", 0.01), ("metersPerUnit", 0.001), ("upAxis", "Y"), ("kilogramsPerUnit", 0.001)), rng
     )
+    return f"{name} = {value}", _stated(name, value)
+
+
+def _stated(name: str, value: object) -> Edit:
+    """Return the edit that changes a value in the heads of all layers, as a faulty converter would write them."""
 
     def spoil(s: Usd.Stage) -> None:
-        # on all layers of the robot, as a faulty converter would write them
         for layer in s.GetUsedLayers():
             if not layer.anonymous and layer.pseudoRoot.HasInfo(name):
                 layer.pseudoRoot.SetInfo(name, value)
+                if name == "timeCodesPerSecond":
+                    layer.pseudoRoot.SetInfo("framesPerSecond", value)
 
-    return f"{name} = {value}", spoil
+    return spoil
 
 
 def _loop(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     closing = [p for p in _joints(stage) if UsdPhysics.Joint(p).GetExcludeFromArticulationAttr().Get()]
-    joint = _some(closing or _joints(stage), rng)
+    joint = some(closing or _joints(stage), rng)
     path = str(joint.GetPath())
     if closing and rng.integers(3) == 0:
         name = f"{path}.physics:excludeFromArticulation"
@@ -218,17 +202,16 @@ def _limits(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     ]
     if not found:
         return _frame(stage, rng)
-    prim, name = _some(found, rng)
-    factor = float(_some((DEG, 1 / DEG) if prim.IsA(UsdPhysics.RevoluteJoint) else (1000.0, 0.001), rng))
-    path = f"{prim.GetPath()}.{name}"
-    return f"{path} times {factor:.4g}", lambda s: _set(s, path, factor * s.GetAttributeAtPath(path).Get())
+    prim, name = some(found, rng)
+    factor = float(some((DEG, 1 / DEG) if prim.IsA(UsdPhysics.RevoluteJoint) else (1000.0, 0.001), rng))
+    return _times(f"{prim.GetPath()}.{name}", factor)
 
 
 def _body(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    joint = _some(_joints(stage), rng)
+    joint = some(_joints(stage), rng)
     path, now = str(joint.GetPath()), UsdPhysics.Joint(joint).GetBody1Rel().GetTargets()[0]
     keep = {now, *UsdPhysics.Joint(joint).GetBody0Rel().GetTargets()}
-    other = str(_some([b.GetPath() for b in _bodies(stage) if b.GetPath() not in keep], rng))
+    other = str(some([b.GetPath() for b in _bodies(stage) if b.GetPath() not in keep], rng))
 
     def change(s: Usd.Stage) -> None:
         relation = UsdPhysics.Joint(s.GetPrimAtPath(path)).GetBody1Rel()
@@ -247,33 +230,22 @@ def _quaternion(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     ]
     if not found:
         return _frame(stage, rng)
-    prim, side = _some(found, rng)
+    prim, side = some(found, rng)
     path = f"{prim.GetPath()}.physics:localRot{side}"
 
-    def turn(s: Usd.Stage) -> None:
-        w, x, y, z = _numbers(s.GetAttributeAtPath(path).Get())
-        _set(s, path, Gf.Quatf(x, Gf.Vec3f(y, z, w)))
+    def turned(quat: Gf.Quatf) -> Gf.Quatf:
+        w, x, y, z = _numbers(quat)
+        return Gf.Quatf(x, Gf.Vec3f(y, z, w))
 
-    return f"{path} read as x y z w", turn
+    return f"{path} read as x y z w", _changed(path, turned)
 
 
 def _mesh(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    path = str(_some([p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)], rng).GetPath())
+    path = str(some([p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)], rng).GetPath())
     if rng.integers(2):
         name = f"{path}.points"
-
-        def scale(s: Usd.Stage) -> None:
-            points = s.GetAttributeAtPath(name).Get()
-            _set(s, name, type(points)([1000 * p for p in points]))
-
-        return f"{name} in mm", scale
-    name = f"{path}.faceVertexIndices"
-
-    def flip(s: Usd.Stage) -> None:
-        values = s.GetAttributeAtPath(name).Get()
-        _set(s, name, type(values)([*values][::-1]))
-
-    return f"{path} turned inside out", flip
+        return f"{name} in mm", _changed(name, lambda points: type(points)([1000 * p for p in points]))
+    return f"{path} turned inside out", _changed(f"{path}.faceVertexIndices", lambda x: type(x)([*x][::-1]))
 
 
 def _rest(stage: Usd.Stage, rng: np.random.Generator) -> Made:
@@ -283,7 +255,7 @@ def _rest(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         for a in b.GetAuthoredAttributes()
         if a.GetName().startswith("xformOp:translate") and _moves(stage, b)
     ]
-    path, size = str(_some(found, rng).GetPath()), rng.uniform(0.2, 2.0) * MM
+    path, size = str(some(found, rng).GetPath()), rng.uniform(0.2, 2.0) * MM
 
     def move(s: Usd.Stage) -> None:
         attribute = s.GetAttributeAtPath(path)
@@ -301,24 +273,16 @@ def _moves(stage: Usd.Stage, body: Usd.Prim) -> bool:
 
 def _codes(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     end = stage.GetEndTimeCode()
-    name, value = _some(
+    name, value = some(
         (("timeCodesPerSecond", 24.0), ("endTimeCode", round(0.7 * end)), ("timeCodesPerSecond", 30.0)), rng
     )
-
-    def spoil(s: Usd.Stage) -> None:
-        for layer in s.GetUsedLayers():
-            if not layer.anonymous and layer.pseudoRoot.HasInfo(name):
-                layer.pseudoRoot.SetInfo(name, value)
-                if name == "timeCodesPerSecond":
-                    layer.pseudoRoot.SetInfo("framesPerSecond", value)
-
-    return f"{name} = {value:g}", spoil
+    return f"{name} = {value:g}", _stated(name, value)
 
 
 def _axis(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     single = [p for p in _joints(stage) if p.IsA(UsdPhysics.RevoluteJoint) or p.IsA(UsdPhysics.PrismaticJoint)]
-    path = f"{_some(single, rng).GetPath()}.physics:axis"
-    value = _some(("X", "Y"), rng)
+    path = f"{some(single, rng).GetPath()}.physics:axis"
+    value = some(("X", "Y"), rng)
     return f"{path} = {value}", lambda s: _set(s, path, value)
 
 

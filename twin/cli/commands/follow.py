@@ -78,7 +78,6 @@ def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
 
 
 def _view(args: argparse.Namespace, port: int, mirror: Mirror) -> int:
-    """Show the twin in a page of viser."""
     from twin.cli.viewing import show_page
     from twin.ui.viewer.mirror import MirrorFront
 

@@ -133,8 +133,6 @@ def _machine(scene: Scene, args: argparse.Namespace) -> int:
     from twin.api.session import FILE, operate_machine
     from twin.cli import show
     from twin.cli.machines import running
-    from twin.core import assets
-    from twin.ui.report.files import write_result
 
     given = [n for n in ("haptics", "mistake") if getattr(args, n) is not None]
     given += [n for n, v in (("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
@@ -142,14 +140,11 @@ def _machine(scene: Scene, args: argparse.Namespace) -> int:
         raise TwinError(
             f"--{given[0]} does not apply to machines; their options are --seed, --trials, --scale, --machine"
         )
-    folder = Path(args.out) if args.out else Path("twin-out") / scene.name / "machine-operator"
-    assets.require_writable(folder)
+    folder = show.folder(args, scene.name, "machine-operator")
     with show.progress(args.quiet or args.json) as progress:
         more = {"seed": args.seed, "triangles": args.trials, "scale": args.scale, "progress": progress}
         found = operate_machine(scene, running=running(args.machine), **more)
-    with assets.atomic_folder(folder) as work:
-        pictures = write_result(found, work)
-    return show.finish(found, args, folder, [*pictures, FILE])
+    return show.store(found, args, folder, [FILE])
 
 
 def _procedure(scene: Scene, task: str, folder: Path, args: argparse.Namespace) -> int:

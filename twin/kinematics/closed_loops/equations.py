@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -57,6 +58,15 @@ class Passive:
         w, v = quat[0], quat[1:]
         turned = ca.vertcat(w - ca.dot(v, turn), v + w * turn + ca.cross(v, turn))
         return ca.vertcat(lengths + step[:-3], turned / ca.sqrt(ca.sumsqr(turned)))
+
+
+def stepped(passive: Iterable[Passive], step: ca.SX) -> dict[str, ca.SX]:
+    """Return the states of passive joints after their steps, which are stacked in `step`, by key."""
+    out, at = {}, 0
+    for p in passive:
+        out[p.key] = p.stepped(step[at : at + p.step.numel()])
+        at += p.step.numel()
+    return out
 
 
 Chain = list[Any]
@@ -138,6 +148,11 @@ class Equations:
         axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
         T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
+
+    def split(self) -> ca.Function:
+        """Return the function that splits the values of all unknowns into the states of the passive joints."""
+        seed, ends = ca.SX.sym("seed", self.states.numel()), np.cumsum([0, *(p.state.numel() for p in self.passive)])
+        return ca.Function("split", [seed], [seed[a:b] for a, b in pairwise(ends.tolist())])
 
     def links(self) -> dict[str, ca.SX]:
         """Return T_base_body (3, 4) of every body, by name; each pose is composed from the pose of the parent body.

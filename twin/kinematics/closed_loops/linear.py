@@ -14,6 +14,14 @@ _PIVOT = 0.2
 """Minimum size of a pivot relative to the largest entry of its row."""
 
 
+def largest(x: ca.SX) -> ca.SX:
+    """Return the largest absolute entry of a vector; 0 if it is empty."""
+    size = ca.SX(0)
+    for entry in ca.vertsplit(x):
+        size = ca.fmax(size, ca.fabs(entry))
+    return size
+
+
 def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.SX, ca.SX]:
     """Return the solution x (n,) of J x = b by elimination, and the determinant of J up to a constant sign.
 

@@ -22,7 +22,7 @@ from twin.core.errors import AssemblyError, MechanismError
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.kinematics.closed_loops import linear
-from twin.kinematics.closed_loops.equations import Equations
+from twin.kinematics.closed_loops.equations import Equations, stepped
 from twin.kinematics.closed_loops.structure import Block, blocks
 from twin.model.mechanism import Mechanism
 
@@ -221,7 +221,7 @@ class LoopSolver:
         outputs = [ca.vec(e.T_base_tool[:3, :].T), ca.vertcat(e.offset, e.tilt, margin), ca.densify(e.states)]
         arguments = [e.q, *[p.state for p in e.passive], *determinants]
         end = ca.Function("end", arguments, [ca.densify(x) for x in outputs], {"cse": True})
-        return [*self._newton, Stage(end, ("q", *self._keys, *self._signs), ("pose", "gaps", "states"))]
+        return [*self._newton, Stage(end, ("q", *self._keys, *self._signs), _RESULTS)]
 
     @cached_property
     def _cold(self) -> Kernel:
@@ -230,9 +230,7 @@ class LoopSolver:
 
     @cached_property
     def _warm(self) -> Kernel:
-        return Kernel(
-            [self._split, *self.stages], {"q": len(self.q), "seed": len(self._start)}, ["pose", "gaps", "states"]
-        )
+        return Kernel([self._split, *self.stages], self._seeded, _RESULTS)
 
     @cached_property
     def _single(self):
@@ -248,13 +246,7 @@ class LoopSolver:
 
     @property
     def _split(self) -> Stage:
-        e = self.equations
-        seed = ca.SX.sym("seed", len(self._start))
-        parts, at = [], 0
-        for p in e.passive:
-            parts.append(seed[at : at + p.state.numel()])
-            at += p.state.numel()
-        return Stage(ca.Function("split", [seed], parts), ("seed",), tuple(self._keys))
+        return Stage(self.equations.split(), ("seed",), tuple(self._keys))
 
     def _stage(self, number: int, block: Block, start: list[Array]) -> Stage:
         """Return the stage that solves a block by Newton's method."""
@@ -270,15 +262,8 @@ class LoopSolver:
             step, more[f"det {number}"] = linear.square(J, -r, block.pattern, sample)
         else:
             step = linear.least_squares(J, -r, block.pattern)
-        size = ca.SX(0)
-        for x in ca.vertsplit(step):
-            size = ca.fmax(size, ca.fabs(x))
-        step = step * ca.fmin(1, _STRIDE / size)
-        new, at = {}, 0
-        for k in block.unknowns:
-            p = e.passive[k]
-            new[p.key] = p.stepped(step[at : at + p.step.numel()])
-            at += p.step.numel()
+        size = linear.largest(step)
+        new = stepped([e.passive[k] for k in block.unknowns], step * ca.fmin(1, _STRIDE / size))
         arguments, names = [e.q, *[p.state for p in e.passive]], ("q", *self._keys)
         results = {**new, "error": size, **more}
         function = ca.Function(f"block{number}", arguments, [ca.densify(x) for x in results.values()], {"cse": True})

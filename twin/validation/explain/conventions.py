@@ -17,9 +17,9 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL
-from twin.validation.explain.invariants import said
+from twin.validation.explain.invariants import said, said_pose
 from twin.validation.explain.judge import Judge, Place, worst
-from twin.validation.explain.numeric import Matrix, to_array
+from twin.validation.explain.numeric import Matrix, to_array, turn
 from twin.validation.explain.offsets import axes_text, offsets
 from twin.validation.explain.result import Convention
 from twin.validation.explain.suspects import suspects
@@ -59,16 +59,6 @@ def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
     if not cured:
         return None
     return cured, max(now[p.key] for p in cured)
-
-
-def _turns(axis: str, a: Array) -> Array:
-    i = "xyz".index(axis)
-    j, k = (i + 1) % 3, (i + 2) % 3
-    R = np.zeros((len(a), 3, 3))
-    R[:, i, i] = 1
-    R[:, j, j] = R[:, k, k] = np.cos(a)
-    R[:, k, j], R[:, j, k] = np.sin(a), -np.sin(a)
-    return R
 
 
 ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and o[1] != o[2])
@@ -206,23 +196,14 @@ def _axes(judge: Judge) -> Iterator[Convention]:
     Y, T = np.vstack([p[2] for p in pairs]), np.vstack([p[3] for p in pairs])
     if not np.isfinite(Y).all():
         return
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            for factor, unit in ((1.0, ""), (1e3, ", in millimetres")):
-                made = factor * T[:, order] * signs
-                left = np.abs(Y - made).max() / factor / judge.tolerance.length
-                if not left <= 1 or (order == (0, 1, 2) and min(signs) > 0):
-                    continue
-                matrix = np.eye(3)[list(order)] * np.array(signs)[:, None]
-                text = ", ".join(
-                    f"{a} = {'-' if s < 0 else ''}{'xyz'[o]}" for a, o, s in zip("xyz", order, signs, strict=True)
-                )
-                hand = "" if np.linalg.det(matrix) > 0 else ": a left-handed frame"
+    for P in signed_permutations()[1:]:
+        for factor, unit in ((1.0, ""), (1e3, ", in millimetres")):
+            left = np.abs(Y - factor * T @ P.T).max() / factor / judge.tolerance.length
+            if left <= 1:
+                hand = "" if np.linalg.det(P) > 0 else ": a left-handed frame"
+                text = f"points {', '.join(p[0] for p in pairs)} use other axes{hand}: {axes_text(P)}{unit}"
                 rows = tuple(p.name for _, places, _, _ in pairs for p in places)
-                yield Convention(
-                    "axes" if not hand else "handedness",
-                    f"points {', '.join(p[0] for p in pairs)} use other axes{hand}: {text}{unit}", rows, float(left)
-                )  # fmt: skip
+                yield Convention("axes" if not hand else "handedness", text, rows, float(left))
                 return
 
 
@@ -237,11 +218,7 @@ def _frames(judge: Judge) -> Iterator[Convention]:
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue
-        k = judge.truth.k
-        scale = np.full(16, judge.tolerance.angle)
-        scale[[3, 7, 11]] = judge.tolerance.length
-        true = judge.truth.symbols[place.symbol].a
-        T = true + (judge.residuals[place] * scale).reshape(k, 4, 4)
+        true, T = judge.truth.symbols[place.symbol].a, said_pose(judge, place)
         if not np.isfinite(T).all():
             continue
         made = {"": T, "inverted, ": np.linalg.inv(T) if np.linalg.cond(T).max() < 1e12 else T}
@@ -315,7 +292,7 @@ def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
         return T
 
     o = np.zeros(k)
-    about_x, about_z = place(_turns("x", alpha), a, o), place(_turns("z", theta), o, d)
+    about_x, about_z = place(turn(0)(alpha).a, a, o), place(turn(2)(theta).a, o, d)
     return Matrix(about_x @ about_z if kind == "modified" else about_z @ about_x)
 
 

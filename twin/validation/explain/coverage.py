@@ -24,10 +24,6 @@ class Coverage:
     rows: int
     left: tuple[str, ...]
 
-    def describe(self) -> str:
-        """Return the number of judged rows as text."""
-        return f"{self.rows - len(self.left)} of {self.rows} rows judged"
-
 
 def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | None = None) -> list[Judged]:
     """Return the results of checking reach, singularity measures and aspects with the mechanism."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -14,7 +15,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, decimals
 from twin.model.joint import Joint
 from twin.reference import ReferenceModel
-from twin.validation.explain.judge import Judge, worst
+from twin.validation.explain.judge import Judge, Place, worst
 from twin.validation.explain.numeric import Matrix, to_array
 from twin.validation.explain.plain import copied, parts
 from twin.validation.explain.source import OUT
@@ -37,6 +38,13 @@ def said(judge: Judge) -> dict[str, Any]:
             Matrix(value[:, :, None]) if isinstance(truth.symbols[place.symbol], Matrix) else value[:, 0]
         )
     return out
+
+
+def said_pose(judge: Judge, place: Place) -> Array:
+    """Return the pose (k, 4, 4) that the formula computes at a row, from the residual of the row."""
+    scale = np.full(16, judge.tolerance.angle)
+    scale[[3, 7, 11]] = judge.tolerance.length
+    return judge.truth.symbols[place.symbol].a + (judge.residuals[place] * scale).reshape(-1, 4, 4)
 
 
 def solved(judge: Judge) -> dict[str, Any]:
@@ -278,8 +286,6 @@ def _scaled(judge: Judge) -> Truth:
             symbols[name] = Matrix(a)
         elif kind == "length" or name in lengths:
             symbols[name] = value * _SCALE
-    from dataclasses import replace
-
     return replace(truth, symbols=symbols)
 
 

@@ -147,6 +147,12 @@ def _inv(A: Any) -> Matrix:
     return Matrix(np.asarray(np.linalg.inv(a), np.float64))
 
 
+def _skew(w: Any) -> Matrix:
+    x, y, z = _column(w).T
+    o = np.zeros_like(x)
+    return Matrix(np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3))
+
+
 class _SX:
     """NumPy counterpart of `casadi.SX` and `casadi.DM`, with the functions that equations use."""
 
@@ -181,6 +187,7 @@ _FUNCTIONS: dict[str, Any] = {
     "vertsplit": lambda a: [a[i, :] if a.shape[1] > 1 else a[i] for i in range(a.shape[0])],
     "dot": _dot,
     "cross": _cross,
+    "skew": _skew,
     "norm_2": _norm,
     "sumsqr": lambda x: np.sum(_column(x) ** 2, axis=1),
     "mtimes": lambda *a: a[0] @ a[1] if len(a) == 2 else a[0] @ _FUNCTIONS["mtimes"](*a[1:]),
@@ -201,16 +208,8 @@ _FUNCTIONS: dict[str, Any] = {
 }
 
 
-def _skew(w: Any) -> Matrix:
-    x, y, z = _column(w).T
-    o = np.zeros_like(x)
-    return Matrix(np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3))
-
-
-_FUNCTIONS["skew"] = _skew
-
-
-def _turn(axis: int) -> Callable[[Any], Matrix]:
+def turn(axis: int) -> Callable[[Any], Matrix]:
+    """Return the function of angles (k,) in rad that gives the rotations about axis 0, 1 or 2."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
 
     def rotation(a: Any) -> Matrix:
@@ -234,7 +233,7 @@ def _pose(R: Any, p: Any) -> Matrix:
     return Matrix(out)
 
 
-_FAST = {"rotation_x": _turn(0), "rotation_y": _turn(1), "rotation_z": _turn(2), "pose": _pose}
+_FAST = {"rotation_x": turn(0), "rotation_y": turn(1), "rotation_z": turn(2), "pose": _pose}
 """Functions of `symbolic` that have their own NumPy version."""
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import MM
+from twin.validation.explain.invariants import said_pose
 from twin.validation.explain.judge import Judge, Place
 from twin.validation.explain.result import Convention
 
@@ -68,13 +69,9 @@ def _said(judge: Judge, place: Place, moved: dict[str, float]) -> Array | None:
     truth = judge.truth
     symbols = {**truth.symbols, **{n: truth.symbols[n] + v for n, v in moved.items()}}
     other = judge.on(replace(truth, symbols=symbols), {s.equation.name for s in judge.steps if s.stage == "forward"})
-    for p, r in other.residuals.items():
-        if p.key == place.key:
-            scale = np.full(16, judge.tolerance.angle)
-            scale[[3, 7, 11]] = judge.tolerance.length
-            T = truth.symbols[p.symbol].a + (r * scale).reshape(-1, 4, 4)
-            return T if np.isfinite(T).all() else None
-    return None
+    at = next((p for p in other.residuals if p.key == place.key), None)
+    T = None if at is None else said_pose(other, at)
+    return T if T is not None and np.isfinite(T).all() else None
 
 
 def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:

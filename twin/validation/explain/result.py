@@ -269,7 +269,6 @@ class Explanation(Result):
             yield from (Line(f"  · {n}", "dim") for n in self.notes)
 
     def _summary(self) -> Line:
-        """Return the verdict in one line."""
         if self.verdict == "agree":
             count = f"{self.judged} of {self.rows_of_formula} rows judged"
             return Line(f"  AGREE: {count}, and each agrees at every pose; there is nothing to explain", "bold green")

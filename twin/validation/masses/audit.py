@@ -130,31 +130,26 @@ def reread(printed: str) -> float:
     return float("{}{}.{}{}".format(*found.groups()) if found else text)
 
 
-def tensor(body: Body, products: Products) -> Array:
-    """Return the inertia tensor J (3, 3) in kg m2, with the products as printed or negated."""
-    s = body.second
-    sign = -1.0 if products == "negated" else 1.0
-    xy, xz, yz = sign * s.xy, sign * s.xz, sign * s.yz
-    return np.array([[s.xx, xy, xz], [xy, s.yy, yz], [xz, yz, s.zz]])
+def moments(body: Body) -> tuple[Array, Array]:
+    """Return first moments (3,) in kg m, and the tensor J (3, 3) in kg m2 with the products as printed."""
+    h, s = body.first, body.second
+    return np.array([h.mx, h.my, h.mz]), np.array([[s.xx, s.xy, s.xz], [s.xy, s.yy, s.yz], [s.xz, s.yz, s.zz]])
+
+
+def negated(tensor: Array) -> Array:
+    """Return a tensor (3, 3) with the other sign of its products."""
+    return 2 * np.diag(np.diag(tensor)) - tensor
 
 
 def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
     """Return (rows with their physical limits, findings)."""
     rows = []
     for body in exhibit.body:
-        h = np.array([body.first.mx, body.first.my, body.first.mz])
-        plain, negated = tensor(body, "as printed"), tensor(body, "negated")
-        moments = [np.linalg.eigvalsh(J) for J in (plain, negated)]
-        rows.append(
-            Row(
-                body.name,
-                all(m[0] > 0 for m in moments),
-                min(float(m[0] + m[1] - m[2]) for m in moments),
-                least_mass(plain, h),
-                least_mass(negated, h),
-                tuple(r.cell for r in body.repaired),
-            )
-        )
+        h, J = moments(body)
+        principal = [np.linalg.eigvalsh(x) for x in (J, negated(J))]
+        definite, slack = all(m[0] > 0 for m in principal), min(float(m[0] + m[1] - m[2]) for m in principal)
+        repaired = tuple(r.cell for r in body.repaired)
+        rows.append(Row(body.name, definite, slack, least_mass(J, h), least_mass(negated(J), h), repaired))
     found = [*_repairs(exhibit), *_impossible(rows), *_products(rows)]
     if falling(rows, convention(rows)):
         found.append(

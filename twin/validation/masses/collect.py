@@ -84,24 +84,20 @@ def of_exhibit(path: Path) -> Source:
         DescriptionError: the file is invalid.
     """
     exhibit = audit.load(path)
-    rows = []
-    for body in exhibit.body:
-        first = np.array([body.first.mx, body.first.my, body.first.mz])
-        s = body.second
-        rows.append((f"row {body.name}", first, np.array([s.xx, s.yy, s.zz]), np.array([s.xy, s.xz, s.yz])))
-    return of_moments(exhibit.title, rows)
+    return of_moments(exhibit.title, [(f"row {b.name}", *audit.moments(b)) for b in exhibit.body])
 
 
-def of_moments(title: str, rows: list[tuple[str, Array, Array, Array]]) -> Source:
+def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> Source:
     """Judge rows of tables without masses.
 
-    Each row is (name, first moments (3,) in kg m, second moments [xx, yy, zz] and products [xy, xz, yz] in kg m2). The
-    products of all rows are used as printed or negated, whichever requires less mass.
+    Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The products of
+    all rows are used as printed or negated, whichever requires less mass.
     """
-    least = {sign: [least_mass(_tensor(m, sign * p), h) for _, h, m, p in rows] for sign in (1, -1)}
+    read = {1: rows, -1: [(name, h, audit.negated(J)) for name, h, J in rows]}
+    least = {sign: [least_mass(J, h) for _, h, J in some] for sign, some in read.items()}
     total = {sign: sum(values) for sign, values in least.items()}
     sign = -1 if total[-1] * PLAIN < total[1] else 1
-    bodies = tuple(judged(Stated(name, title, None, h, _tensor(m, sign * p))) for name, h, m, p in rows)
+    bodies = tuple(judged(Stated(name, title, None, h, J)) for name, h, J in read[sign])
     found = []
     if sign < 0:
         worst = int(np.argmax([a / b if b else 0.0 for a, b in zip(least[1], least[-1], strict=True)]))
@@ -132,8 +128,3 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array, Array]]) -> Sourc
             )
         )
     return Source(title, bodies, tuple(found))
-
-
-def _tensor(moments: Array, products: Array) -> Array:
-    xy, xz, yz = products
-    return np.diag(moments) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])

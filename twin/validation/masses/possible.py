@@ -141,7 +141,8 @@ def judged(body: Stated) -> Judged:
     about = tensor if mass is None else _about_centre(tensor, first, mass)
     moments: Array = np.asarray(np.linalg.eigvalsh(about), float)
     slack = float(moments[0] + moments[1] - moments[2])
-    whole = _pseudo(tensor, first, mass if mass is not None else (least if np.isfinite(least) else 1.0) * (1 + 1e-6))
+    least_positive = least if 0 < least < np.inf else 1.0  # without a first moment, the ratio is the same for any mass
+    whole = _pseudo(tensor, first, mass if mass is not None else least_positive * (1 + 1e-6))
     values = np.linalg.eigvalsh(whole)
     definite = float(values[0] / values[-1])
     if moments[0] <= 0:
@@ -171,7 +172,7 @@ def _about_centre(tensor: Array, first: Array, mass: float) -> Array:
 def _shape_tensor(body: Stated) -> Array | None:
     """Return the tensor per mass (3, 3) in m2 of the filled shapes about their centre; None if a mesh is open."""
     m = solid.of_meshes(body.meshes)
-    if m is None or m.volume <= 0:
+    if m is None:
         return None
     return np.asarray(solid.tensor(m.second - np.outer(m.first, m.first) / m.volume) / m.volume, float)
 
@@ -188,7 +189,7 @@ def _against_shapes(body: Stated, first: Array, mass: float | None, say) -> tupl
         )
         say("outside", text, mm(outside), mm(BESIDE), way, severity=severity)
     m = solid.of_meshes(body.meshes)
-    if m is None or m.volume <= 0:
+    if m is None:
         return float("nan"), outside
     density = mass / m.volume
     if not DENSITY[0] <= density <= DENSITY[1]:

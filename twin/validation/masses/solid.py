@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,12 +70,14 @@ def closed(triangles: np.ndarray) -> bool:
     return np.array_equal(np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0]))
 
 
-def of_meshes(meshes: Iterable[Mesh]) -> Moments | None:
-    """Return the moments of several closed meshes together; None if a mesh is open or there are no meshes."""
-    total = None
+def of_meshes(meshes: Iterable[Mesh], density: Callable[[Mesh], float | None] = lambda mesh: 1.0) -> Moments | None:
+    """Return the moments of several closed meshes together.
+
+    None if the volume is not positive, or if a mesh is open or has no density (kg/m3; default: 1).
+    """
+    total = Moments(0.0, np.zeros(3), np.zeros((3, 3)))
     for mesh in meshes:
-        if not closed(mesh.triangles):
+        if (rho := density(mesh)) is None or not closed(mesh.triangles):
             return None
-        part = moments(mesh.vertices, mesh.triangles)
-        total = part if total is None else total + part
-    return total
+        total += moments(mesh.vertices, mesh.triangles).scaled(rho)
+    return total if total.volume > 0 else None
