@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
             return show.finish(api.check_build(robot, folder, args.robot, progress), args)
         written = api.build(robot, folder, protocols=chosen, progress=progress)
     if args.json:
-        print(show.as_json({"files": [str(p) for p in written]}))
+        print(show.as_json(show.record("build", {"files": [str(p) for p in written]})))
     else:
         for path in written:
             print(f"  {path}  ({path.stat().st_size / 1e3:.0f} kB)")
