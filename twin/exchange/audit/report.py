@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, NamedTuple
 
 from twin.core import format
-from twin.core.findings import Finding, Severity, Verdict, by_severity, finding
+from twin.core.findings import Finding, Severity, Verdict, by_severity, finding, verdict
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 
@@ -267,7 +267,8 @@ class Ledger:
 def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> AuditReport:
     """Return the report with the checks and findings of all ledgers."""
     checks = [c for ledger in ledgers for c in ledger.checks]
-    if not checks and all(f.severity == "info" for g in ledgers for f in g.findings):  # "agree" would be false
+    nothing = not checks or (files and not any(f["links"] or f["nodes"] for f in files))
+    if nothing and verdict(f for g in ledgers for f in g.findings) == "agree":  # "agree" would be false
         none = Ledger(path)
         none.add("audit.no_checks", "error", "the files have nothing that can be checked.")
         ledgers = [*ledgers, none]
