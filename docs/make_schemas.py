@@ -1,4 +1,4 @@
-"""Write docs/schemas/*.schema.json: of the TOML files that people write, of tracks and recordings that twin writes.
+"""Write docs/schemas/*.schema.json: of TOML files that people write, and of tracks, recordings and JSON of twin.
 
 python docs/make_schemas.py
 """
@@ -14,6 +14,7 @@ from twin.cad.description import Description
 from twin.model.scene import SceneTable
 from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
+from twin.schema.result import ResultTable
 from twin.schema.track import Track
 from twin.simulation.hazards.campaign import CampaignTable
 from twin.simulation.hazards.trends import TrendsTable
@@ -33,10 +34,12 @@ MODELS: dict[str, type[BaseModel]] = {
     "machine": Settings,
     "campaign": CampaignTable,
     "trends": TrendsTable,
+    "result": ResultTable,
 }
 """By the name of the file: cad/<robot>/<robot>.toml, trajectories/<robot>/<protocol>.toml, an export's tracks/, the
 first lines of a recording of a World and of a session at a console, cad/<scene>/scene.toml, cad/<robot>/machine.toml,
-cad/<robot>/campaigns/<name>.toml, of which trends.toml has the paper's experiments."""
+cad/<robot>/campaigns/<name>.toml, of which trends.toml has the paper's experiments; what every command prints
+with --json."""
 
 
 def schemas() -> dict[Path, str]:

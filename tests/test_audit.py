@@ -21,6 +21,7 @@ from twin.core.errors import TwinError
 from twin.exchange.audit import audit, key_times
 from twin.exchange.audit.chain import Link, along, fit
 from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
+from twin.exchange.audit.report import Ledger, finished
 
 ROOT = Path(__file__).parents[1]
 
@@ -221,6 +222,21 @@ def test_the_audit_loads_no_writer():
     loaded = set(done.stdout.split())
     wrong = ("twin.exchange.write", "twin.usd.write", "twin.reference", "twin.planning", "casadi", "pinocchio")
     assert not {m for m in loaded if m.startswith(wrong)}
+
+
+@pytest.mark.parametrize("extensions", ["", ', "extensionsUsed": ["X_strange"]'])  # which is a warning
+def test_a_file_with_nothing_in_it_is_not_passed(tmp_path, extensions):
+    path = tmp_path / "bare.gltf"
+    path.write_text(f'{{"asset": {{"version": "2.0"}}{extensions}}}')
+    report = audit(path)
+    assert (report.verdict, report.exit_code) == ("unchecked", 2)
+    assert report.findings[0].code == "audit.no_checks"
+
+
+def test_warnings_alone_do_not_pass():
+    ledger = Ledger("a")
+    ledger.add("name", "warning", "a name.")
+    assert finished("a", [], [ledger]).verdict == "unchecked"
 
 
 def test_a_file_without_anything_to_check_is_not_passed(tmp_path):

@@ -27,7 +27,7 @@ from twin.cli import chosen, main, show
 from twin.cli import scene as scenes
 from twin.cli.commands import HELP, doctor
 from twin.cli.interrupt import after_imports
-from twin.cli.parser import parser
+from twin.cli.parser import Command, parser
 from twin.core import assets
 
 ROOT = Path(__file__).parents[1]
@@ -412,6 +412,7 @@ def test_validate_all_protocols_of_sils(run, no_pictures):
     result = run("validate", "sils", "--all-protocols", "--json")
     assert result.code == 1
     verdicts = {r["protocol"]: r["verdict"] for r in result.json["reports"]}
+    assert (result.json["schema"], result.json["findings"]) == ("twin/reports/1", [])
     assert verdicts == {"lowered_patient": "agree", "table2": "agree", "table2_printed": "disagree"}
 
 
@@ -495,6 +496,7 @@ def test_no_command_shows_the_help(run):
     assert text.code == 2  # nothing was done
     assert text.out.startswith("usage: twin")
     assert all(name in text.out for name in HELP)
+    assert "2 could not check or wrong usage, 130 stopped by Ctrl-C" in text.out
     assert run("--json").json["verdict"] == "unchecked"
 
 
@@ -593,7 +595,7 @@ def test_interrupt(run, monkeypatch):
 
     monkeypatch.setattr("twin.cli.commands.list.run", fail)
     text = run("list")
-    assert (text.code, text.err) == (130, "twin: interrupted\n")
+    assert (text.code, text.err) == (130, "twin: interrupted: nothing was written\n")
 
 
 def test_interrupt_says_how_to_go_on(run, monkeypatch):
@@ -625,6 +627,52 @@ def test_interrupt_waits_for_an_import(tmp_path, monkeypatch):
     finally:
         signal.signal(signal.SIGINT, before)
     assert not hasattr(sys.modules.pop("interrupted_module"), "swallowed")
+
+
+def test_interrupt_is_not_lost_in_casadi():
+    """CasADi asks an argument for its shape, and ignores what is raised there."""
+    import casadi as ca
+
+    class Argument:
+        @property
+        def shape(self):
+            signal.raise_signal(signal.SIGINT)
+            return (1, 1)
+
+    def interrupted():
+        with contextlib.suppress(Exception):
+            ca.SX.sym("x") * Argument()
+        time.sleep(5)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), after_imports():
+            interrupted()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_interrupt_while_arguments_are_parsed(run, monkeypatch):
+    def fail(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Command, "parse_known_args", fail)
+    text = run("list")
+    assert (text.code, text.err) == (130, "twin: interrupted: nothing was written\n")
+
+
+def test_interrupt_names_the_folders_that_are_complete(run, tmp_path, monkeypatch):
+    def half(args):
+        for name in ("one", "two"):
+            with assets.atomic_folder(tmp_path / name) as work:
+                (work / "file").write_text(name)
+                if name == "two":
+                    raise KeyboardInterrupt
+
+    monkeypatch.setattr("twin.cli.commands.list.run", half)
+    text = run("list")
+    assert (text.code, text.err) == (130, f"twin: interrupted: complete files are in {tmp_path / 'one'}\n")
+    assert files_below(tmp_path) == {"one", "one/file"}
 
 
 # ----------------------------------------------------------------------------------------- terminals and pipes

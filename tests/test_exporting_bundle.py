@@ -327,6 +327,13 @@ def test_a_folder_that_cannot_be_written_is_said_first(run, tmp_path):
 # ---------------------------------------------------------------------------------------------- other robots
 
 
+def test_tracks_of_a_robot_at_rest_are_refused(run):
+    code, _, err = run("export", ROOT / "usd/pa10/pa10.usda", "--to", "tracks")
+    assert code == 2
+    assert "pa10 has no motion to export, and tracks contain only motions: choose another format as well" in err
+    assert ".tmp" not in err
+
+
 def test_a_stage_at_rest_has_no_motion(tmp_path):
     made = api.export(api.load(ROOT / "usd/pa10/pa10.usda"), folder=tmp_path, formats=("glb", "tracks", "usdz"))
     assert made.order.clips == ()

@@ -224,6 +224,24 @@ def test_a_full_turn_in_the_equations_is_stated_and_is_no_disagreement(five_bar,
     assert "is 1 full turn below the mechanism's" in findings["driven.turns"]["message"]
 
 
+def test_a_workspace_says_which_joints_have_no_limits(five_bar, tmp_path, capsys):
+    arguments = ["workspace", str(five_bar), "--count", "1000", "--out", str(tmp_path)]
+    assert cli.main(arguments) == 0
+    said = capsys.readouterr().out
+    names = [j.name for j in api.load(five_bar).mechanism.active]
+    assert f"{', '.join(names)}: no limits are stated; -180° to 180° is assumed" in said
+    assert json.loads((tmp_path / "workspace.json").read_text())["without_limits"] == names
+
+
+def test_texts_of_a_first_robot_have_no_empty_parts(folder_of, tmp_path, capsys):
+    """Without equations there are no variants, and small files have a size."""
+    folder = folder_of("sarrus")
+    assert cli.main(["validate", str(folder), "--out", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "sarrus · first"
+    assert cli.main(["build", str(folder), "--out", str(tmp_path / "usd")]) == 0
+    assert "(0 kB)" not in capsys.readouterr().out
+
+
 def test_a_sweep_of_a_planar_robot_proposes_only_what_sweep_can_do(five_bar, tmp_path, capsys):
     assert cli.main(["sweep", str(five_bar), "--vary", "b=79..81mm", "--out", str(tmp_path / "out")]) == 2
     message = capsys.readouterr().err

@@ -169,6 +169,15 @@ def test_every_message_has_a_bad_one():
     assert {m for m in NAMES if any(f'"type": "{m}"' in b for b in BAD)} == NAMES
 
 
+def test_the_limit_of_a_message_is_in_bytes():
+    """A text that fits exceeds the limit with the same number of characters, if one of them has three bytes."""
+    text = '{"type": "ping", "t": 1' + " " * (wire.LONGEST - 24) + "}"
+    assert len(text) == wire.LONGEST
+    parse(text)
+    with pytest.raises(RefusedError, match="longer than"):
+        parse(text.replace(" }", "\u2003}"))
+
+
 def test_binary_messages_are_refused():
     with pytest.raises(RefusedError, match="JSON text"):
         parse(b"{}")

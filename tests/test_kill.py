@@ -68,10 +68,15 @@ class Place:
         shutil.copytree(self.before, self.out)
         (self.home / "tmp").mkdir()
 
-    def start(self, program: str, arguments: tuple[str, ...], moves: int = 10**9) -> subprocess.Popen:
+    def start(
+        self, program: str, arguments: tuple[str, ...], moves: int = 10**9, err: int = subprocess.DEVNULL
+    ) -> subprocess.Popen:
+        """Start a program in a session of its own."""
         env = os.environ | {"TMPDIR": str(self.home / "tmp"), "MOVED_TO": str(self.out)}
         argv = [sys.executable, "-c", program, str(moves), *(a.format(out=self.out) for a in arguments)]
-        return subprocess.Popen(argv, cwd=self.home, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        return subprocess.Popen(
+            argv, cwd=self.home, env=env, stdout=subprocess.DEVNULL, stderr=err, start_new_session=True
+        )
 
     def run(self, moves: int = 10**9) -> int:
         return self.start(self.program, self.arguments, moves).wait()
@@ -165,3 +170,67 @@ def test_killed_at_random(place):
             process.wait()
         ends.append(_judged(out, old, new))
     print(f"{ends.count('old')} times what was there, {ends.count('new')} times what is new")
+
+
+@pytest.mark.slow
+def test_stopped_by_ctrl_c_at_random(place):
+    """What Ctrl-C leaves is whole at once, without another start of twin, and no process of its own goes on."""
+    out, old, new, seconds, _ = place
+    if out.program != COMMAND:
+        pytest.skip("not a command")
+    rng = random.Random(9)
+    for _ in range(max(2, KILLS // 4)):
+        out.reset()
+        code, said, left = _interrupted(
+            out.start(COMMAND, out.arguments, err=subprocess.PIPE), rng.uniform(0.3, seconds)
+        )
+        if code:
+            assert (code, len(said.splitlines())) == (130, 1), said
+            assert said.startswith("twin: interrupted: ")
+        assert not left
+        assert not out.litter()
+        assert out.tree() in (old, new)
+
+
+@pytest.mark.slow
+def test_a_sweep_stopped_by_ctrl_c_says_what_it_keeps(tmp_path):
+    """Also while its workers start, and while they work."""
+    arguments = ("sweep", "sils", "--vary", "l_p=120..150mm", "--samples", "200", "--workers", "2", "--out", "{out}")
+    (tmp_path / "before").mkdir()
+    out = Place(tmp_path / "home", COMMAND, arguments, tmp_path / "before")
+    for rows in (-1, 1):
+        out.reset()
+        process = out.start(COMMAND, arguments, err=subprocess.PIPE)
+        file = out.out / "rows.csv"
+        while not file.is_file() or len(file.read_bytes().splitlines()) < rows:
+            assert process.poll() is None
+            time.sleep(0.05)
+        code, said, left = _interrupted(process, 1.0)
+        assert (code, len(said.splitlines())) == (130, 1), said
+        kept = len(file.read_bytes().splitlines())
+        assert f"interrupted: {kept} of 201 designs are in {out.out}; run the same command again" in said
+        assert kept >= rows
+        assert not left
+        assert list((out.home / "tmp").iterdir()) == []
+
+
+def _interrupted(process: subprocess.Popen, wait: float) -> tuple[int, str, list[str]]:
+    """Return (exit code, stderr, processes that go on) of a command that gets Ctrl-C after a time in s."""
+    try:
+        process.wait(wait)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGINT)
+    said = process.communicate(timeout=120)[1].decode()
+    for _ in range(100):  # the process of Python that watches semaphores ends a moment after the command
+        own = [p.name for p in Path("/proc").iterdir() if p.name.isdigit() and _session(p) == process.pid]
+        if not own:
+            break
+        time.sleep(0.05)
+    return process.returncode, said, own
+
+
+def _session(process: Path) -> int:
+    try:
+        return int((process / "stat").read_text().rpartition(")")[2].split()[3])
+    except OSError:  # it has ended
+        return 0

@@ -177,6 +177,14 @@ def test_sessions_of_two_groups_are_compared(four):
     assert found.users.sessions == [1, 2, 3, 4, 1, 2, 3, 4]
 
 
+def test_sessions_are_not_called_users(tmp_path, capsys):
+    files = [f"{g}={session(tmp_path, f'{g}{k}', 10 * k + 50)}" for g in ("first", "last") for k in range(2)]
+    assert main(["study", *files]) == 0
+    said = capsys.readouterr().out
+    assert "first and last have 2 and 2 sessions: with so few sessions, p cannot be below 0.333" in said
+    assert "users" not in said
+
+
 def test_the_command_writes_page_boxes_and_table(four, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["study", *(f"{g}={f}" for g, files in four.items() for f in files), "--out", str(out)]) == 0

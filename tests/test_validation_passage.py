@@ -212,7 +212,7 @@ def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
     assert "the robot can do the protocol" in move
     assert "would still miss the RCM by 0.9" in move  # both ends right, the straight way between not
     turn = facts["sweep: turn the shaft, keep the tip"]
-    assert "by 47.96 deg" in turn
+    assert "by 47.96°" in turn
     assert "out of reach" in turn
     assert "gap q4-q3" in turn
     least = facts["sweep: the smallest move and turn of the tool"]
@@ -222,6 +222,13 @@ def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
     assert facts["sweep: other interpretations of the angles"].startswith("none: every order and sign misses the RCM")
     assert codes(found) == {"rcm.fix"}
     assert len(found) == 2
+
+
+def test_a_fix_states_no_size_of_zero():
+    kept = consistent.Fix("move the tip, keep the angles", "t", 0.0, 0.0, "(1, 2, 3) mm", True, "no joint has limits")
+    assert kept.text.startswith("move the tip, keep the angles: (1, 2, 3) mm; ")
+    assert ", by 0.002 mm: " in replace(kept, moved=2e-6).text  # not 0.00 mm
+    assert ", by 1 mm and 57.3°: " in replace(kept, moved=1e-3, turned=1.0).text
 
 
 def test_a_protocol_that_keeps_its_rcm_needs_no_fix(sils, planned):

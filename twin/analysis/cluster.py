@@ -8,10 +8,14 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import signal
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.extras import require
 
@@ -44,11 +48,18 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
         if address == HERE:
             count = workers or len(os.sched_getaffinity(0))
             # Workers listen on the loopback address only, and no dashboard is served.
-            with (
-                dask.config.set({"distributed.worker.daemon": False}),
-                LocalCluster(count, threads_per_worker=1, host="127.0.0.1", dashboard_address="") as own,
-                Client(own) as client,
-            ):
+            options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": ""}
+            with Scratch() as scratch, contextlib.ExitStack() as stack:
+                settings = {
+                    "distributed.worker.daemon": False,
+                    # Workers that are stopped would print warnings about their tasks.
+                    "distributed.nanny.pre-spawn-environ.DASK_LOGGING__DISTRIBUTED": "critical",
+                    "temporary-directory": scratch,
+                }
+                stack.enter_context(dask.config.set(settings))
+                with _started():
+                    own = stack.enter_context(LocalCluster(count, **options))
+                    client = stack.enter_context(Client(own))
                 yield client
             return
         try:
@@ -59,6 +70,28 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
             if not client.scheduler_info()["workers"]:
                 raise TwinError(f"--scheduler {address}: the scheduler has no workers; start: dask worker {address}")
             yield client
+
+
+@contextlib.contextmanager
+def _started() -> Iterator[None]:
+    """Delay the first Ctrl-C until the block has ended: workers that are only half started would not be stopped."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    first: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if first:
+            signal.default_int_handler(number, frame)
+        first.append(number)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if first:
+        raise KeyboardInterrupt
 
 
 def each(client: Client, function: Callable[..., Any], tasks: Iterable[tuple]) -> Iterator[tuple[int, Any]]:

@@ -92,7 +92,9 @@ def by_joints(
     out[:, 1] = inverse / np.maximum(hits, 1)
     out[:, 2] = np.where(hits > 0, margins, 0)
     out[:, 3] = np.where(np.isfinite(singular), singular, np.nan)
+    open_ended = [j.name for j in robot.mechanism.active if j.limits is None or not np.isfinite(j.limits).all()]
     facts = {"sampled": "joints", "samples": count, "assembled": reached / count, "outside_of_box": outside}
+    facts["without_limits"] = open_ended
     return Workspace(robot.name, grid, out, facts, _dimension(robot, ranges, int((~flat).sum())))
 
 

@@ -175,5 +175,8 @@ def _judge(
             for k, result in each(client, design.judge, [(work, designs[i].tolist()) for i in todo]):
                 kept.add(todo[k], result)
                 progress(f"{len(kept.done)} of {len(designs)} designs", len(kept.done) / len(designs))
+    except KeyboardInterrupt:
+        text = f"{len(kept.done)} of {len(designs)} designs are in {kept.folder}; run the same command again to go on"
+        raise KeyboardInterrupt(text) from None
     finally:
         signal.signal(signal.SIGTERM, before)

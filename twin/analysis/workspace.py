@@ -259,6 +259,8 @@ class Workspace(Result):
             yield f"  inverse condition mean {s['global_conditioning_index']:.3f} (quantiles {spread})"
         spread = ", ".join(f"{k}: {v:.2f}" for k, v in s["limit_margin_quantiles"].items())
         yield f"  joint limits      margin (0 at a limit, 1 in the middle of the range), quantiles {spread}"
+        if names := s.get("without_limits"):
+            yield f"                    {', '.join(names)}: no limits are stated; -180° to 180° is assumed"
         if s["smallest_singularity_measure"] is not None:
             yield f"  singularity       smallest measure {s['smallest_singularity_measure']:.3g}"
         if s["best_position_mm"] is not None:

@@ -1,6 +1,7 @@
 """The command line: `twin <command> ...`.
 
-The exit code is 0 for agreement or success, 1 for a disagreement, 2 if the check was impossible or the usage is wrong.
+The exit code is 0 for agreement or success, 1 for a disagreement, 2 if the check was impossible or the usage is wrong,
+130 after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import contextlib
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from twin.cli.interrupt import after_imports
@@ -35,40 +36,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not argv:  # no command: print the help; this is wrong usage
         parser().print_help()
         return 2
+    args = argparse.Namespace(json="--json" in argv, debug="--debug" in argv)  # until the arguments are parsed
     try:
-        args = parser().parse_args(argv)
-    except UsageError as error:
-        print(error.usage, end="", file=sys.stderr)
-        return _failed("usage", str(error), "--json" in argv)
-    import logging
-
-    # All matrices are small: several threads of the linear algebra library would be slower than one.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Child processes must not import modules (such as a file `numpy.py`) from the folder of a downloaded robot.
-    os.environ["PYTHONSAFEPATH"] = "1"
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
-    # The note on stderr that a robot's code is executed is always printed, also with --quiet and --json.
-    logging.getLogger("twin.robots").setLevel(logging.INFO)
-    if args.no_code:
-        from twin.robots import NO_CODE
-
-        os.environ[NO_CODE] = "1"
-    try:
-        from twin.cli import scene
-
-        _settle(args)
-        scene.refuse(args)
+        with after_imports():
+            args = parser().parse_args(argv)
+            run = _prepared(args)
         # asyncio, which serves pages, replaces only Python's own handler of Ctrl-C.
         with contextlib.nullcontext() if args.command in _SERVERS else after_imports():
-            code = int(import_module(f"twin.cli.commands.{args.command}").run(args))
+            code = int(run(args))
         sys.stdout.flush()  # raises a broken pipe here, where it is handled
         return code
+    except UsageError as error:
+        print(error.usage, end="", file=sys.stderr)
+        return _failed("usage", str(error), args.json)
     except TwinError as error:
         _trace(args.debug)
         return _failed(type(error).__name__, str(error), args.json)
     except KeyboardInterrupt as stopped:
         _settle(args)  # child processes were killed and have left their temporary folders
-        print(f"twin: {': '.join(('interrupted', *map(str, stopped.args)))}", file=sys.stderr)
+        print(f"twin: interrupted: {', '.join(map(str, stopped.args)) or _kept()}", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -84,6 +70,39 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _failed("output", text, args.json)
         text = f"internal error, {type(error).__name__}: {error}. Please report it with the output of --debug."
         return _failed(type(error).__name__, text, args.json)
+
+
+def _prepared(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
+    """Set up the process for a command, remove what killed processes left, and return the function of the command."""
+    import logging
+
+    from twin.core import atomic
+
+    atomic.completed.clear()
+    # All matrices are small: several threads of the linear algebra library would be slower than one.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Child processes must not import modules (such as a file `numpy.py`) from the folder of a downloaded robot.
+    os.environ["PYTHONSAFEPATH"] = "1"
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
+    # The note on stderr that a robot's code is executed is always printed, also with --quiet and --json.
+    logging.getLogger("twin.robots").setLevel(logging.INFO)
+    if args.no_code:
+        from twin.robots import NO_CODE
+
+        os.environ[NO_CODE] = "1"
+    from twin.cli import scene
+
+    _settle(args)
+    scene.refuse(args)
+    return import_module(f"twin.cli.commands.{args.command}").run
+
+
+def _kept() -> str:
+    """Return what an interrupted command has written completely."""
+    from twin.core.atomic import completed
+
+    folders = ", ".join(dict.fromkeys(map(str, completed)))
+    return f"complete files are in {folders}" if folders else "nothing was written"
 
 
 def _trace(debug: bool) -> None:
@@ -112,12 +131,11 @@ def _settle(args: argparse.Namespace) -> None:
 def _failed(kind: str, message: str, as_json: bool) -> int:
     """Print an error that prevented the check; return exit code 2."""
     if as_json:
-        import json
-
         from twin.core import findings
+        from twin.core.result import as_json as text_of
+        from twin.core.result import record
 
-        finding = findings.error("error." + kind.removesuffix("Error").lower(), "", message).as_dict()
-        out = {"verdict": "unchecked", "error": kind, "message": message, "residuals": [], "findings": [finding]}
-        print(json.dumps(out, indent=2))
+        finding = findings.error("error." + kind.removesuffix("Error").lower(), "", message)
+        print(text_of(record("error", {"error": kind, "message": message, "residuals": []}, [finding])))
     print(f"twin: {message}", file=sys.stderr)
     return 2

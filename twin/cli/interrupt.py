@@ -1,4 +1,8 @@
-"""Delay Ctrl-C until imports have ended: during an import, native libraries crash at Ctrl-C, or ignore it."""
+"""Delay Ctrl-C until imports and calls of CasADi have ended.
+
+During an import, native libraries crash at Ctrl-C, or ignore it. CasADi ignores the errors of Python functions that it
+calls to convert arguments.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +11,19 @@ import contextlib
 import signal
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from types import FrameType
 
-_IMPORTING = "<frozen importlib._bootstrap>"
+_UNSAFE = ("<frozen importlib._bootstrap>", str(Path("casadi", "casadi.py")))
+"""Ends of the names of the files whose functions must not be interrupted."""
+
 _AGAIN = 0.05
-"""Time in s between two checks whether an import has ended."""
+"""Time in s between two checks whether such a function has ended."""
 
 
 @contextlib.contextmanager
 def after_imports() -> Iterator[None]:
-    """In this context, a Ctrl-C raises KeyboardInterrupt only when no import is in progress."""
+    """In this context, a Ctrl-C raises KeyboardInterrupt only when no import and no call of CasADi is in progress."""
     ours = threading.current_thread() is threading.main_thread()
     if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
@@ -31,7 +38,7 @@ def after_imports() -> Iterator[None]:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     at = frame
     while at is not None:
-        if at.f_code.co_filename == _IMPORTING:
+        if at.f_code.co_filename.endswith(_UNSAFE):
             later = threading.Timer(_AGAIN, _thread.interrupt_main)
             later.daemon = True
             later.start()

@@ -24,7 +24,7 @@ examples:
   twin build my_robot/                            USD stage of your own robot
   twin export sils --to glb,tracks                write and audit files for headsets and engines
 
-exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage
+exit codes: 0 agree or done, 1 disagree, 2 could not check or wrong usage, 130 stopped by Ctrl-C
 """
 
 

@@ -28,8 +28,8 @@ def finish(reports, args: argparse.Namespace) -> int:
     code = max(r.exit_code for r, _ in reports)
     if args.json:
         data = [{**r.as_dict(), "folder": str(folder)} for r, folder in reports]
-        several = {"verdict": max(reports, key=lambda r: r[0].exit_code)[0].verdict, "reports": data}
-        print(show.as_json(data[0] if len(data) == 1 else several))
+        worst = max(reports, key=lambda r: r[0].exit_code)[0].verdict
+        print(show.as_json(data[0] if len(data) == 1 else show.record("reports", {"reports": data}, judged=worst)))
         return code
     for report, folder in reports:
         show.finish(report, args)

@@ -14,13 +14,25 @@ from typing import TYPE_CHECKING
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
-from twin.core.result import Line, Part, Result, Table, as_json
+from twin.core.result import Line, Part, Result, Table, as_json, record
 from twin.core.units import UM
 
 if TYPE_CHECKING:
     from twin.api import Robot
 
-__all__ = ["as_json", "finding", "finish", "folder", "micrometres", "plain", "progress", "store", "table", "tool_note"]
+__all__ = [
+    "as_json",
+    "finding",
+    "finish",
+    "folder",
+    "micrometres",
+    "plain",
+    "progress",
+    "record",
+    "store",
+    "table",
+    "tool_note",
+]
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 

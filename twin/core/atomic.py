@@ -37,6 +37,10 @@ _COMMIT, _UNDO = "commit", "undo"
 """File names of the journal: `_COMMIT` if its moves are to be completed, `_UNDO` if they are to be undone."""
 
 
+completed: list[Path] = []
+"""Folders into which `atomic_folder` has moved files, in order of time; a command names them if it is interrupted."""
+
+
 @contextlib.contextmanager
 def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder; move its files into `target` when the block ends without an error.
@@ -61,6 +65,9 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
             yield own / "new"
             with _locked(base):
                 _commit(base, target, own, replacing)
+            inner = any(_OWN.fullmatch(p) for p in target.parts)  # an outer block is still writing
+            if not inner and cache_folder("") not in target.parents:
+                completed.append(target)
         except OSError as error:
             raise OutputError(_unwritable(target, error)) from error
         except OutputError as error:  # from an inner atomic_folder: name the target, not the temporary folder

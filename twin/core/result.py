@@ -80,12 +80,7 @@ class Result(ABC):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON, with the most severe findings first."""
-        return {
-            "schema": f"twin/{self.kind}/1",
-            "verdict": self.verdict,
-            **self.content(),
-            "findings": [f.as_dict() for f in by_severity(self.findings)],
-        }
+        return record(self.kind, self.content(), self.findings, self.verdict)
 
     def to_json(self) -> str:
         """Return `as_dict` as JSON text."""
@@ -93,6 +88,25 @@ class Result(ABC):
 
     def write(self, folder: Path) -> None:  # noqa: B027 - most have nothing
         """Write further data files (curves as CSV, point clouds); the base class writes no files."""
+
+
+def record(
+    kind: str, content: Mapping[str, Any], findings: Sequence[Finding] = (), judged: Verdict | None = None
+) -> dict[str, Any]:
+    """Return what every `--json` prints as plain data; docs/schemas/result.schema.json describes it.
+
+    Args:
+        kind: name of the schema, twin/<kind>/1.
+        content: keys of this kind.
+        findings: are listed with the most severe first.
+        judged: the verdict; None: it is computed from the findings.
+    """
+    return {
+        "schema": f"twin/{kind}/1",
+        "verdict": verdict(findings) if judged is None else judged,
+        **content,
+        "findings": [f.as_dict() for f in by_severity(findings)],
+    }
 
 
 def as_json(data: Any) -> str:

@@ -57,15 +57,16 @@ class Fix:
     @property
     def text(self) -> str:
         """The fix, its size and reachability in one sentence."""
-        size = [f"{self.moved / MM:.2f} mm"] if self.moved > 0 else []
-        size += [f"{self.turned / DEG:.2f} deg"] if self.turned > 0 else []
+        size = [str(mm(self.moved))] if self.moved > 0 else []
+        size += [str(deg(self.turned))] if self.turned > 0 else []
+        by = f", by {' and '.join(size)}" if size else ""
         reach = f"the robot can do the protocol ({self.why})" if self.reachable else f"out of reach: {self.why}"
         drift = (
             f"; on the straight path, the shaft would still miss the RCM by {self.straight / MM:.2f} mm at a point "
             "between the ends of the path"
         )
         drifts = drift if self.straight > 1e-5 else ""
-        return f"{self.name}, by {' and '.join(size) or '0 mm'}: {self.value}; {reach}{drifts}"
+        return f"{self.name}{by}: {self.value}; {reach}{drifts}"
 
 
 def fixes(

@@ -85,6 +85,11 @@ class Users:
     measures: Mapping[str, Sequence[float]]
     findings: Sequence[Finding] = ()
 
+    @property
+    def counted(self) -> str:
+        """What the values of a group are: "users", or "sessions" of unknown users."""
+        return "users" if self.repeated or self.sessions is None else "sessions"
+
     def samples(self, measure: str) -> dict[str, Array]:
         """Return the values of a measure by group.
 
@@ -124,7 +129,7 @@ class Comparison:
 
     Attributes:
         measure, groups: names of the measure and of the two groups.
-        counts, medians: number of users and median of each group.
+        counts, medians: number of users or sessions, and median, of each group.
         u: Mann-Whitney U of the first group.
         exact: whether p is exact; with ties, it is the normal approximation with correction for ties and continuity.
         p: two-sided p-value.
@@ -186,7 +191,7 @@ class Ranks(Result):
             )
             for c in self.comparisons
         ]
-        yield Table(("measure", "groups", "users", "medians", "U", "p", "p (Holm)", "effect"), rows)
+        yield Table(("measure", "groups", self.users.counted, "medians", "U", "p", "p (Holm)", "effect"), rows)
         yield "  effect: rank-biserial correlation = Cliff's delta = 2 A - 1, A of Vargha and Delaney"
         if not all(c.exact for c in self.comparisons):
             yield "  *: p by the normal approximation, because of ties; the other p-values are exact"
@@ -252,7 +257,7 @@ def compare_users(users: Users, source: str = "") -> Ranks:
             f"{source}: every group has only one session or user, and a rank test needs several values in each group: "
             "give at least 4 in each group"
         )
-    return Ranks(users, _holm(found), [*users.findings, *_repeated(users), *_small(found)])
+    return Ranks(users, _holm(found), [*users.findings, *_repeated(users), *_small(found, users.counted)])
 
 
 def _repeated(users: Users) -> Iterator[Finding]:
@@ -273,7 +278,7 @@ def _holm(found: Sequence[Comparison]) -> list[Comparison]:
     return out
 
 
-def _small(found: Sequence[Comparison]) -> Iterator[Finding]:
+def _small(found: Sequence[Comparison], counted: str) -> Iterator[Finding]:
     for pair in dict.fromkeys(c.groups for c in found):
         n, m = next(c.counts for c in found if c.groups == pair)
         smallest = 2 / math.comb(n + m, n)
@@ -281,10 +286,11 @@ def _small(found: Sequence[Comparison]) -> Iterator[Finding]:
             yield warning(
                 "study.small",
                 " - ".join(pair),
-                f"{pair[0]} and {pair[1]} have {n} and {m} users: with so few users, p cannot be below {smallest:.3f}",
+                f"{pair[0]} and {pair[1]} have {n} and {m} {counted}: with so few {counted}, p cannot be below "
+                f"{smallest:.3f}",
                 Quantity(smallest, "1"),
                 0.05,
-                "add users: with 4 users in each group, p can be as low as 0.029",
+                f"add {counted}: with 4 {counted} in each group, p can be as low as 0.029",
                 word="",
             )
 

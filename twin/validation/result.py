@@ -217,7 +217,8 @@ class Report(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield the verdict, findings by cause, the short residual matrix, and the number of assumed parameters."""
-        yield f"{self.robot} · {self.protocol} · {', '.join(f'{k} {v}' for k, v in self.variants.items())}\n"
+        variants = ", ".join(f"{k} {v}" for k, v in self.variants.items())
+        yield " · ".join(filter(None, (self.robot, self.protocol, variants))) + "\n"
         unjudged = not self.variants and self.verdict == "agree"
         yield f"  {_WITHOUT if unjudged else self.verdict_line}\n"
         told = {id(f) for c in self.causes for f in c.findings}

@@ -38,10 +38,10 @@ def run(args: argparse.Namespace) -> int:
             return show.finish(api.check_build(robot, folder, args.robot, progress), args)
         written = api.build(robot, folder, protocols=chosen, progress=progress)
     if args.json:
-        print(show.as_json({"files": [str(p) for p in written]}))
+        print(show.as_json(show.record("build", {"files": [str(p) for p in written]})))
     else:
         for path in written:
-            print(f"  {path}  ({path.stat().st_size / 1e3:.0f} kB)")
+            print(f"  {path}  ({-(-path.stat().st_size // 1000)} kB)")
         baked = {path.stem.removeprefix(f"{robot.name}_") for path in written}
         for name in robot.files.protocols() if robot.files is not None and robot.unwritten and not chosen else ():
             if name not in baked:

@@ -12,6 +12,8 @@ from twin.cli.parser import Command
 EXAMPLES = """\
   twin doctor"""
 
+_CURE = "Reinstall twin: pip install ."
+
 
 def arguments(command: Command) -> None:
     """Add no arguments: `twin doctor` has none of its own."""
@@ -21,6 +23,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the required and optional packages and programs; return 2 if a required package is missing, else 0."""
     from twin.cli import show
     from twin.core import assets
+    from twin.core.findings import error
 
     packages = _needed()
     extras = {
@@ -38,15 +41,15 @@ def run(args: argparse.Namespace) -> int:
     rows += [(n, shutil.which(n) or "-", f"optional: {why}") for n, why in programs.items()]
     missing = [n for n in packages if _installed(n) is None]
     if args.json:
-        print(
-            show.as_json({"python": platform.python_version(), "found": {n: v for n, v, _ in rows}, "missing": missing})
-        )
+        content = {"python": platform.python_version(), "found": {n: v for n, v, _ in rows}, "missing": missing}
+        lacking = [error("doctor.missing", n, f"{n} is not installed", suggestion=_CURE) for n in missing]
+        print(show.as_json(show.record("doctor", content, lacking)))
     else:
         print(f"  python {platform.python_version()} on {platform.system()} {platform.machine()}")
         print(f"  data in {assets.data_folder()}\n")
         print(show.table(rows, ("package", "found", "")))
         if missing:
-            print(f"\n  missing: {', '.join(missing)}. Reinstall twin: pip install .")
+            print(f"\n  missing: {', '.join(missing)}. {_CURE}")
     return 2 if missing else 0
 
 

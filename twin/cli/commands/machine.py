@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         **pace,
     }
     if args.json:
-        print(show.as_json(found))
+        print(show.as_json(show.record("machine", found)))
         return 0
     why = f": {receiver.reason}" if receiver.reason else ""
     said(f"packets: {receiver.accepted} accepted, {receiver.refused} refused{why}")

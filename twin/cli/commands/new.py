@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         data, findings = _make(args, name, source, target, progress)
     if args.json:
-        print(show.as_json({**data, "findings": [f.as_dict() for f in findings]}))
+        print(show.as_json(show.record("new", data, findings)))
         return 0
     _print(findings)
     loops = f", {data['loops']} loops closed within {data['worst_gap_m']:.2g} m" if data["loops"] else ""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from twin.core import format
 from twin.core.errors import BudgetError, SourceError
-from twin.core.findings import Finding, Severity, Verdict, by_severity, finding
+from twin.core.findings import Finding, Severity, Verdict, by_severity, finding, verdict
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 
@@ -294,7 +294,8 @@ def guarded(read: Callable[[Path, Ledger], Read], path: Path, ledger: Ledger) ->
 def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> AuditReport:
     """Return the report with the checks and findings of all ledgers."""
     checks = [c for ledger in ledgers for c in ledger.checks]
-    if not checks and all(f.severity == "info" for g in ledgers for f in g.findings):  # "agree" would be false
+    nothing = not checks or (files and not any(f["links"] or f["nodes"] for f in files))
+    if nothing and verdict(f for g in ledgers for f in g.findings) == "agree":  # "agree" would be false
         none = Ledger(path)
         none.add("audit.no_checks", "error", "the files have nothing that can be checked.")
         ledgers = [*ledgers, none]

@@ -155,8 +155,11 @@ def write_bundle(
 
     Raises:
         OutputError: the folder cannot be written.
-        TwinError: a format cannot hold the robot.
+        TwinError: a format cannot hold the robot, or only tracks are chosen and there is no motion.
     """
+    if tuple(formats) == ("tracks",) and not order.clips:
+        text = "tracks contain only motions: choose another format as well, such as glb,tracks"
+        raise TwinError(f"{order.mechanism.name} has no motion to export, and {text}")
     with assets.atomic_folder(folder, replacing=_written_before(folder)) as work:
         findings = list(order.findings)
         written: dict[str, set[str]] = {}  # files by format, except schemas, which do not depend on the robot

@@ -81,11 +81,8 @@ def eq1_paper(dW, P_0):
     return P_1
 
 
-@equation.variant("conjugate", of=eq1, why="as printed")
-def eq1_conjugate(dW, P_0):
-    """Return the tool pose (4, 4) in {RB} by eq. (1) as printed: P_1 = dW P_0."""
-    P_1 = dW @ P_0
-    return P_1
+# In the reading "conjugate", only eq. (2) differs from the printed equations.
+equation.variant("conjugate", of=eq1, why="as printed")(eq1_paper.change)
 
 
 @equation(

@@ -431,7 +431,7 @@ def parse(text: str | bytes) -> Message:
     """
     if isinstance(text, bytes):
         raise RefusedError("invalid", "clients send JSON text, not binary messages")
-    if len(text) > LONGEST:
+    if len(text.encode(errors="surrogatepass")) > LONGEST:
         raise RefusedError("invalid", f"the message is longer than {LONGEST} bytes")
     try:
         return _ADAPTER.validate_json(text)

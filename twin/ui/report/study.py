@@ -22,7 +22,7 @@ _ROW = 2.1
 def figure(found: Ranks) -> Figure:
     """Return a figure with a row for each measure: boxes and values of each group; values and medians over sessions.
 
-    A measure that is equal for all users has no row, but is named below the title.
+    A measure that is equal in all rows has no row, but is named below the title.
     """
     users = found.users
     same = {name: x for name, x in ((n, np.unique(x)) for n, x in users.measures.items()) if len(x) == 1}
@@ -35,7 +35,7 @@ def figure(found: Ranks) -> Figure:
     out.subplots_adjust(left=0.1, right=0.98, top=1 - 0.8 / height, bottom=0.45 / height, hspace=0.55, wspace=0.25)
     if same:
         equal = ", ".join(f"{label(name)} {x[0]:g}" for name, x in same.items())
-        out.text(0.012, 1 - 0.46 / height, f"Equal for all users: {equal}", fontsize=8, va="center")
+        out.text(0.012, 1 - 0.46 / height, f"Equal for all {users.counted}: {equal}", fontsize=8, va="center")
     for row, name in zip(axes, names, strict=True):
         _boxes(row[0], users.samples(name), name)
         if curve:
