@@ -5,19 +5,24 @@ from __future__ import annotations
 import os
 from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import nnls
 
 from made.haptics import DT, Touch, observed, plane, random_hand, turned
 from twin.core import spatial
 from twin.core.errors import TwinError, WorldError
+from twin.formula import symbolic
+from twin.formula.flow import attach
+from twin.simulation import proxy
 from twin.simulation.condition import randomised
 from twin.simulation.controllers import passive
 from twin.simulation.controllers.hand_force import Surface
 from twin.simulation.controllers.passive import needed_damping, require_passive
-from twin.simulation.local_plane import COUNT, LocalPlane, rows
+from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows
 
 MM = 1e-3
 FLOOR = plane([0, 0, 1])
@@ -148,6 +153,96 @@ def test_a_surface_at_60_hz_is_felt_at_1_khz():
     fs = np.array(fs)
     np.testing.assert_allclose(fs[:, 0], fs[:, 1], atol=1e-12)
     assert len(np.unique(fs[:, 1, 2])) > 120, "it changes in each tick"
+
+
+class Proxy:
+    """The way to the proxy among at most five planes of a tool at the origin."""
+
+    def __init__(self):
+        planes = ca.SX.sym("planes", 5 * WIDTH)
+        way = ca.vertcat(*proxy.proxy(symbolic.unflat(planes, 5, WIDTH), ca.SX.eye(4)))
+        self._rows = np.zeros((5, WIDTH))
+        self._out, self._compute = attach(ca.Function("way", [planes], [ca.densify(way)]), self._rows)
+
+    def way(self, normals, depths, order=None):
+        """Return the way (3,) among planes with normals (k, 3) and depths (k,) in m; order: the rows in use."""
+        self._rows[:] = 0
+        place = np.arange(len(depths)) if order is None else order
+        self._rows[place, :3] = self._rows[place, 3:6] = normals
+        self._rows[place, 9] = depths
+        self._compute()
+        np.testing.assert_array_equal(self._out[:3], self._out[3:])  # levers equal to normals
+        return self._out[:3].copy()
+
+
+@pytest.fixture(scope="module")
+def among():
+    return Proxy()
+
+
+def unoptimal(way, normals, depths):
+    """Return by how many m a way violates the conditions of Karush, Kuhn and Tucker, which only the optimum satisfies.
+
+    There must be pushes p >= 0 of the planes at which the largest depth s remains, with sum p n = way and sum p =
+    REACH; while s = 0, the sum may be smaller.
+    """
+    s = max(0.0, float(np.max(depths - normals @ way)))
+    at = normals[depths - normals @ way > s - 1e-9]
+    pushes = np.vstack([at.T, np.ones(len(at))])
+    if s < 1e-9:
+        pushes = np.column_stack([pushes, [0, 0, 0, 1]])
+    return nnls(pushes, np.append(way, proxy.REACH))[1]
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 5),
+    st.sampled_from([None, 1.0, -1.0]),
+    st.sampled_from([0, 1e-9, 1e-6, 1e-4, 1e-3, 0.1]),
+)
+def test_the_proxy_is_the_exact_optimum(among, seed, count, like, tilt):
+    """Random planes; the second may be parallel or opposite to the first, but for a tilt in rad."""
+    rng = np.random.default_rng(seed)
+    normals = rng.standard_normal((count, 3))
+    if like is not None and count > 1:
+        normals[1] = like * normals[0] / np.linalg.norm(normals[0]) + tilt * normals[1]
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    depths = rng.uniform(-3, 3, count) * MM
+    way = among.way(normals, depths, rng.permutation(5)[:count])
+    assert unoptimal(way, normals, depths) < 1e-12
+    if depths.max() <= 0:
+        assert not way.any()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3))
+def test_up_to_three_planes_that_face_each_other_little_are_left_completely(among, seed, count):
+    """The smallest displacement that leaves all planes, by Lawson and Hanson's problem LDP."""
+    rng = np.random.default_rng(seed)
+    normals = UP + 0.9 * turned(rng)[:count]
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    depths = rng.uniform(-1, 3, count) * MM
+    u = nnls(np.vstack([normals.T, depths / MM]), [0, 0, 0, 1])[0]
+    r = np.vstack([normals.T, depths / MM]) @ u - [0, 0, 0, 1]
+    np.testing.assert_allclose(among.way(normals, depths), -r[:3] / r[3] * MM, atol=1e-12)
+
+
+def test_in_a_slot_the_proxy_is_in_the_middle_and_does_not_jump(among):
+    """A slot that is 1 mm narrower than the tool, whose walls are parallel or not quite."""
+    depths = np.array([0.8, 0.2]) * MM
+    for angle in (0, 1e-6, 1e-4, 1e-3, 1e-2):
+        walls = np.array([[0.0, 0, 1], [0, np.sin(angle), -np.cos(angle)]])
+        way = among.way(walls, depths)
+        np.testing.assert_allclose(way, [0, 0, 0.3 * MM], atol=proxy.REACH * angle + 1e-15)
+        corner = among.way(np.vstack([walls, [1, 0, 0]]), [*depths, 2 * MM])  # for a tool that is 0.5 mm smaller
+        np.testing.assert_allclose(corner - way, [1.5 * MM, 0, 0], atol=2 * proxy.REACH * angle + 1e-15)
+
+
+def test_planes_of_another_side_are_kept_beside_many_of_one_side():
+    floors = [plane([1e-3 * k, 0, 1], (3 - 0.1 * k) * MM) for k in range(6)]
+    kept = rows([*floors, plane([0, 1, 0], 0.5 * MM)], np.eye(4)).reshape(COUNT, -1)
+    np.testing.assert_allclose(kept[:2, 9], [3 * MM, 0.5 * MM])
 
 
 # -- passivity --------------------------------------------------------------------------------------------------------

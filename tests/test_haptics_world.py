@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -166,6 +167,41 @@ def planes(world):
     """Return the planes of the instrument, those in use."""
     rows = world.signals["psm.planes"].reshape(COUNT, -1)
     return [LocalPlane(r[3:6], r[:3], r[6:9], float(r[9])) for r in rows if r.any()]
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_thin_wall_pushes_back_to_the_side_of_entry_until_the_instrument_is_through(psm, side):
+    """A wall of 3 mm in two panels, thinner than the instrument; through it, back through it, each from its side."""
+    mechanism, kin = psm
+    q0, panel = mechanism.posture("home"), Movable("panel", "box", (1.5 * MM, 10 * MM, 12 * MM), 1.0, 0.0).mesh()
+    middle, lever = kin.forward(q0)[:3, 3], -kin.forward(q0)[2, 3]  # the first joint moves the tool along x
+    panels = [
+        replace(panel, name=f"panel{k}", vertices=panel.vertices + middle + [0, 10 * k * MM, 3 * MM]) for k in (-1, 1)
+    ]
+
+    def q(t):
+        out = q0.copy()
+        out[0] += side * (-20 * MM + 50 * MM * min(t, 1.6 - t)) / lever
+        return out
+
+    gripper = Gripper("psm", mechanism, kin, np.eye(4), 0.02)
+    solids = [Solid("wall", panels, 0.5)]
+    contact = Contact([], solids, [gripper], {"psm": q(0)}, gravity=(0, 0, 0), feels=True)
+    world, deepest = World(plants=[Led(q), contact], records=False), {1: 0.0, -1: 0.0}
+    for entry in (-side, side):
+        touched = []
+        for _ in range(400):
+            world.step(2)
+            found = planes(world)
+            touched.append(bool(found))
+            for plane in found:
+                assert plane.normal[0] * entry > 0.9, "out of the wall on the side of entry"
+            depths = [plane.depth(kin.forward(q(world.t))) for plane in found]
+            deepest[entry] = max([deepest[entry], *depths])
+        assert not touched[0]
+        assert not touched[-1], "behind the wall nothing is felt"
+        assert sum(a != b for a, b in pairwise(touched)) == 2
+    assert min(deepest.values()) > 10 * MM, "of the wall and the instrument"
 
 
 def test_a_held_ring_is_felt_where_it_would_be(psm):

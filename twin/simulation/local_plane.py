@@ -1,6 +1,6 @@
 """Local planes: surfaces at a tool, approximated between two updates of the simulation that finds the contacts.
 
-A simulation of contact or tissue updates a few planes whenever it steps: every 2 ms, or at 60 Hz. Between two updates,
+A simulation of contact or tissue updates a few planes when it steps: every few ms, or at 60 Hz. Between two updates,
 a plane does not move, and the depth of the tool in it depends on the tool's pose alone. The hand at 1 kHz therefore
 never waits for the simulation (intermediate representation; Adachi, Kumano and Ogino, IEEE VRAIS 1995).
 
@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
@@ -70,37 +69,17 @@ class LocalPlane:
 
 
 def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
-    """Return the signal (SIZE,) of planes, at most `COUNT`: those that are deepest at T_world_tool (4, 4)."""
-    out = np.zeros((COUNT, WIDTH))
-    deepest = sorted(planes, key=lambda plane: -plane.depth(T_world_tool))[:COUNT]
-    for row, plane in zip(out, deepest, strict=False):
-        row[:3], row[3:6], row[6:9], row[9] = plane.lever, plane.normal, plane.arm, plane.offset
-    return out.ravel()
+    """Return the signal (SIZE,) of at most `COUNT` of the planes at T_world_tool (4, 4).
 
-
-def proxy(planes: ca.SX, T_world_tool: ca.SX, sweeps: int = 12) -> tuple[ca.SX, ca.SX]:
-    """Return the expressions (way (3,), pull (3,)) of the nearest point outside all planes, the proxy of the tool.
-
-    The way in m is from the point in contact to its proxy, the smallest displacement that leaves all planes (Zilles
-    and Salisbury, IROS 1995; solved by Hildreth's method). Two planes with the same normal count once. The pull in m is
-    the same sum over planes, with levers instead of normals: the force at the tool acts along the pull.
-
-    Args:
-        planes: (k, WIDTH) rows.
-        T_world_tool: (4, 4) pose of the tool.
-        sweeps: number of iterations over all planes; one is enough for two planes that are parallel or perpendicular.
+    The next plane is the one that is deepest after the tool has left the planes before it, so that planes of one side
+    do not replace those of another side.
     """
-    p, R, count = T_world_tool[:3, 3], T_world_tool[:3, :3], planes.shape[0]
-    n = [planes[i, 3:6].T for i in range(count)]
-    g = [planes[i, :3].T for i in range(count)]
-    x = [planes[i, 9] - ca.dot(g[i], p) - ca.dot(n[i], R @ planes[i, 6:9].T) for i in range(count)]
-    push = [ca.SX(0) for _ in range(count)]
-    way = ca.SX.zeros(3)
-    for _ in range(sweeps):
-        for i in range(count):
-            new = ca.fmax(push[i] + x[i] - ca.dot(n[i], way), 0)  # an unused row is zero: it never pushes
-            way, push[i] = way + n[i] * (new - push[i]), new
-    pull = ca.SX.zeros(3)
-    for a, b in zip(g, push, strict=True):
-        pull += a * b
-    return way, pull
+    out = np.zeros((COUNT, WIDTH))
+    depths, normals = np.array([plane.depth(T_world_tool) for plane in planes]), np.array([p.normal for p in planes])
+    for row in out[: len(planes)]:
+        k = int(np.argmax(depths))
+        plane = planes[k]
+        row[:3], row[3:6], row[6:9], row[9] = plane.lever, plane.normal, plane.arm, plane.offset
+        depths -= normals @ plane.normal * max(depths[k], 0.0)
+        depths[k] = -np.inf
+    return out.ravel()

@@ -16,7 +16,8 @@ from twin.formula.symbol import from_sx, to_sx
 from twin.simulation.controllers.console import DAMPING, LARGEST, STIFFNESS, Console
 from twin.simulation.controllers.passive import bounded, clipped, observed, smoothing, stored
 from twin.simulation.limits import Limits
-from twin.simulation.local_plane import COUNT, SIZE, WIDTH, proxy
+from twin.simulation.local_plane import COUNT, SIZE, WIDTH
+from twin.simulation.proxy import proxy
 
 DEVICE_DAMPING = 2.0
 """Damping in N s/m of a pen with the fingers that hold it; ASSUMED: no value is published for this pen."""

@@ -5,36 +5,45 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Sequence
 
+import casadi as ca
 import mujoco
 import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.simulation.local_plane import COUNT, SIZE, LocalPlane, rows
+from twin.formula import symbolic
+from twin.formula.flow import attach
+from twin.simulation.local_plane import COUNT, SIZE, WIDTH, LocalPlane, rows
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.plants.contact.levers import Levers
+from twin.simulation.proxy import proxy
 
 NAME = "planes"
 """Last part of the name of the signal with the planes of a robot."""
 
-_OPPOSITE = -0.5
-"""Cosine of the angle between two normals; below this cosine, the normals belong to opposite sides of a part."""
+_NEAR = 0.2e-3
+"""Distance in m from the proxy within which a part is found before the proxy touches it; ASSUMED."""
 
-_Touch = tuple[float, tuple[int, int], int, Array, Array]
-"""A contact of an instrument: depth, both geoms (first the instrument's), body and deepest point of the instrument,
-normal out of the other geom."""
+_FAR = 1e-3
+"""Largest motion of a proxy in m at once; ASSUMED, less than half of the thickness of parts."""
+
+_Touch = tuple[float, int, Array, Array]
+"""A contact of an instrument: depth (negative: distance), body and deepest point of the instrument, normal out of the
+other geom."""
 
 
 class Feel:
-    """Finds the planes of all contacts at the present joint values.
+    """Finds the planes of all contacts.
 
-    Contacts of instruments are found at the commanded joint values, not at the simulated poses: a jaw whose torque is
-    limited yields when it presses, and may vibrate. A held object yields too: it stays outside of the parts that it
+    Contacts of instruments begin and end at the commanded joint values, not at the simulated poses: a jaw whose torque
+    is limited yields when it presses, and may vibrate. A held object yields too: it stays outside of the parts that it
     touches, and slips between the jaws. The depth of a held object is measured at the point where the contact would be
     without slip. Objects that are not held have no planes.
 
-    A part does not stop an instrument, which can move through it. If the normal of a contact changes to the opposite
-    side meanwhile, the previous plane is kept: the force pushes the instrument back to the side from which it came.
+    A part does not stop an instrument, which can move through it. The contacts of an instrument in a part are therefore
+    found at its proxy, which stays outside on the side from which the instrument came (Ruspini, Kolarov and Khatib,
+    SIGGRAPH 1997): the proxy moves towards the nearest point outside of the planes found last, by at most `_FAR` at
+    once, less than parts are thick. When the instrument is through and touches nothing, it and its proxy are one again.
     """
 
     def __init__(
@@ -59,16 +68,18 @@ class Feel:
         self._items = [m.body(name).id for name in objects]
         self._grasps: dict[int, tuple[int, Array]] = {}
         self._levers = [Levers(g, 2 * k) for k, g in enumerate(grippers)]
-        self._sides: dict[tuple[int, int], LocalPlane] = {}
-        self._step, self._felt = 0, False
+        self._proxies = [_Proxy() for _ in grippers]
+        self._step, self._turn, self._R = 0, np.zeros(4), np.zeros(9)
+        self._pushed = [False] * len(grippers)
         self._rigid = copy.copy(m)  # the instruments and the fixed parts, without the objects
         self._rigid.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         for geom, (item, _, _) in enumerate(whose):
             if item >= 0:
                 self._rigid.geom_contype[geom] = self._rigid.geom_conaffinity[geom] = 0
+        self._rigid.geom_margin[:] = _NEAR
         self._at = mujoco.MjData(self._rigid)
-        self._none = dict.fromkeys((f"{g.robot}.{NAME}" for g in grippers), np.zeros(SIZE))
-        self.outputs = dict(self._none)
+        self._free = [[m.joint(f"{g.robot}/{b.name}").qposadr[0] for b in g.links] for g in grippers]
+        self.outputs = dict.fromkeys((f"{g.robot}.{NAME}" for g in grippers), np.zeros(SIZE))
 
     def planes(
         self, d: mujoco.MjData, place: Callable[[Array], None], q: Sequence[Array], holders: Sequence[int]
@@ -84,37 +95,67 @@ class Feel:
         self._step += 1
         at = self._at
         place(at.qpos)
-        mujoco.mj_kinematics(self._rigid, at)
-        mujoco.mj_collision(self._rigid, at)
-        tools = [self._tool(at, k) for k in range(len(self._grippers))]
-        found: list[list[LocalPlane]] = [[] for _ in self._grippers]
-        sides, self._sides = self._sides, {}
-        for arm, contacts in enumerate(self._instruments()):
-            for k, (_, key, *_, normal) in enumerate(contacts):
-                if (side := sides.get(key)) is not None and side.normal @ normal < _OPPOSITE:
-                    self._sides[key] = side
-                    contacts[k] = (side.depth(tools[arm]), *contacts[k][1:])
-            contacts.sort(key=lambda contact: -contact[0])
-            for depth, key, body, point, normal in contacts[:COUNT]:
-                if key not in self._sides:
-                    self._sides[key] = self._plane(q[arm], arm, tools[arm], depth, body, point, normal)
-                found[arm].append(self._sides[key])
+        # One collision test a step: at the joint values, or with one of the instruments at its proxy, in turn.
+        away = [arm for arm, ghost in enumerate(self._proxies) if ghost.away]
+        turn = self._step % (len(away) + 1)
+        now = self._at_proxy(away[turn - 1], q) if turn else self._at_joints(q)
+        held: list[list[LocalPlane]] = [[] for _ in self._grippers]
         for arm, plane in self._held(d, holders):
-            found[arm].append(plane)
-        if not any(found):
-            out, self._felt = (self._none if self._felt else {}), False
-            return out
-        self._felt = True
-        return {f"{g.robot}.{NAME}": rows(found[k], tools[k]) for k, g in enumerate(self._grippers)}
-
-    def _instruments(self) -> list[list[_Touch]]:
-        """Return the contacts of each instrument."""
-        out: list[list[_Touch]] = [[] for _ in self._grippers]
-        for pair, normal, point, depth in _deepest(self._at):
-            for geom, other, n in ((*pair, -normal), (*pair[::-1], normal)):
-                if (arm := self._whose[geom][1]) >= 0:
-                    out[arm].append((depth, (geom, other), self._bodies[geom], point - n * (depth / 2), n))
+            held[arm].append(plane)
+        out: dict[str, Array] = {}
+        for arm, (ghost, planes) in enumerate(zip(self._proxies, held, strict=True)):
+            if arm in now or planes or self._pushed[arm]:
+                found = rows([*ghost.found, *planes], self._tool(d, arm)) if planes else ghost.planes.copy()
+                out[f"{self._grippers[arm].robot}.{NAME}"] = found
+            self._pushed[arm] = bool(planes)
         return out
+
+    def _at_joints(self, q: Sequence[Array]) -> list[int]:
+        """Begin contacts, and end those of instruments that touch nothing; return the instruments that changed."""
+        changed, touched = [], self._touched()
+        for arm, (ghost, contacts) in enumerate(zip(self._proxies, touched, strict=True)):
+            touches = max((depth for depth, *_ in contacts), default=0.0) > 0
+            if touches == ghost.away:
+                continue
+            changed.append(arm)
+            if touches:
+                T = self._tool(self._at, arm)
+                ghost.find(T, [self._plane(q[arm], arm, T, *contact) for contact in contacts])
+            else:
+                ghost.release()
+        return changed
+
+    def _at_proxy(self, arm: int, q: Sequence[Array]) -> list[int]:
+        """Move the proxy of an instrument and find the planes there; return the instrument."""
+        at, ghost, start = self._at, self._proxies[arm], self._free[arm][0]
+        mujoco.mju_quat2Mat(self._R, at.qpos[start + 3 : start + 7])
+        T = spatial.pose(self._R.reshape(3, 3), at.qpos[start : start + 3]) @ self._grippers[arm].T_hand_tool
+        way = ghost.move(T)
+        self._displace(at.qpos, arm, q[arm], way)
+        T_proxy = spatial.pose(T[:3, :3], T[:3, 3] + way)
+        ghost.find(T, [self._plane(q[arm], arm, T_proxy, *contact) for contact in self._touched()[arm]])
+        return [arm]
+
+    def _touched(self) -> list[list[_Touch]]:
+        """Return the contacts of each instrument at the positions in `_at`."""
+        mujoco.mj_kinematics(self._rigid, self._at)
+        mujoco.mj_collision(self._rigid, self._at)
+        out: list[list[_Touch]] = [[] for _ in self._grippers]
+        for pair, normal, point, depth in _deepest(self._at, _NEAR):
+            for geom, n in ((pair[0], -normal), (pair[1], normal)):
+                if (arm := self._whose[geom][1]) >= 0:
+                    out[arm].append((depth, self._bodies[geom], point - n * (depth / 2), n))
+        return out
+
+    def _displace(self, qpos: Array, arm: int, q: Array, way: Array) -> None:
+        """Displace the links of an instrument as its tool is displaced by a way (3,) in m at constant orientation."""
+        for start, twist in zip(self._free[arm], self._levers[arm].twists(q, self._step), strict=True):
+            place, quat = qpos[start : start + 3], qpos[start + 3 : start + 7]
+            place += twist[:3] @ way
+            turn = twist[3:] @ way
+            if (angle := float(np.linalg.norm(turn))) > 0:
+                mujoco.mju_axisAngle2Quat(self._turn, turn / angle, angle)
+                mujoco.mju_mulQuat(quat, self._turn, quat.copy())
 
     def _plane(self, q: Array, arm: int, T: Array, depth: float, body: int, point: Array, normal: Array) -> LocalPlane:
         if body not in self._links:  # the hand or a jaw
@@ -151,13 +192,55 @@ class Feel:
         return _pose(d, self._hands[arm]) @ self._grippers[arm].T_hand_tool
 
 
-def _deepest(d: mujoco.MjData) -> Iterator[tuple[tuple[int, int], Array, Array, float]]:
-    """Yield (geoms, normal from the first to the second, point between both, depth) of each pair's deepest contact."""
+class _Proxy:
+    """The proxy of an instrument's tool.
+
+    Attributes:
+        found: planes found last.
+        planes: (SIZE,) their rows.
+        away: whether the instrument touches something; if not, the proxy is at the tool.
+    """
+
+    def __init__(self) -> None:
+        """Compile the way to the proxy."""
+        self.found: list[LocalPlane] = []
+        self.planes, self.away, self._T, self._place = np.zeros(SIZE), False, np.zeros(16), np.zeros(3)
+        planes, T = ca.SX.sym("planes", SIZE), ca.SX.sym("T", 16)
+        found = symbolic.unflat(planes, COUNT, WIDTH)
+        levers = ca.horzcat(found[:, :3], found[:, :3], found[:, 6:])  # the way of the tool, also at the shaft
+        way, _ = proxy(levers, symbolic.unflat(T, 4, 4))
+        self._way, self._compute = attach(ca.Function("proxy", [planes, T], [ca.densify(way)]), self.planes, self._T)
+
+    def release(self) -> None:
+        """Move the proxy to the tool."""
+        self.found, self.away = [], False
+        self.planes[:] = 0
+
+    def find(self, T: Array, planes: list[LocalPlane]) -> None:
+        """Set the planes of a tool at T (4, 4); the first ones are found at the tool, where the proxy begins."""
+        if not self.away:
+            self._place, self.away = T[:3, 3].copy(), True
+        self.found, self.planes[:] = planes, rows(planes, T)
+
+    def move(self, T: Array) -> Array:
+        """Move the proxy towards its place for a tool at T (4, 4); return the way (3,) in m from the tool to it."""
+        self._T[:] = T.ravel()
+        self._compute()
+        move = T[:3, 3] + self._way - self._place
+        self._place = self._place + move * min(1.0, _FAR / max(float(np.linalg.norm(move)), 1e-12))
+        return self._place - T[:3, 3]
+
+
+def _deepest(d: mujoco.MjData, near: float = 0.0) -> Iterator[tuple[tuple[int, int], Array, Array, float]]:
+    """Yield (geoms, normal from the first to the second, point between both, depth) of each pair's deepest contact.
+
+    Pairs at a distance of less than `near` in m are included; their depth is negative.
+    """
     if not d.ncon:
         return
     contact, found = d.contact, {}
     for k, (pair, distance) in enumerate(zip(contact.geom.tolist(), contact.dist.tolist(), strict=True)):
-        if distance < found.get(tuple(pair), (0.0, 0))[0]:
+        if distance < found.get(tuple(pair), (near, 0))[0]:
             found[tuple(pair)] = distance, k
     for pair, (distance, k) in found.items():
         yield pair, contact.frame[k, :3].copy(), contact.pos[k].copy(), -distance

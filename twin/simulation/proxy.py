@@ -1,0 +1,126 @@
+"""The proxy of a tool among planes: the nearest point outside all of them, computed exactly in a fixed time.
+
+The smallest displacement w that leaves planes with normals n_i and depths x_i minimises |w|^2 / 2, subject to
+n_i . w >= x_i (Zilles and Salisbury, IROS 1995; Ruspini, Kolarov and Khatib, SIGGRAPH 1997). If planes squeeze the
+tool, as in a slot that is narrower than the tool, there is no such w, or it is long and its direction changes with the
+smallest change of a normal. Therefore w minimises |w|^2 / 2 + REACH s, where s >= 0 is the largest depth that remains.
+If a short displacement leaves all planes, s is 0; else w is that of a tool which is smaller by s on all sides, so that
+it fits: in a slot, w is the way to the middle.
+
+The dual problem has a push p_i >= 0 for each plane, sum p_i = REACH, with one more plane n = 0, x = 0 for s >= 0. An
+optimum has at most four planes, and it is the best one among the stationary points of all sets of up to four planes
+(docs/derivations.md). There are few planes, hence all sets are computed: the number of operations is the same in each
+tick, without iterations and without branches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from twin.simulation.local_plane import WIDTH
+
+REACH = 0.1
+"""Sum of all pushes in m; ASSUMED. Each mm of the way must reduce the largest depth by more than |way| / REACH mm."""
+
+_MOST = 4
+"""Number of planes in the largest set."""
+
+_REGULAR, _LEAST = 1e-10, 1e-20
+"""Smallest pivot of a set whose planes are independent; smallest value in m2 of a set that pushes."""
+
+
+@dataclass(frozen=True)
+class _Set:
+    """A set of planes, with the factors L D L' of the matrix G of n_i . n_j + 1.
+
+    Attributes:
+        planes: indices of the planes.
+        regular: whether the planes are independent.
+        rows, pivots: rows of L left of the diagonal; D.
+        depths, ones: D^-1 L^-1 times depths x and times (1, ..., 1).
+        way, unit: the sums of G^-1 x and of G^-1 (1, ..., 1).
+    """
+
+    planes: tuple[int, ...] = ()
+    regular: ca.SX = field(default_factory=lambda: ca.SX(1))
+    rows: tuple[tuple[ca.SX, ...], ...] = ()
+    pivots: tuple[ca.SX, ...] = ()
+    depths: tuple[ca.SX, ...] = ()
+    ones: tuple[ca.SX, ...] = ()
+    way: ca.SX = field(default_factory=lambda: ca.SX(0))
+    unit: ca.SX = field(default_factory=lambda: ca.SX(0))
+
+    def with_plane(self, k: int, gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX]) -> _Set:
+        """Return the set with plane k added."""
+        scaled: list[ca.SX] = []  # the new row of L D
+        pivot, depth, one = gram[k][k], x[k], ca.SX(1)
+        for i, other, d, a, b in zip(self.planes, self.rows, self.pivots, self.depths, self.ones, strict=True):
+            c = gram[k][i] - sum((u * v for u, v in zip(scaled, other, strict=False)), ca.SX(0))
+            pivot, depth, one = pivot - c * c / d, depth - c * a, one - c * b
+            scaled.append(c)
+        return _Set(
+            (*self.planes, k),
+            ca.logic_and(self.regular, pivot > _REGULAR),
+            (*self.rows, tuple(c / d for c, d in zip(scaled, self.pivots, strict=True))),
+            (*self.pivots, pivot),
+            (*self.depths, depth / pivot),
+            (*self.ones, one / pivot),
+            self.way + one * (depth / pivot),
+            self.unit + one * (one / pivot),
+        )
+
+    def solved(self, x: Sequence[ca.SX]) -> tuple[list[ca.SX], ca.SX, ca.SX]:
+        """Return the stationary pushes in m, whose sum is REACH; whether all push; and twice their value in m2."""
+        s = (self.way - REACH * (1 - self.unit)) / self.unit
+        pushes = [a + (REACH - s) * b for a, b in zip(self.depths, self.ones, strict=True)]
+        for j in reversed(range(len(pushes))):
+            for i in range(j):
+                pushes[i] = pushes[i] - self.rows[j][i] * pushes[j]
+        valid, value = self.regular, s * REACH
+        for i, push in zip(self.planes, pushes, strict=True):
+            valid, value = ca.logic_and(valid, push >= 0), value + x[i] * push
+        return pushes, valid, value
+
+
+def _sets(gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX], start: _Set | None = None) -> Iterator[_Set]:
+    """Yield all sets of one to `_MOST` planes."""
+    start = start or _Set()
+    for k in range(start.planes[-1] + 1 if start.planes else 0, len(x)):
+        yield (found := start.with_plane(k, gram, x))
+        if len(found.planes) < _MOST:
+            yield from _sets(gram, x, found)
+
+
+def proxy(planes: ca.SX, T_world_tool: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the expressions (way (3,), pull (3,)), in m in the World.
+
+    The way is from the point in contact to its proxy. The pull is the sum over planes that gives the way, with levers
+    instead of normals: the force at the tool acts along the pull.
+
+    Args:
+        planes: (k, WIDTH) rows of `local_plane`.
+        T_world_tool: (4, 4) pose of the tool.
+    """
+    p, R = T_world_tool[:3, 3], T_world_tool[:3, :3]
+    given = ca.vertcat(ca.SX(1, WIDTH), planes)  # the first plane is that of s >= 0; unused rows are equal to it
+    g, n = ([given[i, j : j + 3].T for i in range(given.shape[0])] for j in (0, 3))
+    x = [given[i, 9] - ca.dot(g[i], p) - ca.dot(n[i], R @ given[i, 6:9].T) for i in range(given.shape[0])]
+    gram = [[ca.dot(a, b) + 1 for b in n[: i + 1]] for i, a in enumerate(n)]
+    best, tried = ca.SX(_LEAST), []
+    for found in _sets(gram, x):
+        pushes, valid, value = found.solved(x)
+        value = ca.if_else(valid, value, 0)
+        tried.append((found.planes, pushes, value, value > best))
+        best = ca.fmax(best, value)
+    push = [ca.SX(0)] * len(x)
+    for members, pushes, value, better in tried:
+        is_best = ca.logic_and(better, value == best)  # of equal sets, only the first is better than those before it
+        for i, size in zip(members, pushes, strict=True):
+            push[i] = push[i] + ca.if_else(is_best, size, 0)
+    way, pull = ca.SX.zeros(3), ca.SX.zeros(3)
+    for a, b, size in zip(n, g, push, strict=True):
+        way, pull = way + a * size, pull + b * size
+    return way, pull
