@@ -24,6 +24,7 @@ from twin.planning.proven import clearance
 from twin.planning.rounds import Rounds
 from twin.planning.timing import Timing
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
+from twin.planning.turns import hint, long_turns
 
 _LOOKED = 9
 """Number of poses per phase at which `plan` tests whether the robot has the degrees of freedom to assume them."""
@@ -72,6 +73,9 @@ def plan(
     rounds: dict[str, Rounds] = {}
     guide = _guide(protocol, kinematics, T_tool_frame, say, rounds.__setitem__)
     paths = build(protocol, T_tool_frame, guide)
+    for path in paths:
+        if path.waypoint is not None:
+            findings += long_turns(path, path.phase.name, protocol.waypoints[path.waypoint])
     if guide is None:
         paths = with_auxiliary(paths, kinematics, protocol.name)
         paths = freed(paths, kinematics, protocol.name, say, rounds.__setitem__)
@@ -114,7 +118,12 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[Leg, list[Finding]]:
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
-    require_feasible(path, kinematics, protocol.frame, protocol.name)
+    try:
+        require_feasible(path, kinematics, protocol.frame, protocol.name)
+    except ProtocolError as error:
+        if more := hint(path, path.phase.name, protocol.waypoints.get(path.waypoint or "")):
+            raise ProtocolError(f"{error}{more}") from error
+        raise
     joints = path.driven(kinematics, where)
     certified = [] if not isinstance(path.phase, Free) else _certified(path.phase, kinematics, joints)
     try:
