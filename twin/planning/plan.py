@@ -16,9 +16,10 @@ from twin.planning.demands import demands, timed
 from twin.planning.feasible import pose_margins, require_feasible
 from twin.planning.following import Follower, freed, with_auxiliary
 from twin.planning.freeing import Progress, Searched
+from twin.planning.given import Given
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
-from twin.planning.protocol import Free, Protocol
+from twin.planning.protocol import Free, Protocol, Samples
 from twin.planning.protocol.course import Motion
 from twin.planning.proven import clearance
 from twin.planning.rounds import Rounds
@@ -96,6 +97,7 @@ def _guide(
 ) -> Follower | None:
     """Return a follower if the mechanism determines the path of the protocol; None if the equations determine it."""
     by_joints = any(w.joints is not None for w in protocol.waypoints.values())
+    by_joints = by_joints or any(isinstance(p, Samples) for p in protocol.phases)
     if not by_joints and protocol.free is None:
         if kinematics.takes is None:
             return None
@@ -117,6 +119,8 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
 
 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[Leg, list[Finding]]:
+    if isinstance(path, Given):
+        return Leg(path, *path.sampled(dt)), []
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
     try:
         require_feasible(path, kinematics, protocol.frame, protocol.name)
