@@ -52,7 +52,7 @@ def arguments(command: Command) -> None:
     )
     command.number("--clearance-mm", "MM", "with --avoid: required minimum distance between bodies", _CLEARANCE)
     command.seed("with --avoid: seed of the random search")
-    command.out("./twin-out/<robot>/<protocol>/")
+    command.out("./twin-out/<robot>/<protocol>/, with --with ./twin-out/<scene>/<robots>/")
 
 
 def run(args: argparse.Namespace) -> int:
