@@ -114,3 +114,11 @@ def test_folder_with_two_descriptions_names_them(folder):
     (folder / "cad/leg.toml").write_text("")
     with pytest.raises(TwinError, match=r"(?s)expected one.*arm\.toml.*leg\.toml|expected one.*leg\.toml.*arm\.toml"):
         assets.files(folder)
+
+
+def test_a_protocol_in_a_folder_is_named_with_the_folder():
+    robot = twin.load("raven_left")
+    assert robot.protocol("around/dome").name == "dome"
+    for wrong in ("around/dom", "../raven_left/around/dome", "around", "/around/dome"):
+        with pytest.raises(TwinError, match="there is no protocol"):
+            robot.protocol(wrong)

@@ -18,13 +18,16 @@ from made.mechanisms import four_bar
 from twin import api
 from twin.api.together import _Arm
 from twin.cli import main
+from twin.cli.commands.plan import EXAMPLES
 from twin.core import spatial
-from twin.core.errors import CancelledError, ProtocolError, TwinError
+from twin.core.errors import CancelledError, DescriptionError, ProtocolError, TwinError
+from twin.core.findings import verdict
 from twin.model.body import Frame
 from twin.model.joined import joined, owners
-from twin.model.scene import Place
+from twin.model.scene import Place, load_scene
 from twin.model.transmission import Actuator, Transmission
 from twin.planning.around import around
+from twin.planning.plan import plan as plan_
 from twin.planning.protocol import load_protocol
 from twin.planning.smooth import line
 from twin.planning.timing import time_path
@@ -33,6 +36,7 @@ from twin.planning.trajectory import without_equations
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Shape, distance_between
 from twin.reference.following import Follower
+from twin.ui.report import together
 
 ROOT = Path(__file__).parents[1]
 PLACES = {"left": spatial.pose(p=[-0.5, 0, 0]), "right": spatial.pose(spatial.rotation_z(np.pi), [0.5, 0, 0])}
@@ -243,6 +247,96 @@ def test_two_arms_of_a_scene_pass_each_other_and_one_stays_where_its_phases_end(
     assert "except bodies connected by a joint, bodies of one robot that in the CAD are nearer than twice" in first
 
 
+SCENE = """
+name = "stand"
+title = "Two planar arms"
+source = "made for a test"
+clearance_mm = 5
+[port.here]
+position_mm = [0, 0, 0]
+provenance = "ASSUMED"
+note = "test"
+"""
+
+
+@pytest.fixture
+def stand_file(tmp_path, monkeypatch):
+    """The scene `stand` as a file."""
+    text = SCENE
+    for name, T in PLACES.items():
+        yaw = np.degrees(np.arctan2(T[1, 0], T[0, 0]))
+        text += f'[[robot]]\nname = "{name}"\nrobot = "arm"\nprotocol = "any"\nport = "here"\n'
+        text += (
+            f'position_mm = {[float(x) for x in T[:3, 3] * 1e3]}\nyaw_deg = {yaw}\nprovenance = "ASSUMED"\nnote = "t"\n'
+        )
+    file = tmp_path / "stand/scene.toml"
+    file.parent.mkdir()
+    file.write_text(text, encoding="utf-8")
+    monkeypatch.setattr("twin.api.together._scene", lambda name: load_scene(file))
+    return file
+
+
+def test_a_plan_tells_the_distance_between_the_arms_from_that_inside_an_arm_and_its_files_play_it(tmp_path, stand_file):
+    arms = {
+        n: (Robot(motorised(9.0)), protocol_of(tmp_path, UP, DOWN, *rest))
+        for n, rest in (("left", ()), ("right", (LOW,)))
+    }
+    plan = api.plan_together("stand", arms, CLEARANCE)
+    q = np.hstack([plan.q["left"], plan.q["right"]])
+    # the clearance between the arms, by exact distances of boxes
+    shown = np.searchsorted(plan.t, plan.apart.t - 1e-9)
+    distance = apart(q[shown])
+    np.testing.assert_allclose(plan.apart.by_pair["left", "right"].distance, distance, atol=1e-6)
+    said = plan.as_dict()["clearances"]
+    between = said["between_arms"]
+    assert between["found_mm"] == pytest.approx(distance.min() * 1e3, abs=0.6)
+    assert between["proven_mm"] <= distance.min() * 1e3
+    assert {name.split("_")[0] for name in between["bodies"]} == {"left", "right"}
+    assert between["found_mm"] == pytest.approx(
+        apart(q[[np.searchsorted(plan.t, between["t_s"] - 1e-9)]])[0] * 1e3, abs=0.1
+    )
+    assert set(said) == {"between_arms", "inside_arm"}, "there are no props"
+    inside = said["inside_arm"]
+    assert len({name.split("_")[0] for name in inside["bodies"]}) == 1
+    assert plan.phases[0].seen.found == min(n.seen.found for n in plan.phases[0].near.values())
+    assert between["phase"] in {p.name for p in plan.phases}
+    assert all("between_arms" in p["clearances"] for p in plan.content()["phases"])
+    found = [f for f in plan.findings if f.code == "clearance.between_arms"]
+    assert [f.where for f in found] == [p.name for p in plan.phases]
+    assert "left and right keep at least" in found[0].message
+    text = "\n".join(map(str, plan.text()))
+    assert "between arms" in text
+    assert "inside one arm" in text
+    # the plot, and the files
+    assert len(together.figure(plan).axes) == 2
+    folder = tmp_path / "plan"
+    folder.mkdir()
+    plan.write(folder)
+    assert sorted(p.name for p in folder.iterdir()) == sorted(plan.files())
+    scene = load_scene(folder / "scene.toml")
+    assert (scene.name, scene.clearance, scene.plays) == ("stand_plan", CLEARANCE, True)
+    for place in scene.places:
+        np.testing.assert_allclose(place.T_world_base, PLACES[place.name], atol=1e-12)
+        assert place.protocol_name == place.name
+        protocol = load_protocol(place.protocol)
+        assert protocol.findings == (), [f.message for f in protocol.findings]
+        robot = Robot(motorised(9.0))
+        again = plan_(protocol, robot.path_kinematics(), T_tool_frame=robot.mechanism.frame_in_tool("tool"))
+        planned = plan.q[place.name]
+        np.testing.assert_allclose(again.q, planned[: len(again.q)], atol=1e-12)
+        np.testing.assert_allclose(
+            planned[len(again.q) :], planned[-1:].repeat(len(planned) - len(again.q), 0), atol=1e-12
+        )
+        assert [p.type for p in again.phases] == ["samples"] * (1 if place.name == "left" else 2)
+        assert verdict(again.findings) == "agree", [f.message for f in again.findings]
+
+
+def test_a_scene_names_the_protocol_file_that_is_missing(stand_file):
+    stand_file.write_text(stand_file.read_text().replace('"any"', '"other.toml"', 1), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"robot\[0\]\.protocol: there is no file other\.toml in the folder"):
+        load_scene(stand_file)
+
+
 def test_limits_of_an_arm_are_tested_at_poses_in_its_own_base(tmp_path, stand):
     right = _Arm(stand.places[1], Robot(motorised(most=2.0)), protocol_of(tmp_path, UP, DOWN))
     seen = []
@@ -437,11 +531,31 @@ def test_both_ravens_pass_each_other_without_touching(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_an_instrument_is_drawn_back_while_the_other_one_takes_its_place(tmp_path, capsys):
-    folder = Path(__file__).parents[1] / "trajectories/davinci_psm/around"
-    files = [str(folder / f"{name}.toml") for name in ("withdraw", "across")]
-    options = ["--avoid", "davinci", "--with", f"psm2={files[1]}", "--clearance-mm", "2"]
-    assert main(["plan", "davinci_psm", files[0], *options, "--out", str(tmp_path / "out"), "--json"]) == 0
-    phases = json.loads(capsys.readouterr().out)["phases"]
-    assert [p["name"] for p in phases] == ["withdraw / deeper", "aside / across"]
-    assert all(p["proven_mm"] > 1 for p in phases)
+def test_the_example_of_the_help_runs_and_its_folder_is_shown_served_and_exported(tmp_path, capsys, monkeypatch):
+    """An instrument is drawn back while the other one takes its place."""
+    line = next(x for x in EXAMPLES.splitlines() if "--with" in x)
+    monkeypatch.chdir(tmp_path)
+    assert main([*line.split()[1:], "--out", "out", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [p["name"] for p in said["phases"]] == ["withdraw / deeper", "aside / across"]
+    assert all(p["proven_mm"] > 1 for p in said["phases"])
+    near = said["clearances"]
+    assert near["between_arms"]["proven_mm"] > 10 > near["to_scene"]["proven_mm"] > near["inside_arm"]["proven_mm"] > 2
+    assert (tmp_path / "out/clearance.png").stat().st_size > 10_000
+    scene = api.load_scene("out")
+    assert [p.name for p in scene.places] == ["psm1", "psm2", "ecm"], "the endoscope is at rest"
+    world = api.world(scene, dt=0.01)
+    world.step(300)
+    recording = world.recording()
+    for name in ("psm1", "psm2"):
+        table = np.loadtxt(tmp_path / "out" / f"{name}.csv", delimiter=",", skiprows=1)[-1, 1:]
+        scale = [np.pi / 180 if j.is_angle else 1e-3 for j in api.load("davinci_psm").mechanism.active]
+        np.testing.assert_allclose(recording[f"{name}.q"][-1], table * scale, atol=1e-6)
+    np.testing.assert_allclose(recording["ecm.q"][-1], recording["ecm.q"][0], atol=1e-12)
+    assert main(["view", "out", "--html", "shown.html", "--quiet"]) == 0
+    assert (tmp_path / "shown.html").stat().st_size > 1e6
+    assert main(["export", "out", "--to", "usd,glb", "--out", "exported", "--quiet"]) == 0
+    shown = capsys.readouterr().out
+    assert "▲" not in shown, shown
+    assert main(["run", "out"]) == 2
+    assert "has protocol files, of whose motions there are no built stages" in capsys.readouterr().err

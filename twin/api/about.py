@@ -25,10 +25,12 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 def scene_commands(scene: Scene) -> tuple[str, ...]:
     """Return the twin commands that accept a scene.
 
-    "run" and "export" require a protocol of every robot, "operate" requires tasks or machines.
+    "run" and "export" require a protocol of every robot, "operate" requires tasks or machines. "run" also requires
+    stages with the motions, which exist only for protocols of the robots, not for protocol files of the scene.
     """
     operated = ("operate",) if scene.tasks or scene.trainer is not None else ()
-    return (*(SCENE_COMMANDS if scene.plays else ("info", "view", "serve")), *operated)
+    played = [c for c in SCENE_COMMANDS if c != "run" or not any(p.protocol.endswith(".toml") for p in scene.places)]
+    return (*(played if scene.plays else ("info", "view", "serve")), *operated)
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,7 @@ def info_of_scene(scene: Scene, word: str) -> SceneInfo:
                 {
                     "name": p.name,
                     "robot": p.robot,
-                    "protocol": p.protocol,
+                    "protocol": p.protocol_name,
                     "port": p.port,
                     "port_mm": (next(iter(p.p_world_ports.values())) / MM).tolist(),
                     "position_mm": (p.T_world_base[:3, 3] / MM).tolist(),

@@ -80,7 +80,7 @@ def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
     from twin.simulation.plants.tissue import Tissues
     from twin.simulation.plants.tissue.organs import PERIOD
 
-    actors = _actors(scene, progress)
+    actors = _actors(scene, progress, at_ports=False)
     organs = None
     if (drawn := anatomy_of(scene)) is not None:
         q = {a.place.name: a.trajectory.q[0] for a in actors}
@@ -101,7 +101,8 @@ def play(scene: Scene, progress: Progress = silent) -> Played:
     return scene_play.play(scene, actors, props_of(scene), lambda label, f: progress(label, 0.5 + f / 2))
 
 
-def _actors(scene: Scene, progress: Progress) -> list[Actor]:
+def _actors(scene: Scene, progress: Progress, *, at_ports: bool = True) -> list[Actor]:
+    """Return the robots of a scene with their trajectories; `at_ports`: and with the positions of their trocars."""
     from twin.simulation.scene_play import Actor, trocars_of
 
     scene.require_protocols()
@@ -111,7 +112,8 @@ def _actors(scene: Scene, progress: Progress) -> list[Actor]:
         robot = robots[place.name]
         protocol = robot.protocol(place.protocol)
         trajectory, mechanism = plan(robot, protocol), robot.bound(protocol).mechanism
-        actors.append(Actor(place, mechanism, trajectory, trocars_of(place, mechanism, trajectory)))
+        trocars = trocars_of(place, mechanism, trajectory) if at_ports else {}
+        actors.append(Actor(place, mechanism, trajectory, trocars))
     return actors
 
 

@@ -71,7 +71,7 @@ class SceneBundle(Result):
                 {
                     "name": p.name,
                     "folder": p.name,
-                    "protocol": p.protocol,
+                    "protocol": p.protocol_name,
                     "T_world_base": p.T_world_base.tolist(),
                     "duration_s": _seconds(bundles[p.name]),
                     "start": {} if p.protocol else _start(bundles[p.name]),
@@ -104,8 +104,8 @@ class SceneBundle(Result):
         yield from (f for f in by_severity(self.findings) if f.severity != "info")
         bundles = self.bundles
         rows = [
-            (p.name, p.protocol or "console", f"{_seconds(bundles[p.name]):.1f} s", str(len(bundles[p.name].checks)))
-            for p in self.scene.places
+            (p.name, p.protocol_name or "console", f"{_seconds(b):.1f} s", str(len(b.checks)))
+            for p, b in ((p, bundles[p.name]) for p in self.scene.places)
         ]
         yield Table(("robot", "protocol", "duration", "checks"), rows)
         yield ""
@@ -198,7 +198,7 @@ def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path, bend
     from twin.exchange.write.usd import write_simulated
     from twin.simulation.scene_stage import write_scene
 
-    stages = {p.name: Path("..") / p.name / "usd" / f"{'_'.join(filter(None, (p.robot, p.protocol)))}.usda"
+    stages = {p.name: Path("..") / p.name / "usd" / f"{'_'.join(filter(None, (p.robot, p.protocol_name)))}.usda"
               for p in scene.places}  # fmt: skip
     mechanisms = {n: b.order.mechanism for n, b in bundles.items()}
     props = props_of(scene)

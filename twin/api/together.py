@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,9 +15,11 @@ from twin.core.errors import CancelledError, ProtocolError, TwinError
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
+    from twin.model.mechanism import Mechanism
     from twin.model.scene import Place, Scene
     from twin.planning.path import Path
     from twin.planning.planned_together import PlannedTogether
+    from twin.planning.playable import Moved
     from twin.planning.protocol import Protocol
     from twin.planning.rounds import Rounds
     from twin.planning.trajectory import Keep
@@ -170,6 +173,8 @@ class _Plan:
     ) -> None:
         self.read, self.arms, self.clearance = read, arms, clearance
         self.seed, self.progress, self.check = seed, progress, check
+        self.load = cache(load)
+        self.owners: Mapping[str, str] = {}
         progress("bodies of robots and scene", 0.0)
         self.spaces = [self._space(k).interruptible(check) for k in range(1, len(arms) + 1)]
 
@@ -184,8 +189,9 @@ class _Plan:
 
         names = [a.name for a in self.arms]
         parts = {a.name: (a.mechanism, a.place.T_world_base) for a in self.arms[:count]}
-        around = lambda: obstacles(self.read, names, load)  # noqa: E731
-        return JointSpace(lambda: ReferenceModel(joined(parts)), self.clearance, around=around, arms=owners(parts))
+        around = lambda: obstacles(self.read, names, self.load)  # noqa: E731
+        self.owners = owners(parts)
+        return JointSpace(lambda: ReferenceModel(joined(parts)), self.clearance, around=around, arms=self.owners)
 
     @property
     def count(self) -> int:
@@ -214,14 +220,17 @@ class _Plan:
             ProtocolError: no path was found.
             TimingError: no timing within the limits was found.
         """
+        from twin.planning.apart import distances, nearest_at
         from twin.planning.led import trajectories
         from twin.planning.planned_together import CommonPhase, PlannedTogether
+        from twin.planning.playable import Moved, Span
+        from twin.reference.certificate import nearest
 
         paths, rounds = zip(*(self._path(phase) for phase in range(self.count)), strict=True)
         seen = []
         for phase, path in enumerate(paths):
             self.progress(f"clearance of phase {self._named(phase)}", phase / len(paths))
-            seen.append(self.spaces[-1].certify(path))
+            seen.append(self.spaces[-1].certify_each(path, self._kind))
         self.progress("timing", 0.0)
         last = np.cumsum([len(a.q[0]) for a in self.arms])
         courses = [
@@ -230,17 +239,51 @@ class _Plan:
         ]
         made = trajectories([a.led for a in self.arms], courses)
         longest = max(made, key=lambda trajectory: len(trajectory.t))
-        phases = [
-            CommonPhase(self._named(phase), span.t0, span.t1, own, searched)
-            for phase, (span, own, searched) in enumerate(zip(longest.phases, seen, rounds, strict=True))
-        ]
         q = {
             a.name: np.pad(m.q, ((0, len(longest.t) - len(m.t)), (0, 0)), "edge")
             for a, m in zip(self.arms, made, strict=True)
         }
-        joints = {a.name: [(j.name, j.is_angle) for j in a.mechanism.active] for a in self.arms}
+        self.progress("distances between the arms", 0.0)
+        apart = distances({a.name: (a.mechanism, a.place.T_world_base) for a in self.arms}, q, longest.t, self.check)
+        every, phases = np.column_stack(list(q.values())), []
+        for phase, (span, path, own, searched) in enumerate(zip(longest.phases, paths, seen, rounds, strict=True)):
+            rows = slice(span.start, span.stop + 1)
+            near = {
+                k: nearest_at(c, path, every[rows], longest.t[rows]) for k, c in own.items() if np.isfinite(c.found)
+            }
+            if "between_arms" in near:
+                near["between_arms"] = near["between_arms"].among(apart, span.t0, span.t1)
+            whole = nearest(n.seen for n in near.values())
+            phases.append(CommonPhase(self._named(phase), span.t0, span.t1, whole, near, searched))
+        moved = {}
+        for a, m in zip(self.arms, made, strict=True):
+            spans = [Span(p.name, p.waypoint or "", p.t0, p.t1) for p in m.phases]
+            moved[a.name] = Moved(a.protocol, _joints(a.mechanism), q[a.name], spans)
         checked = {a.name: m.findings for a, m in zip(self.arms, made, strict=True)}
-        return PlannedTogether(self.read.name, joints, [a.name for a in self.arms], longest.t, q, phases, checked)
+        names, robots = list(moved), {**moved, **self._resting()}
+        return PlannedTogether(self.read, self.clearance, robots, names, longest.t, phases, checked, apart)
+
+    def _kind(self, a: str, b: str) -> str:
+        """Return the key of `KINDS` for two bodies, given by their names in the joint space."""
+        first, second = self.owners.get(a), self.owners.get(b)
+        if first is None or second is None:
+            return "to_scene"
+        return "inside_arm" if first == second else "between_arms"
+
+    def _resting(self) -> dict[str, Moved]:
+        """Return the robots of the scene that are not planned, at rest where they were avoided."""
+        from twin.planning.playable import Moved
+
+        out = {}
+        for place in self.read.places:
+            if place.name in {a.name for a in self.arms}:
+                continue
+            self.check()
+            robot = self.load(place.robot)
+            protocol = robot.protocol(place.protocol or None)
+            robot = robot.bound(protocol)
+            out[place.name] = Moved(protocol, _joints(robot.mechanism), robot.reference().home().q[None])
+        return out
 
     def _named(self, phase: int) -> str:
         return " / ".join(a.named(phase) for a in self.arms)
@@ -268,6 +311,10 @@ class _Plan:
                 found[arm.name] = Rounds("length", tuple(rounds))
         assert out is not None
         return out, found
+
+
+def _joints(mechanism: Mechanism) -> list[tuple[str, bool]]:
+    return [(j.name, j.is_angle) for j in mechanism.active]
 
 
 class _Course:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -84,6 +85,12 @@ def run(file: Path, args: argparse.Namespace) -> int:
     The exit code is 1 if bodies are nearer than the required clearance, or a trocar is not at its port.
     """
     scene = api.load_scene(file)
+    if "run" not in scene_commands(scene) and scene.plays:
+        word = shlex.quote(args.robot)
+        raise TwinError(
+            f"scene '{scene.name}' has protocol files, of whose motions there are no built stages, which `twin run` "
+            f"requires: use `twin view {word}`, `twin serve {word}` or `twin export {word}`"
+        )
     root = show.folder(args, scene.name)
     with show.progress(args.quiet or args.json) as progress:
         played = api.play(scene, progress)

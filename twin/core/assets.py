@@ -6,6 +6,7 @@ robot are in several folders. `RobotFiles` has the same attributes for both kind
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -75,12 +76,14 @@ class RobotFiles:
         return {p.stem: p for p in sorted(self.trajectories.glob("*.toml"))}
 
     def protocol(self, name: str) -> Path:
-        """Return the file of one protocol.
+        """Return the file of one protocol; `name` may be FOLDER/NAME, for a file in a folder of `trajectories`.
 
         Raises:
             TwinError: the protocol does not exist; the message lists the existing protocols.
         """
         known = self.protocols()
+        if re.fullmatch(r"\w+/\w+", name) and (path := self.trajectories / f"{name}.toml").is_file():
+            return path
         if name not in known:
             raise TwinError(f"{self.name}: {unknown('protocol', name, known)}")
         return known[name]

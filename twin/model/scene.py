@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -25,6 +26,9 @@ from twin.model.trainer import MODEL, TrainerTable
 from twin.model.vessel import Vessel, VesselTable
 from twin.schema import Identifier, Sourced, Table, Vector, at, error_at, load_toml
 
+ProtocolSource = Annotated[str, Field(pattern=r"^([a-z][a-z0-9_]*|.+\.toml)$")]
+"""Name of a protocol, or path of its file."""
+
 
 class PortTable(Sourced):
     """A port: the position in mm of a trocar in the patient, in the world frame."""
@@ -35,7 +39,8 @@ class PortTable(Sourced):
 class RobotTable(Sourced):
     """A robot in the scene: base position in the world frame, yaw about the vertical z axis, and ports of its trocars.
 
-    `protocol` is optional if the scene has a console. `robot` is the name of the built-in robot; default: `name`. Two
+    `protocol` is the name of a protocol of the robot, or the path of a protocol file, relative to the folder of the
+    scene; it is optional if the scene has a console. `robot` is the name of the built-in robot; default: `name`. Two
     equal robots need different values of `name`. `start` gives joint values in deg or mm at the start of console
     control; joints that are not in `start` start as in the posture home.
     """
@@ -43,7 +48,7 @@ class RobotTable(Sourced):
     name: Identifier
     robot: Identifier | None = None
     start: dict[Identifier, float] = Field(default_factory=dict)
-    protocol: Identifier | None = None
+    protocol: ProtocolSource | None = None
     port: Identifier | None = None
     ports: dict[Identifier, Identifier] = Field(default_factory=dict)
     position_mm: Vector
@@ -85,7 +90,8 @@ class Place:
     """A robot in a scene: T_world_base (4, 4), and its ports by trocar, each (3,) in m in the world frame.
 
     The trocar name "" means the robot's only trocar or, without trocars, the first RCM of the protocol. `robot` is the
-    name of the built-in robot; `start` gives joint values in deg or mm at the start of console control.
+    name of the built-in robot; `protocol` is the name of one of its protocols, or the path of a file; `start` gives
+    joint values in deg or mm at the start of console control.
     """
 
     name: str
@@ -95,6 +101,11 @@ class Place:
     ports: Mapping[str, str]
     p_world_ports: Mapping[str, Array]
     start: Mapping[str, float]
+
+    @property
+    def protocol_name(self) -> str:
+        """Name of the protocol; for a file, its name without suffix."""
+        return Path(self.protocol).stem if self.protocol.endswith(".toml") else self.protocol
 
     @property
     def port(self) -> str:
@@ -172,6 +183,8 @@ def load_scene(path: Path) -> Scene:
                 ("robot", k),
                 "this robot has no protocol: add the key protocol, or a section [console]",
             )
+        if (given := robot.protocol or "").endswith(".toml") and not (path.parent / given).is_file():
+            raise error_at(path, ("robot", k, "protocol"), f"there is no file {given} in the folder of the scene")
         for trocar, port in _ports(robot).items():
             if port not in table.port:
                 keys = ("robot", k, "ports", trocar) if trocar else ("robot", k, "port")
@@ -199,7 +212,7 @@ def load_scene(path: Path) -> Scene:
         table.source,
         path,
         props,
-        tuple(_place(r, table) for r in table.robot),
+        tuple(_place(r, table, path.parent) for r in table.robot),
         table.clearance_mm * MM,
         frozenset(frozenset(p) for p in table.touching),
         dict(table.camera),
@@ -217,11 +230,13 @@ def load_scene(path: Path) -> Scene:
     )
 
 
-def _place(r: RobotTable, table: SceneTable) -> Place:
+def _place(r: RobotTable, table: SceneTable, folder: Path) -> Place:
     T = spatial.pose(spatial.rotation_z(r.yaw_deg * DEG), np.array(r.position_mm) * MM)
     ports = _ports(r)
     at = {t: np.array(table.port[p].position_mm) * MM for t, p in ports.items()}
-    return Place(r.name, r.robot or r.name, r.protocol or "", T, ports, at, dict(r.start))
+    protocol = r.protocol or ""
+    protocol = str(folder / protocol) if protocol.endswith(".toml") else protocol
+    return Place(r.name, r.robot or r.name, protocol, T, ports, at, dict(r.start))
 
 
 def _organs(path: Path, table: SceneTable, names: list[str]) -> None:

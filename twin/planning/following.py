@@ -19,9 +19,10 @@ from twin.core.errors import AssemblyError, ProtocolError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.freeing import Progress, Searched, way
+from twin.planning.given import given
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath
-from twin.planning.protocol import DIRECTIONS, Auxiliary, Free, Protocol
+from twin.planning.protocol import DIRECTIONS, Auxiliary, Free, Protocol, Samples
 from twin.planning.protocol.course import Motion, angles_of, rotation
 from twin.planning.smooth import Smooth, fit, line
 from twin.planning.trajectory import Carrier, PathKinematics
@@ -134,7 +135,7 @@ class Follower:
         self._state, self.q, T = X[-1], q[-1], Ts[-1]
         return angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles), T[:3, 3] + T[:3, :3] @ lever
 
-    def along(self, path: PhasePath) -> Followed:
+    def along(self, path: PhasePath) -> PhasePath:
         """Return a phase with the actual motion of the mechanism, and move to its end.
 
         Raises:
@@ -142,6 +143,11 @@ class Follower:
         """
         where = f"{self._protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
         start, lever = self._state, path.T_tool_frame[:3, 3]
+        if isinstance(phase := path.phase, Samples):
+            self._require_driven(phase, where)
+            ends = self.q, self._names, self._carrier, start
+            made, self.q, self._state = given(path, phase, self._protocol, *ends, where)
+            return made
         course, directions = self._course(path, where), ~self._free()
         if course is not None:
             out, self._state = carried(path, course, self._carrier, start, where)
@@ -162,6 +168,11 @@ class Follower:
             self._outside(path.waypoint, path.T_tool_frame, Ts[-1], directions)
         self._state, self.q = X[-1], q[-1]
         return _followed(path, taken)
+
+    def _require_driven(self, phase: Samples, where: str) -> None:
+        """Raise `ProtocolError` if samples are of a joint that is not driven, or in a wrong unit."""
+        first = dict(zip(phase.joints, phase.q[0], strict=True))
+        placed(self.q, first, phase.angle_joints, self._names, self._angles, where)
 
     def _course(self, path: PhasePath, where: str) -> Path | None:
         """Return the path of the driven joints for a phase defined by joint values; None for other phases."""

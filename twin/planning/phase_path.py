@@ -17,6 +17,7 @@ from twin.planning.protocol.course import Course, Motion, rotation
 from twin.planning.protocol.phase import Begin, pose_of
 from twin.planning.smooth import fit
 from twin.planning.trajectory import PathKinematics
+from twin.planning.turns import hint
 
 _NO_LENGTH = 1e-9
 """Change in m and rad below which a phase counts as having no length."""
@@ -152,7 +153,12 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             waypoint=end.waypoint,
             extra_joints=(),
         )
-        paths.append(path if guide is None else guide.along(path))
+        try:
+            paths.append(path if guide is None else guide.along(path))
+        except ProtocolError as error:
+            if more := hint(path, phase.name, protocol.waypoints.get(end.waypoint or "")):
+                raise ProtocolError(f"{error}{more}") from error
+            raise
         angles, tip = paths[-1].angles1, paths[-1].tip1
         rcm = None if phase.leaves() else end.rcm
     return tuple(paths)

@@ -16,14 +16,16 @@ from twin.planning.demands import demands, timed
 from twin.planning.feasible import pose_margins, require_feasible
 from twin.planning.following import Follower, freed, with_auxiliary
 from twin.planning.freeing import Progress, Searched
+from twin.planning.given import Given
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
-from twin.planning.protocol import Free, Protocol
+from twin.planning.protocol import Free, Protocol, Samples
 from twin.planning.protocol.course import Motion
 from twin.planning.proven import clearance
 from twin.planning.rounds import Rounds
 from twin.planning.timing import Timing
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
+from twin.planning.turns import hint, long_turns
 
 _LOOKED = 9
 """Number of poses per phase at which `plan` tests whether the robot has the degrees of freedom to assume them."""
@@ -72,6 +74,9 @@ def plan(
     rounds: dict[str, Rounds] = {}
     guide = _guide(protocol, kinematics, T_tool_frame, say, rounds.__setitem__)
     paths = build(protocol, T_tool_frame, guide)
+    for path in paths:
+        if path.waypoint is not None:
+            findings += long_turns(path, path.phase.name, protocol.waypoints[path.waypoint])
     if guide is None:
         paths = with_auxiliary(paths, kinematics, protocol.name)
         paths = freed(paths, kinematics, protocol.name, say, rounds.__setitem__)
@@ -92,6 +97,7 @@ def _guide(
 ) -> Follower | None:
     """Return a follower if the mechanism determines the path of the protocol; None if the equations determine it."""
     by_joints = any(w.joints is not None for w in protocol.waypoints.values())
+    by_joints = by_joints or any(isinstance(p, Samples) for p in protocol.phases)
     if not by_joints and protocol.free is None:
         if kinematics.takes is None:
             return None
@@ -113,8 +119,15 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
 
 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[Leg, list[Finding]]:
+    if isinstance(path, Given):
+        return Leg(path, *path.sampled(dt)), []
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
-    require_feasible(path, kinematics, protocol.frame, protocol.name)
+    try:
+        require_feasible(path, kinematics, protocol.frame, protocol.name)
+    except ProtocolError as error:
+        if more := hint(path, path.phase.name, protocol.waypoints.get(path.waypoint or "")):
+            raise ProtocolError(f"{error}{more}") from error
+        raise
     joints = path.driven(kinematics, where)
     certified = [] if not isinstance(path.phase, Free) else _certified(path.phase, kinematics, joints)
     try:

@@ -1,4 +1,4 @@
-"""Result of planning several arms at once: phases with proven clearances, and a file with the samples of each arm."""
+"""Result of planning several arms at once: phases with proven clearances, and a scene that plays the motion."""
 
 from __future__ import annotations
 
@@ -7,16 +7,24 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
 from twin.core.findings import Finding, by_severity
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, Table, as_json
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import MM
+from twin.model.scene import Scene
+from twin.planning.apart import Apart, Nearest
 from twin.planning.planned import searches
+from twin.planning.playable import SCENE, Moved, write_playable
 from twin.planning.proven import clearance
 from twin.planning.rounds import Rounds
 from twin.planning.space import Certificate
+
+FILE = "plan.json"
+"""File with the content of the result."""
+
+
+KINDS = {"between_arms": "between arms", "inside_arm": "inside one arm", "to_scene": "to the scene"}
+"""Kinds of pairs of bodies, with their names in texts."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +35,8 @@ class CommonPhase:
         name: names of the phases of the arms, joined.
         t0, t1: times in s at the start and at the end of the phase.
         seen: minimum distance between bodies of the arms and of the scene along the whole phase.
+        near: the same for the bodies of two different arms, of one arm, and of an arm and the scene, by `KINDS`; kinds
+            without bodies to test are missing.
         rounds: rounds of the search for each arm's path, by name of the arm; empty if no arm needed a search. For
             arms planned after the first, the path length includes the progress of the arms planned before.
     """
@@ -35,6 +45,7 @@ class CommonPhase:
     t0: float
     t1: float
     seen: Certificate
+    near: Mapping[str, Nearest]
     rounds: Mapping[str, Rounds] = field(default_factory=dict)
 
 
@@ -43,29 +54,40 @@ class PlannedTogether(Result):
     """A common plan of several arms.
 
     Attributes:
-        scene: name of the scene.
-        joints: (name, whether an angle) of the driven joints of each arm, by name of the arm.
+        scene: the scene.
+        required: required clearance in m.
+        robots: all robots of the scene with their samples, by name of their place; those of `order` first.
         order: names of the arms in the order of priority.
         t: (k,) times in s, one series for all arms.
-        q: (k, n) joint values of each arm in m or rad, by name of the arm.
         phases: the phases.
         checked: findings of the check of every sample of each arm, by name of the arm.
+        apart: distances of each pair of arms over time.
     """
 
     kind: ClassVar[str] = "plan-together"
-    scene: str
-    joints: Mapping[str, Sequence[tuple[str, bool]]]
+    scene: Scene
+    required: float
+    robots: Mapping[str, Moved]
     order: Sequence[str]
     t: Array
-    q: Mapping[str, Array]
     phases: Sequence[CommonPhase]
     checked: Mapping[str, Sequence[Finding]]
+    apart: Apart
+
+    @property
+    def q(self) -> Mapping[str, Array]:
+        """Joint values (k, n) of each arm in m or rad, by name of the arm."""
+        return {name: self.robots[name].q for name in self.order}
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """The proven clearance of each phase, and the findings of the check of every sample of each arm."""
+        """The proven clearances of each phase, and the findings of the check of every sample of each arm."""
         who = " and ".join(self.order)
-        proven = [finding for p in self.phases for finding in clearance(p.seen, p.name, who, self.scene)]
+        proven = [
+            finding
+            for p in self.phases
+            for finding in (*_between_arms(p, who), *clearance(p.seen, p.name, who, self.scene.name))
+        ]
         return proven + [
             replace(f, message=f"{name}: {f.message}") for name, found in self.checked.items() for f in found
         ]
@@ -75,13 +97,25 @@ class PlannedTogether(Result):
         """Rounds of all searches, by arm and phase."""
         return {f"{arm}, {p.name}": rounds for p in self.phases for arm, rounds in p.rounds.items()}
 
+    @property
+    def near(self) -> Mapping[str, tuple[Nearest, str]]:
+        """The nearest bodies of the whole plan of each kind in `KINDS`, with the name of the phase."""
+        out = {}
+        for kind in KINDS:
+            found = [(p.near[kind], p.name) for p in self.phases if kind in p.near]
+            if found:
+                out[kind] = min(found, key=lambda item: item[0].seen.found)
+        return out
+
     def content(self) -> Mapping[str, Any]:
         """Return the plan as plain data, without its samples."""
         return {
-            "scene": self.scene,
+            "scene": self.scene.name,
             "order": list(self.order),
             "duration_s": float(self.t[-1]),
             "samples": len(self.t),
+            "required_mm": self.required / MM,
+            "clearances": {kind: {**near.as_dict(), "phase": name} for kind, (near, name) in self.near.items()},
             "phases": [
                 {
                     "name": p.name,
@@ -90,6 +124,7 @@ class PlannedTogether(Result):
                     "proven_mm": p.seen.proven / MM,
                     "found_mm": p.seen.found / MM,
                     "bodies": list(p.seen.bodies),
+                    "clearances": {kind: near.as_dict() for kind, near in p.near.items()},
                     "rounds": {arm: rounds.as_dict() for arm, rounds in p.rounds.items()},
                 }
                 for p in self.phases
@@ -101,10 +136,16 @@ class PlannedTogether(Result):
         return {**super().as_dict(), "search_times": {name: r.times() for name, r in self.rounds.items()}}
 
     def text(self) -> Iterator[Part]:
-        """Yield the phases and the findings."""
-        yield f"{self.scene} · {', then '.join(self.order)} · {self.t[-1]:.3f} s, {len(self.t)} samples\n"
-        rows = [(p.name, f"{p.t0:.3f}", f"{p.t1:.3f}", *_nearest(p.seen)) for p in self.phases]
-        yield Table(("phase", "from s", "to s", "clearance mm", "nearest"), rows)
+        """Yield the phases, the minimum clearances and the findings."""
+        yield f"{self.scene.name} · {', then '.join(self.order)} · {self.t[-1]:.3f} s, {len(self.t)} samples\n"
+        yield Table(("phase", "from s", "to s"), [(p.name, f"{p.t0:.3f}", f"{p.t1:.3f}") for p in self.phases])
+        yield ""
+        rows = [
+            (KINDS[kind], *_numbers(near.seen), f"{near.t:.3f}", name, " and ".join(near.seen.bodies))
+            for kind, (near, name) in self.near.items()
+        ]
+        yield Table(("minimum clearance", "found mm", "proven mm", "at s", "phase", "nearest bodies"), rows)
+        yield f"  required: {self.required / MM:g} mm"
         yield ""
         if self.rounds:
             yield searches(self.rounds)
@@ -113,22 +154,26 @@ class PlannedTogether(Result):
         yield ""
 
     def files(self) -> list[str]:
-        """Return the names of the files that `write` makes."""
-        return [f"{name}.csv" for name in self.order]
+        """Return the names of the files that `write` makes, without the props."""
+        return [SCENE, FILE, *(f"{name}{end}" for name in self.robots for end in (".csv", ".toml"))]
 
     def write(self, folder: Path) -> None:
-        """Write a CSV file for each arm: columns for time and the arm's joints, with units in the header."""
-        for name in self.order:
-            units = ["deg" if angle else "mm" for _, angle in self.joints[name]]
-            values = self.q[name] / np.array([DEG if unit == "deg" else MM for unit in units])
-            header = ["t_s", *(f"{j}_{unit}" for (j, _), unit in zip(self.joints[name], units, strict=True))]
-            table = np.column_stack([self.t, values])
-            path = folder / f"{name}.csv"
-            np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(header), comments="")
+        """Write plan.json, and a scene that plays the motion (`playable.write_playable`)."""
+        (folder / FILE).write_text(as_json(super().as_dict()), encoding="utf-8")
+        write_playable(self.scene, self.robots, self.t, self.required, folder)
 
 
-def _nearest(seen: Certificate) -> tuple[str, str]:
-    """Return proven clearance in mm and nearest bodies as text."""
-    if not np.isfinite(seen.found):
-        return "", "no bodies to test"
-    return f"{seen.proven / MM:.2f}", " and ".join(seen.bodies)
+def _between_arms(phase: CommonPhase, who: str) -> list[Finding]:
+    """Return a finding on the proven clearance between the arms in a phase; an empty list without bodies to test."""
+    if (near := phase.near.get("between_arms")) is None:
+        return []
+    seen = near.seen
+    text = (
+        f"{who} keep at least {seen.proven / MM:.2f} mm from each other (proven); the smallest distance found is "
+        f"{seen.found / MM:.2f} mm, between {' and '.join(seen.bodies)}, at {near.t:.3f} s"
+    )
+    return [Finding("clearance.between_arms", "info", text, phase.name, size=seen.proven / MM, unit="mm")]
+
+
+def _numbers(seen: Certificate) -> tuple[str, str]:
+    return f"{seen.found / MM:.2f}", f"{seen.proven / MM:.2f}"

@@ -7,8 +7,8 @@ distance found.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,12 @@ class Certificate:
     found: float
     s: float
     bodies: tuple[str, str]
+
+
+def nearest(found: Iterable[Certificate]) -> Certificate:
+    """Return the certificate for all pairs of several certificates of one path; infinite distances without any."""
+    every = [Certificate(np.inf, np.inf, 0.0, ("", "")), *found]
+    return replace(min(every, key=lambda c: c.found), proven=min(c.proven for c in every))
 
 
 def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, check: Callable[[], None]) -> Certificate:

@@ -14,6 +14,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import AssemblyError
 from twin.core.spatial import Array
+from twin.core.units import DEG, MM
 from twin.reference import walk
 from twin.reference.model import GAP_TOLERANCE, ReferenceModel
 from twin.reference.newton import minimise
@@ -79,8 +80,8 @@ class Follower:
                 step /= 2
                 if step < 0.5**_HALVINGS:
                     best = self.model.state(x)
-                    text = "the mechanism cannot follow: it is stretched, loops open, or the assembly mode changes"
-                    raise AssemblyError(f"at sample {k}: {text}", best, best.worst_gap)
+                    text = _stopped(best.T_base_tool, Ts, k, directions, p_tool)
+                    raise AssemblyError(text, best, best.worst_gap)
             states.append(x)
             before = T
         run = self.model.collect(np.array(states))
@@ -119,6 +120,20 @@ class Follower:
             return None
         off = np.abs(missed(run.Ts_base_tool[0], T, p_tool)[directions]).max()
         return X[0] if max(run.gaps[0, :, 0].max(initial=0.0), off) < GAP_TOLERANCE else None
+
+
+def _stopped(T: Array, Ts: Array, sample: int, directions: np.ndarray, p_tool: Array) -> str:
+    """Return how far the tool, stopped at T (4, 4), is from the pose of a sample and from the end of a path Ts."""
+
+    def left(goal: Array) -> str:
+        off = missed(T, goal, p_tool) * directions
+        return f"{np.linalg.norm(off[:3]) / MM:.3g} mm and {np.linalg.norm(off[3:]) / DEG:.3g} deg"
+
+    end, text = len(Ts) - 1, "the mechanism cannot follow: it is stretched, loops open, or the assembly mode changes"
+    if sample == end:
+        return f"{text}. The tool stops {left(Ts[end])} before the end of the path"
+    part = f"{100 * sample / end:.0f} % of the path"
+    return f"{text}. The tool stops {left(Ts[sample])} before {part}, {left(Ts[end])} before its end"
 
 
 def missed(T: Array, goal: Array, p_tool: Array) -> Array:

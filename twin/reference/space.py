@@ -21,7 +21,7 @@ import numpy as np
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING
-from twin.reference.certificate import Certificate, certify
+from twin.reference.certificate import Certificate, certify, nearest
 from twin.reference.closing import Closing
 from twin.reference.model import ReferenceModel
 from twin.reference.pairs import SEARCHED, Pairs, Still
@@ -513,10 +513,24 @@ class JointSpace:
         Raises:
             MechanismError: the path exceeds joint limits, `keep` excludes a state, or loops do not close along it.
         """
+        return nearest(self.certify_each(path, lambda a, b: "", within).values())
+
+    def certify_each(
+        self, path: Callable[..., Array], group: Callable[[str, str], str], within: float = 0.5 * MM
+    ) -> dict[str, Certificate]:
+        """Return the result of `certify` for each group of pairs; `group` returns the group of two bodies by name.
+
+        Raises:
+            MechanismError: as in `certify`.
+        """
         seen = self._stations(path)
         if seen is None:
             raise MechanismError(
                 "the path exceeds joint limits, has states that the additional test excludes, "
                 "or the loops of the mechanism do not close along it"
             )
-        return certify(seen, self._pairs, np.flatnonzero(self._pairs.required >= self.clearance), within, self._check)
+        pairs, groups = self._pairs, {}
+        for k in np.flatnonzero(pairs.required >= self.clearance):
+            a, b = (pairs.shapes[i].name for i in pairs.rows[k])
+            groups.setdefault(group(a, b), []).append(k)
+        return {name: certify(seen, pairs, np.array(which), within, self._check) for name, which in groups.items()}

@@ -86,7 +86,7 @@ class Played(Result):
             "robots": [
                 {
                     "name": a.place.name,
-                    "protocol": a.place.protocol,
+                    "protocol": a.place.protocol_name,
                     "port": a.place.port,
                     "duration_s": a.trajectory.duration,
                 }
@@ -103,7 +103,9 @@ class Played(Result):
     def text(self) -> Iterator[Part]:
         """Yield a line per robot, the minimum clearance per pair, and the findings."""
         yield f"{self.scene.name} · {self.scene.title}\n"
-        rows = [(a.place.name, a.place.protocol, a.place.port, f"{a.trajectory.duration:.1f} s") for a in self.actors]
+        rows = [
+            (a.place.name, a.place.protocol_name, a.place.port, f"{a.trajectory.duration:.1f} s") for a in self.actors
+        ]
         yield Table(("robot", "protocol", "port", "duration"), rows)
         yield ""
         lines = []
@@ -157,7 +159,7 @@ def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> di
         return at
     rcm = next((p.rcm for p in trajectory.phases if p.rcm is not None), None)
     if rcm is None:
-        raise TwinError(f"{place.name}: protocol '{place.protocol}' has no RCM; a robot at a port needs one")
+        raise TwinError(f"{place.name}: protocol '{place.protocol_name}' has no RCM; a robot at a port needs one")
     if unheld := [n for n in place.ports if n]:
         raise TwinError(f"{place.name} has no trocar '{unheld[0]}': use the key `port`, not `ports`")
     return {"": rcm}

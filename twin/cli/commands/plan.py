@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,11 +20,14 @@ EXAMPLES = """\
   twin plan sils
   twin plan sils lowered_patient --out plan/
   twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient
-  twin plan raven_left left.toml --avoid raven --with raven_right=right.toml        two arms at once"""
+  twin plan davinci_psm around/withdraw --avoid davinci --with psm2=around/across --clearance-mm 2
+                                     two arms at once; twin view, serve and export open the folder of the plan"""
 
 _COST = "path_cost.png"
 """File name of the plot of path cost against number of samples, for the searches of paths around obstacles."""
 
+_DISTANCES = "clearance.png"
+"""File name of the plot of the distances between arms over time."""
 
 _CLEARANCE = 5.0
 """Default of --clearance-mm."""
@@ -48,7 +52,7 @@ def arguments(command: Command) -> None:
     )
     command.number("--clearance-mm", "MM", "with --avoid: required minimum distance between bodies", _CLEARANCE)
     command.seed("with --avoid: seed of the random search")
-    command.out("./twin-out/<robot>/<protocol>/")
+    command.out("./twin-out/<robot>/<protocol>/, with --with ./twin-out/<scene>/<robots>/")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -111,7 +115,13 @@ def _together(robot: Robot, args: argparse.Namespace) -> int:
     folder = show.folder(args, scene.name, "_".join(arms))
     with show.progress(args.quiet or args.json) as progress:
         planned = api.plan_together(args.avoid, arms, args.clearance_mm * MM, args.seed, progress)
+    from twin.ui.report import style, together
+
     with assets.atomic_folder(folder) as work:
         planned.write(work)
+        (work / _DISTANCES).write_bytes(style.png(together.figure(planned)))
         drawn = _drawn(f"scene {scene.name}", planned.rounds, work)
-    return show.finish(planned, args, folder, [*planned.files(), *drawn])
+    code = show.finish(planned, args, folder, [*planned.files(), _DISTANCES, *drawn])
+    if not args.json:
+        print(f"\n  Play the plan: twin view {shlex.quote(str(folder))}; other commands: serve, export")
+    return code

@@ -276,10 +276,12 @@ def _agrees(A: Array, B: Array) -> bool:
 
 
 def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report glTF files without motion if other files have a motion."""
+    """Report glTF files without motion if other files have a motion; a robot at rest needs none."""
+    moving = [n for n, r in refs.items() if any(not _agrees(T, T[:1]) for T in r.clip.links.values())]
     for content in contents:
-        if content.format in ("glb", "gltf") and content.declared and not content.clips and refs:
-            text = f"the file has no motion; {next(iter(refs.values())).source} has the motion '{next(iter(refs))}'."
+        if content.format in ("glb", "gltf") and content.declared and not content.clips and moving:
+            name = moving[0]
+            text = f"the file has no motion; {refs[name].source} has the motion '{name}'."
             content.ledger.add("compare.no_motion", "warning", text, "animations")
 
 

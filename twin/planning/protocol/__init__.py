@@ -35,5 +35,6 @@ from twin.planning.protocol.phases.joints import Joints as Joints
 from twin.planning.protocol.phases.pivot import Pivot as Pivot
 from twin.planning.protocol.phases.positioning import Positioning as Positioning
 from twin.planning.protocol.phases.retraction import Retraction as Retraction
+from twin.planning.protocol.phases.samples import Samples as Samples
 from twin.planning.protocol.tables import ProtocolTable as ProtocolTable
 from twin.planning.protocol.waypoint import Waypoint as Waypoint

@@ -72,6 +72,19 @@ class Walk:
         phase.follow(self)
         self.here = self.here if self.stays else self.goal
 
+    def read(self, place: int, phase: PhaseTable) -> Phase:
+        """Return the phase of a table at index `place` in the file, in SI units.
+
+        Raises:
+            DescriptionError: a file that the phase names is wrong.
+        """
+        self._keys = ("phases", place)
+        return phase.phase(self)
+
+    def beside(self, name: str) -> Path:
+        """Return the path of a file in the folder of the protocol."""
+        return Path(self._path).parent / name
+
     def wrong(self, key: Key | None, message: str) -> DescriptionError:
         """Return an error that points to a key of the current phase; with `key` None, to the phase itself."""
         return error_at(self._path, self._keys if key is None else (*self._keys, key), message)

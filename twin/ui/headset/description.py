@@ -41,7 +41,7 @@ def describe(
     m = desk.mechanism
     tool = m.frame(m.tool)
     default = "" if robot.files is None else robot.cad.description.default_protocol
-    default = default if place is None else place.protocol
+    default = default if place is None else place.protocol_name
     order = [j.name for j in m.active]
     return {
         "schema": "twin-robot",

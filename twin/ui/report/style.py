@@ -254,10 +254,11 @@ def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: b
     ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
     left, right = ax.get_xlim()
     late = t > left + 0.7 * (right - left)
+    beside = 4 if late else 8 if t <= left + 0.01 * (right - left) else -4  # the text must not cross the y axis
     height = ax.transAxes.inverted().transform(ax.transData.transform((t, value)))[1]
     below = height > 0.16 if below else height > 0.9
     ax.annotate(
-        text, (t, value), (4 if late else -4, -6 if below else 6), textcoords="offset points", color=color,
+        text, (t, value), (beside, -6 if below else 6), textcoords="offset points", color=color,
         ha="right" if late else "left", va="top" if below else "bottom", fontsize=8.5, fontweight="bold",
         zorder=5, clip_on=False,
     )  # fmt: skip

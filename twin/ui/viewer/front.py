@@ -40,7 +40,7 @@ class Actor:
         source: argument of `twin.load`, with which other processes load the robot.
         desk: state of the robot.
         T_world_base: pose (4, 4) of the base in the scene.
-        protocol: the initial protocol; None: the robot's default protocol.
+        protocol: name or path of the protocol that was loaded last; None: the robot's default protocol.
         scale: factor on the displayed size.
         playback: playback of the protocol; None until it is planned.
     """
@@ -270,7 +270,7 @@ class Front(Loop):
         """Plan a protocol in a separate process; the robot plays the protocol when it is planned."""
         if a.name in self._plans:
             self._plans.pop(a.name).close()
-        a.playback = None
+        a.playback, a.protocol = None, protocol
         self._plans[a.name] = Planner(a.source, protocol)
         self.panels.preparing(a, protocol)
 
@@ -290,7 +290,7 @@ class Front(Loop):
                 continue
             a.playback = planner.answer
             if a.desk.robot.files is not None:
-                protocol = a.desk.robot.protocol(a.playback.protocol)
+                protocol = a.desk.robot.protocol(a.protocol)
                 bound = a.desk.robot.bound(protocol)
                 if bound is not a.desk.robot:
                     a.desk.bind(bound)

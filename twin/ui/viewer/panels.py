@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from html import escape
+from pathlib import Path
 
 import numpy as np
 import viser
@@ -74,9 +75,11 @@ class Panels:
     def _play(self) -> None:
         gui, front = self.gui, self.front
         files = front.hand.desk.robot.files
-        names = list(files.protocols()) if files is not None else []
+        given = front.hand.protocol or ""
+        self._files = {Path(given).stem: given} if given.endswith(".toml") else {}
+        names = [*self._files, *(files.protocols() if files is not None else [])]
         self._protocol = gui.add_dropdown("protocol", names or ["none"], disabled=not names)
-        default = front.hand.protocol or (front.hand.desk.robot.protocol().name if names else "none")
+        default = next(iter(self._files), given) or (front.hand.desk.robot.protocol().name if names else "none")
         self._protocol.value = default if default in names else (names or ["none"])[0]
         self._state = gui.add_markdown("_not planned yet_")
         self._run = gui.add_button("▶ Play", disabled=True)
@@ -116,7 +119,7 @@ class Panels:
             handle.on_update(lambda _: front.ask("equations", lambda: None))
 
     def _chosen(self, a: Actor) -> str | None:
-        return self._protocol.value if a is self.front.hand else a.protocol
+        return self._files.get(self._protocol.value, self._protocol.value) if a is self.front.hand else a.protocol
 
     def _toggle(self) -> None:
         clock = self.front.clock
@@ -128,7 +131,9 @@ class Panels:
     def preparing(self, a: Actor, protocol: str | None) -> None:
         """Show that a protocol of a robot is being planned; None: its default protocol."""
         self._run.disabled = True
-        self._state.content = f"planning **{protocol or 'the default protocol'}** of {a.name} …"
+        self._state.content = (
+            f"planning **{Path(protocol).stem if protocol else 'the default protocol'}** of {a.name} …"
+        )
 
     def failed(self, a: Actor, error: str) -> None:
         """Show why the protocol of a robot cannot be played."""

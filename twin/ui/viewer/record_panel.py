@@ -115,9 +115,11 @@ class RecordPanel:
     def _save_phase(self) -> None:
         robot, a = self.actor.desk.robot, self.actor
         assert robot.files is not None
-        protocol = robot.protocol(a.playback.protocol if a.playback is not None else None)
+        protocol = robot.protocol(a.protocol)
         T_tool_frame = a.desk.mechanism.frame_in_tool(protocol.frame)
-        name, path, T = self._name.value, robot.files.protocol(protocol.name), a.desk.assembly.T_base_tool.copy()
+        name, T = self._name.value, a.desk.assembly.T_base_tool.copy()
+        given = a.protocol or protocol.name
+        path = Path(given) if given.endswith(".toml") else robot.files.protocol(given)
         self._when_told(f"phase '{identifier(name)}'", path, lambda: append_phase(path, name, T, T_tool_frame))
 
     def _when_told(self, what: str, path: Path, write: Callable[[], None]) -> None:

@@ -219,7 +219,7 @@ class Scenery:
             robot = a.desk.robot
             if not visible or robot.files is None or not robot.files.protocols():
                 continue
-            protocol = robot.protocol(a.playback.protocol if a.playback is not None else a.protocol)
+            protocol = robot.protocol(a.protocol)
             patient = patient_of(robot, protocol, self._floor - float(a.T_world_base[2, 3]))
             if patient is None:
                 missing.append(none_there(robot, protocol))

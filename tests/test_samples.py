@@ -1,0 +1,141 @@
+"""A phase of samples over time: the same motion as planned, checked as a planned one, and wrong files are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from test_together import Robot, motorised, protocol_of
+from twin.core.errors import DescriptionError, ProtocolError
+from twin.core.findings import verdict
+from twin.planning.plan import plan
+from twin.planning.playable import write_samples
+from twin.planning.protocol import load_protocol
+
+UP, ASIDE, DOWN = (np.array(q) for q in ([0.5, 0.0, 0.0], [0.2, 0.3, 0.1], [-0.3, 0.2, 0.0]))
+JOINTS = [(f"q{i}", True) for i in range(3)]
+
+
+def planned(protocol, robot):
+    return plan(protocol, robot.path_kinematics(), T_tool_frame=robot.mechanism.frame_in_tool(protocol.frame))
+
+
+@pytest.fixture
+def made(tmp_path):
+    """(robot, trajectory of two free phases, protocol file that gives its samples)."""
+    robot = Robot(motorised(9.0))
+    protocol_of(tmp_path, UP, ASIDE, DOWN, frame="tip")
+    text = (tmp_path / "over.toml").read_text(encoding="utf-8")
+    straight = text.replace("free", "joints").replace("clearance_mm = 5\n", "")
+    (tmp_path / "over.toml").write_text(straight, encoding="utf-8")
+    first = planned(load_protocol(tmp_path / "over.toml"), robot)
+    write_samples(tmp_path / "moved.csv", JOINTS, first.t, first.q)
+    text = text.replace("free", "samples")
+    for span in first.phases:
+        head = f'name = "{span.name}"\nto = "{span.waypoint}"\n'
+        assert f"{head}clearance_mm = 5\n" in text
+        times = f"from_s = {span.t0}\nto_s = {span.t1}"
+        text = text.replace(f"{head}clearance_mm = 5", f'{head}file = "moved.csv"\n{times}')
+    (tmp_path / "again.toml").write_text(text, encoding="utf-8")
+    return robot, first, tmp_path / "again.toml"
+
+
+def test_samples_of_a_plan_are_the_same_motion(made):
+    robot, first, file = made
+    again = planned(load_protocol(file), robot)
+    assert verdict(again.findings) == "agree", [f.message for f in again.findings]
+    np.testing.assert_allclose(again.t, first.t, atol=1e-12)
+    np.testing.assert_allclose(again.q, first.q, atol=1e-12)
+    np.testing.assert_allclose(again.Ts_base_tool, first.Ts_base_tool, atol=1e-12)
+    np.testing.assert_allclose(again.qd, first.qd, atol=2e-3 * np.abs(first.qdd).max())
+    np.testing.assert_allclose(again.tip_velocity, first.tip_velocity, atol=2e-3)
+    step = first.phases[0].stop
+    inner = np.r_[5 : step - 5, step + 5 : len(first.t) - 5]
+    for name in ("tip_acceleration", "angular_acceleration"):
+        a, b = getattr(first, name)[inner], getattr(again, name)[inner]
+        assert np.median(np.linalg.norm(a - b, axis=1)) < 1e-5
+    assert [(p.name, p.t0, p.t1, p.waypoint) for p in again.phases] == [
+        (p.name, p.t0, p.t1, p.waypoint) for p in first.phases
+    ]
+
+
+def test_a_coarser_table_gives_the_motion_between_its_samples(made, tmp_path):
+    robot, first, file = made
+    rows = np.unique(np.r_[0 : len(first.t) : 10, first.phases[0].stop, len(first.t) - 1])
+    write_samples(tmp_path / "moved.csv", JOINTS, first.t[rows], first.q[rows])
+    again = planned(load_protocol(file), robot)
+    assert np.abs(again.q - first.q).max() < 1e-4
+
+
+def test_a_motion_in_half_of_the_time_exceeds_the_limits_which_are_named(made, tmp_path):
+    robot, first, file = made
+    write_samples(tmp_path / "moved.csv", JOINTS, first.t / 2, first.q)
+    text = file.read_text(encoding="utf-8")
+    for span in first.phases:
+        text = text.replace(f"from_s = {span.t0}\nto_s = {span.t1}", f"from_s = {span.t0 / 2}\nto_s = {span.t1 / 2}")
+    file.write_text(text, encoding="utf-8")
+    codes = {f.code for f in planned(load_protocol(file), robot).findings if f.severity == "disagreement"}
+    assert codes & {"limit.tip_acceleration", "limit.rotation_acceleration"}
+
+
+def test_a_robot_at_rest_needs_no_waypoint_at_the_end(made, tmp_path):
+    robot, _, file = made
+    write_samples(tmp_path / "moved.csv", JOINTS, np.array([0.0, 2.5]), UP[None])
+    text = file.read_text(encoding="utf-8")
+    file.write_text(
+        text[: text.index("[[phases]]")] + '[[phases]]\ntype = "samples"\nname = "rest"\nfile = "moved.csv"\n'
+    )
+    found = planned(load_protocol(file), robot)
+    assert found.duration == pytest.approx(2.5)
+    np.testing.assert_allclose(found.q, np.repeat(UP[None], len(found.t), axis=0), atol=1e-12)
+    assert np.abs(found.tip_velocity).max() < 1e-9
+    assert {f.severity for f in found.findings} <= {"info", "warning"}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "moved.csv is no table of samples"),
+        ("", "the first line must be t_s,NAME_deg"),
+        ("time,q0_deg\n0,1\n1,2\n", "the first line must be t_s,NAME_deg"),
+        ("t_s,q0\n0,1\n1,2\n", "column 'q0' has no unit: write NAME_deg or NAME_mm"),
+        ("t_s,q0_deg,q0_deg\n0,1,1\n1,2,2\n", "column 'q0_deg' is given twice"),
+        ("t_s,q0_deg\n0,1\n1\n", "row 2 must have 2 finite numbers"),
+        ("t_s,q0_deg\n0,1\n1,nan\n", "row 2 must have 2 finite numbers"),
+        ("t_s,q0_deg\n0,one\n1,2\n", "could not convert string to float"),
+        ("t_s,q0_deg\n0,1\n0,2\n", "t_s must increase from row to row"),
+        ("t_s,q0_deg\n0,1\n", "t_s must increase from row to row, over at least two rows"),
+        ("t_s,q0_deg\n0,1\n0.1,2\n", "samples from 0 to 0.1 s, none at"),
+        ("t_s,q0_deg\n2,1\n3,2\n", "samples from 2 to 3 s, but fewer than two of them"),
+    ],
+)
+def test_a_wrong_table_is_named_with_the_line_of_the_protocol(made, tmp_path, text, message):
+    file = made[2]
+    (tmp_path / "moved.csv").unlink()
+    if text is not None:
+        (tmp_path / "moved.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"again\.toml:\d+: phases\[0\]\..*" + message.replace("(", r"\(")):
+        load_protocol(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "q0", "message"),
+    [
+        (
+            "q0_deg",
+            20,
+            r"the samples begin with q0 = 20 deg, but the phase begins at 28\.6479 deg, a difference of 8\.65 deg",
+        ),
+        ("q0_mm", 0.5, "joint 'q0' is in deg: write q0_deg, not q0_mm"),
+        ("q9_deg", 20, "there is no driven joint 'q9'"),
+    ],
+)
+def test_samples_that_do_not_fit_the_robot_are_named(made, tmp_path, name, q0, message):
+    robot, first, file = made
+    (tmp_path / "moved.csv").write_text("".join([f"t_s,{name}\n", *(f"{t},{q0}\n" for t in first.t)]), encoding="utf-8")
+    protocol = load_protocol(file)
+    whole = replace(protocol, phases=protocol.phases[:1])
+    with pytest.raises(ProtocolError, match=rf"over: phase 'to_w1' \(samples\).*{message}"):
+        planned(whole, robot)

@@ -1,0 +1,88 @@
+"""Distances between arms that move together, over time, and the nearest bodies in each phase."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.mechanism import Mechanism
+from twin.planning.path import Path
+from twin.reference import ReferenceModel
+from twin.reference.certificate import Certificate
+from twin.reference.clearance import Clearance, between
+
+_SHOWN = 201
+"""Number of times at which the distances between the arms are computed."""
+
+
+@dataclass(frozen=True)
+class Apart:
+    """Distances between arms: times t (k,) in s, and the distances of each pair of arms, by the names of both."""
+
+    t: Array
+    by_pair: Mapping[tuple[str, str], Clearance]
+
+    def least(self, t0: float = -np.inf, t1: float = np.inf) -> tuple[float, float, tuple[str, str]]:
+        """Return smallest distance in m, its time in s, and the bodies ARM_BODY, from t0 to t1 in s."""
+        rows = np.flatnonzero((self.t >= t0) & (self.t <= t1))
+        found = min(self.by_pair.values(), key=lambda c: c.distance[rows].min())
+        k = int(rows[np.argmin(found.distance[rows])])
+        a, b = (name.replace("/", "_", 1) for name in found.pair[k])
+        return float(found.distance[k]), float(self.t[k]), (a, b)
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest bodies of one kind of pairs in a phase: the certificate of their distance, and its time in s."""
+
+    seen: Certificate
+    t: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data; the keys of quantities end with the unit."""
+        return {
+            "proven_mm": self.seen.proven / MM,
+            "found_mm": self.seen.found / MM,
+            "bodies": list(self.seen.bodies),
+            "t_s": self.t,
+        }
+
+    def among(self, apart: Apart, t0: float, t1: float) -> Nearest:
+        """Return the nearest bodies with regard to distances at further times from t0 to t1 in s."""
+        distance, t, bodies = apart.least(t0, t1)
+        if distance >= self.seen.found:
+            return self
+        return Nearest(replace(self.seen, found=distance, proven=min(self.seen.proven, distance), bodies=bodies), t)
+
+
+def nearest_at(seen: Certificate, path: Path, q: Array, t: Array) -> Nearest:
+    """Return a certificate of a path with the time at which samples q (k, n) at t (k,) in s are at its place."""
+    off = np.abs(q - path(np.array([seen.s]))[0]).max(axis=1)
+    return Nearest(seen, float(t[np.argmin(off)]))
+
+
+def distances(
+    arms: Mapping[str, tuple[Mechanism, Array]], q: Mapping[str, Array], t: Array, check: Callable[[], None]
+) -> Apart:
+    """Return the distances of each pair of arms over time.
+
+    Args:
+        arms: mechanism, and T_world_base (4, 4), by name of the arm.
+        q: joint values (k, n) of each arm in m or rad.
+        t: (k,) times in s.
+        check: called between the steps; its exception ends the computation.
+    """
+    rows = np.unique(np.linspace(0, len(t) - 1, min(_SHOWN, len(t))).round().astype(int))
+    poses = {}
+    for name, (mechanism, T_world_base) in arms.items():
+        check()
+        model = ReferenceModel(mechanism)
+        found = model.link_poses(model.run(q[name][rows]).x)
+        poses[name] = {body: T_world_base @ T for body, T in found.items()}
+    check()
+    return Apart(t[rows], between({name: mechanism for name, (mechanism, _) in arms.items()}, poses))

@@ -1,0 +1,130 @@
+"""A phase whose joint values are given by samples over time; the other rates are differences of samples.
+
+The joint values at the planning times are those of the given samples, joined by cubic splines. Rates are central
+differences, so that the check of the trajectory tests what the samples contain. A phase begins and ends at rest:
+before the first and after the last sample, the motion counts as mirrored in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import AssemblyError, ProtocolError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.planning.phase_path import PhasePath
+from twin.planning.protocol import Protocol, Samples
+from twin.planning.protocol.course import Motion, angles_of
+from twin.planning.timing import Timing
+from twin.planning.trajectory import Carrier
+
+_COARSE = 0.02
+"""Time step in s at which the mechanism is moved to the end of the phase."""
+
+
+@dataclass(frozen=True)
+class Given(PhasePath):
+    """A phase with given joint values over time.
+
+    Attributes:
+        duration: duration in s.
+        values: function of times (k,) in s that returns the values (k, n) of all driven joints.
+        carry: function of joint values (k, n) from the start of the phase that returns T_base_tool (k, 4, 4).
+    """
+
+    duration: float
+    values: Callable[[Array], Array]
+    carry: Callable[[Array], Array]
+
+    def sampled(self, dt: float) -> tuple[Timing, Motion, Array, Array, Array]:
+        """Return timing, motion, and q, qd, qdd (k, n) at multiples of dt; the path parameter is the time.
+
+        The last sample is at the first multiple of dt that is not before the end of the given samples.
+        """
+        count = max(int(np.ceil(self.duration / dt - 1e-6)), 1)
+        t = dt * np.arange(count + 1, dtype=np.float64)
+        q = self.values(np.minimum(t, self.duration))
+        Ts = self.carry(q)
+        Ts_frame = Ts @ self.T_tool_frame
+        p, R = Ts_frame[:, :3, 3], Ts[:, :3, :3]
+        turns = spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2))
+        p1, p2 = _rates(np.diff(p, axis=0), dt)
+        w1, w2 = _rates(turns, dt)
+        v, _ = _rates(np.diff(Ts[:, :3, 3], axis=0), dt)
+        qd, qdd = _rates(np.diff(q, axis=0), dt)
+        motion = Motion(Ts, p, p1, p2, w1, w2, np.concatenate([v, w1], axis=1))
+        timing = Timing(t, t, np.ones(len(t)), np.zeros(len(t)), float(t[-1]), self.duration, 0.0, len(t))
+        return timing, motion, q, qd, qdd
+
+
+def given(
+    path: PhasePath,
+    phase: Samples,
+    protocol: Protocol,
+    q: Array,
+    names: tuple[str, ...],
+    carrier: Carrier,
+    state: Array,
+    where: str,
+) -> tuple[Given, Array, Array]:
+    """Return a phase of samples, and the joint values (n,) and the state at its end.
+
+    Args:
+        path: the phase; `names` and `q` (n,) are the driven joints and their values at its start.
+        phase: the samples; joints without samples keep their values.
+        protocol: source of the tolerances of the start.
+        q: see `path`.
+        names: see `path`.
+        carrier: the mechanism; `state` is its state at the start of the phase.
+        state: see `carrier`.
+        where: names of protocol and phase, for messages.
+
+    Raises:
+        ProtocolError: the first sample is not at the start of the phase, or the loops open.
+    """
+    from scipy.interpolate import CubicSpline
+
+    columns = [names.index(j) for j in phase.joints]
+    for j, column, first in zip(phase.joints, columns, phase.q[0], strict=True):
+        angle = j in phase.angle_joints
+        unit, factor = ("deg", DEG) if angle else ("mm", MM)
+        tolerance = protocol.tolerances.waypoint_angle if angle else protocol.tolerances.waypoint
+        if (off := abs(first - q[column])) > tolerance:
+            raise ProtocolError(
+                f"{where}: the samples begin with {j} = {first / factor:.6g} {unit}, but the phase begins at "
+                f"{q[column] / factor:.6g} {unit}, a difference of {off / factor:.3g} {unit} (tolerance "
+                f"{tolerance / factor:g} {unit}): change the samples, or where the phase begins"
+            )
+    spline = CubicSpline(phase.t, phase.q, bc_type="clamped")
+
+    def values(t: Array) -> Array:
+        out = np.repeat(q[None], len(t), axis=0)
+        out[:, columns] = spline(t)
+        return out
+
+    def carry(rows: Array) -> tuple[Array, Array]:
+        try:
+            return carrier.carry(rows, state)
+        except AssemblyError as error:
+            raise ProtocolError(f"{where} cannot be carried out: {error}") from error
+
+    duration = float(phase.t[-1])
+    rows = values(np.linspace(0.0, duration, max(int(duration / _COARSE), 1) + 1))
+    X, Ts = carry(rows)
+    made = Given(**vars(path), duration=duration, values=values, carry=lambda rows: carry(rows)[1])
+    T = Ts[-1] @ path.T_tool_frame
+    made = replace(made, angles1=angles_of(Ts[-1, :3, :3], path.order, path.angles1), tip1=T[:3, 3])
+    return made, rows[-1], X[-1]
+
+
+def _rates(steps: Array, dt: float) -> tuple[Array, Array]:
+    """Return first and second time derivatives (k + 1, n) from the steps (k, n) between samples, at rest at the ends.
+
+    Before the first and after the last step, the motion is mirrored.
+    """
+    before, after = np.concatenate([-steps[:1], steps]), np.concatenate([steps, -steps[-1:]])
+    return (before + after) / (2 * dt), (after - before) / dt**2

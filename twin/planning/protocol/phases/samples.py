@@ -1,0 +1,122 @@
+"""samples: move the driven joints as in a table of samples over time, such as one that `twin plan` has written."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from twin.core.errors import TwinError
+from twin.core.foreign.text import read_text
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.planning.protocol.phase import Begin, Depth, End, Phase, PhaseTable, Walk
+from twin.schema import Identifier
+
+_TIME = "t_s"
+_ROUNDING = 1e-9
+"""Time in s by which a sample may be outside the span of the phase."""
+
+
+class SamplesTable(PhaseTable):
+    """Move the driven joints as in a table of samples over time, with the timing of this table."""
+
+    type: Literal["samples"]
+    file: Annotated[
+        str,
+        Field(
+            pattern=r"^[^/\\].*\.csv$",
+            description="CSV file in the folder of the protocol: a column t_s, and one for each moved driven joint, "
+            "NAME_deg or NAME_mm",
+        ),
+    ]
+    to: Annotated[Identifier | None, Field(description="the waypoint with joint values at the end of the phase")] = None
+    from_s: Annotated[Depth, Field(description="first used time in the file")] = 0.0
+    to_s: Annotated[float | None, Field(gt=0, description="last used time in the file; default: the last one")] = None
+
+    rank: ClassVar[int] = 9
+
+    def follow(self, walk: Walk) -> None:
+        """Check that no RCM is registered, and that a waypoint `to` has joint values; end the phase there."""
+        walk.outside(self.type)
+        if self.to is not None:
+            walk.go(self.to, "a motion by samples", "joints")
+
+    def phase(self, walk: Walk) -> Samples:
+        """Return the phase that this table describes, in SI units."""
+        path = walk.beside(self.file)
+        try:
+            names, rows = _table(path)
+        except (OSError, ValueError, csv.Error) as error:
+            raise walk.wrong("file", f"{path.name} is no table of samples: {error}") from error
+        except TwinError as error:  # the file is too large
+            raise walk.wrong("file", str(error)) from error
+        t, end = rows[:, 0], rows[-1, 0] if self.to_s is None else self.to_s
+        used = (t >= self.from_s - _ROUNDING) & (t <= end + _ROUNDING)
+        span = f"{path.name} has samples from {t[0]:g} to {t[-1]:g} s"
+        if end > t[-1] + _ROUNDING:
+            raise walk.wrong("to_s", f"{span}, none at {end:g} s")
+        if used.sum() < 2:
+            raise walk.wrong("from_s", f"{span}, but fewer than two of them are from {self.from_s:g} to {end:g} s")
+        kept = rows[used]
+        joints = tuple(name.rsplit("_", 1)[0] for name in names)
+        angles = frozenset(j for j, name in zip(joints, names, strict=True) if name.endswith("_deg"))
+        scale = np.array([DEG if j in angles else MM for j in joints])
+        return Samples(self.name, kept[:, 0] - kept[0, 0], kept[:, 1:] * scale, joints, angles, self.to or "")
+
+
+def _table(path: Path) -> tuple[list[str], Array]:
+    """Return the names of the joint columns, and the numbers (k, 1 + n) of a file, time first.
+
+    Raises:
+        ValueError: the file is no table of samples.
+        OSError, BudgetError: the file cannot be read, or is too large.
+    """
+    lines = read_text(path, "CSV").splitlines()
+    head = [name.strip() for name in (lines[0] if lines else "").split(",")]
+    names = head[1:]
+    if head[0] != _TIME or not names:
+        raise ValueError(f"the first line must be {_TIME},NAME_deg,... with a unit (deg or mm) after each joint's name")
+    if bad := [n for n in names if not n.endswith(("_deg", "_mm"))]:
+        raise ValueError(f"column '{bad[0]}' has no unit: write NAME_deg or NAME_mm")
+    if twice := [n for n in names if names.count(n) > 1]:
+        raise ValueError(f"column '{twice[0]}' is given twice")
+    rows = [[float(x) for x in line] for line in csv.reader(lines[1:]) if line]
+    for k, row in enumerate(rows):
+        if len(row) != len(head) or not np.isfinite(row).all():
+            raise ValueError(f"row {k + 1} must have {len(head)} finite numbers")
+    out = np.array(rows).reshape(-1, len(head))
+    if len(out) < 2 or (np.diff(out[:, 0]) <= 0).any():
+        raise ValueError(f"{_TIME} must increase from row to row, over at least two rows")
+    return names, out
+
+
+@dataclass(frozen=True)
+class Samples(Phase):
+    """Move the driven joints as in a table of samples.
+
+    Attributes:
+        t: (k,) times in s, from 0.
+        q: (k, n) joint values in m or rad.
+        joints: names (n,) of the joints.
+        angle_joints: names of the joints whose values are given in degrees.
+        to: name of the waypoint at the end; "" if there is none.
+    """
+
+    t: Array
+    q: Array
+    joints: tuple[str, ...]
+    angle_joints: frozenset[str]
+    to: str = ""
+    type: ClassVar[str] = "samples"
+    by_joints: ClassVar[bool] = True
+    has_length: ClassVar[bool] = False
+
+    def end_after(self, at: Begin) -> End:
+        """Return the state at the end: the waypoint, if there is one; the pose follows from the mechanism."""
+        pose = at.pose(self.to) if self.to else (at.angles, at.tip)
+        return End(*pose, at.rcm, self.to or None)

@@ -1,0 +1,55 @@
+"""Warn about phases in which an angle of the tool turns by more than half a turn.
+
+Angles change linearly in a phase, so that from 180 to -164 deg the tool turns by 344 deg. This may be meant. Usually,
+the waypoint was copied from a table with angles between -180 and 180 deg, and the turn of 16 deg to 196 deg was meant.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.findings import Finding, warning
+from twin.core.quantity import deg
+from twin.core.units import DEG
+from twin.planning.protocol.course import Course
+from twin.planning.protocol.waypoint import Waypoint
+
+_HALF = 180 * DEG + 1e-6
+"""Turn in rad above which the other direction is shorter."""
+
+
+def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
+    """Return a warning for each angle that turns the tool by more than 180 deg.
+
+    Args:
+        course: start and end of the phase.
+        phase: name of the phase.
+        waypoint: the waypoint at its end; if it has joint values, nothing is returned.
+    """
+    out, where = [], f"waypoint '{waypoint.name}'"
+    if waypoint.joints is not None:
+        return out
+    for k, (start, end) in enumerate(zip(course.angles0, waypoint.angles, strict=True)):
+        turn = abs(end - start)
+        if turn <= _HALF:
+            continue
+        near = end - 2 * np.pi * np.round((end - start) / (2 * np.pi))
+        about = f"angle {k + 1} (about {course.order[k]})"
+        what = f"{about} turns by {deg(turn)}, from {_number(start)} to {_number(end)} deg"
+        way = (
+            f"if the shorter turn of {deg(abs(near - start))} is meant, write {_number(near)} instead of "
+            f"{_number(end)} in angles_deg of {where}"
+        )
+        when = f"phase '{phase}'"
+        out.append(warning("protocol.long_turn", where, what, deg(turn), 180, way, when=when, word=""))
+    return out
+
+
+def hint(course: Course, phase: str, waypoint: Waypoint | None) -> str:
+    """Return a text on the long turns of a phase that cannot be carried out, which may be the cause; "" without any."""
+    found = [] if waypoint is None else long_turns(course, phase, waypoint)
+    return "".join(f". {f.message}: {f.suggestion}" for f in found)
+
+
+def _number(radians: float) -> str:
+    return f"{radians / DEG + 0.0:.7g}"

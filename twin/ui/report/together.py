@@ -1,0 +1,26 @@
+"""Draw the distances between arms that are planned together, over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from twin.core.units import MM
+from twin.planning.planned_together import PlannedTogether
+from twin.ui.report.scene import LEAST, Row, distances
+from twin.ui.report.style import at, mark, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@styled()
+def figure(planned: PlannedTogether) -> Figure:
+    """Return a figure with two panels: distance of each pair of arms over time, and phases of each arm."""
+    title = f"Clearance between arms · {', '.join(planned.order)} in scene {planned.scene.name}"
+    spans = {name: [(s.t0, s.t1) for s in planned.robots[name].phases] for name in planned.order}
+    apart = planned.apart
+    pairs = {pair: found.distance for pair, found in apart.by_pair.items()}
+    out = distances(title, apart.t, pairs, planned.required, [Row(name, spans[name]) for name in planned.order])
+    least, t, _ = apart.least()
+    mark(out.axes[0], t, max(least, LEAST * MM) / MM, at(least, "m", t), below=True)
+    return out
