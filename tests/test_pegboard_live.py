@@ -219,10 +219,10 @@ def test_a_restart_that_cannot_be_recorded_loses_nothing(theatre, tmp_path):
 def test_without_rings_there_is_nothing_to_end(bare_theatre):
     live = LiveConsole(bare_theatre)
     assert live.reading["task"] is None
-    with pytest.raises(TwinError, match="there is no judged task to end or restart: start this program with --task"):
+    with pytest.raises(TwinError, match="there is no task to end or restart: start this program with --task"):
         live.end("page 1")
     operation = Operation(bare_theatre)
-    with pytest.raises(wire.RefusedError, match="there is no judged task to end or restart"):
+    with pytest.raises(wire.RefusedError, match="there is no task to end or restart"):
         operation.ask("c1", wire.parse('{"type": "task", "do": "restart"}'))
     operation.close()
 

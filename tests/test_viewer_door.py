@@ -484,7 +484,7 @@ def test_an_upload_is_one_at_a_time_in_order_and_no_larger_than_it_said(front):
         with pytest.raises(letters.StaleError, match="too large"):
             reader.check(start(front, letters.UPLOAD + 1, 33), a, 100.0)
         assert "at most 16.8 MB" in told[0]
-        with pytest.raises(letters.StaleError, match="without an upload"):
+        with pytest.raises(letters.StaleError, match="no upload was started"):
             reader.check(part(front, 0, b"x" * 500_000), a, 100.0)
         for wrong in ([(1, 5)], [(0, 5), (0, 5)], [(0, 11)], [(0, 5), (1, 4)], [(0, 10)]):
             a.was_cut = False

@@ -194,7 +194,7 @@ class Tolerances:
         return direct - Tx @ np.linalg.pinv(Jx, rcond=1e-9) @ np.hstack([Je, Jq])
 
     def _chance(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Array:
-        """Return the tool shift in m and rotation in rad (samples, 6), in base, for random errors."""
+        """Return the tool's shift in m and rotation in rad (samples, 6), in the base frame, for random errors."""
         kernel, T0 = self._kernel, self.solver.forward(q)
         out = np.zeros((samples, 6))
         frames = self.error.numel()

@@ -317,10 +317,10 @@ def gaps_of(robot: Robot) -> list[tuple[int, int, float]]:
 
 
 def judge(robot: Robot, grid: Grid) -> Kernel:
-    """Return the kernel that evaluates the poses of a grid for a robot.
+    """Return the compiled function that decides which poses of a grid a robot can reach.
 
     Raises:
-        KinematicsError: the equations have no closed-form inverse.
+        KinematicsError: the robot's equations have no closed-form inverse.
     """
     kin = robot.kinematics()
     if not kin.closed_inverse:
@@ -361,7 +361,7 @@ def centre(robot: Robot) -> Array:
 def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Array, Array]:
     """Return the lower and the upper corner (3,) in m, in base, of a box around all reached positions.
 
-    The search for reached positions starts at the pose T (4, 4), in its orientation.
+    The search starts at the pose T (4, 4) and keeps its orientation.
 
     Raises:
         UnreachedError: no position near the pose is reached.

@@ -181,7 +181,7 @@ class Robot:
         return compile_formula(formula, chosen, values, self._extra_joints([j.name for j in formula.joints]))
 
     def _extra_joints(self, names: Sequence[str]) -> Sequence[ExtraJoint]:
-        """Return the driven joints that are not in `names`, the joints of the equations.
+        """Return the driven joints that the equations do not have; `names` are the joints of the equations.
 
         The CAD is read only if the description has such joints, so that robots without them load fast.
         """

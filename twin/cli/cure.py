@@ -107,7 +107,7 @@ def text(found: Explanation, command: str) -> str:
 
 
 def _edits(found: Explanation, command: str) -> list[str]:
-    """Return texts on the edits: each edit once, even for several rows; of equivalent edits, only the first."""
+    """Return one text for each edit, also if it changes several rows; of equivalent edits, only the first."""
     rows: dict[tuple[str, ...], list[str]] = {}
     lines: dict[tuple[str, ...], set[int]] = {}
     tied: set[tuple[str, ...]] = set()

@@ -45,8 +45,8 @@ completed: list[Path] = []
 def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder; move its files into `target` when the block ends without an error.
 
-    Files that the block does not write stay unchanged. On any error `target` stays unchanged. `replacing` has paths,
-    relative to the target, of old files: a file that the block does not write again is removed in the same step.
+    Other files in `target` stay unchanged, except those of `replacing`: paths, relative to the target, of old files
+    that are removed in the same step if the block does not write them. On any error `target` stays unchanged.
 
     Raises:
         OutputError: the target cannot be written (read-only, full, a file with the name of a folder).

@@ -233,11 +233,11 @@ class Mechanism:
         return out
 
     def body(self, name: str) -> Body:
-        """Return the body with a name, or raise `MechanismError` that lists the existing names."""
+        """Return the body called `name`, or raise a `MechanismError` that lists all names."""
         return _find("body", self.bodies, name)
 
     def joint(self, name: str) -> Joint:
-        """Return the joint with a name, or raise `MechanismError` that lists the existing names."""
+        """Return the joint called `name`, or raise a `MechanismError` that lists all names."""
         return _find("joint", self.joints, name)
 
     def frame(self, name: str) -> Frame:

@@ -366,7 +366,7 @@ class Trajectory:
         return i, (x - i)[:, None]
 
     def as_dict(self, arrays: bool = True) -> dict[str, Any]:
-        """Return plain data for JSON in SI, with NaN replaced by None; `arrays`: include every sample."""
+        """Return the content for JSON: SI units, None in place of NaN, and with `arrays` the values of all samples."""
         out: dict[str, Any] = {
             "protocol": self.protocol,
             "robot": self.robot,

@@ -44,7 +44,7 @@ def randomised(participant: int, run: int) -> Condition:
     if participant < 1:
         raise TwinError(f"participant {participant}: give a number of at least 1")
     if not 1 <= run <= RUNS:
-        raise TwinError(f"run {run}: give 1 to {RUNS}; one run is with forces on the hands, the other without")
+        raise TwinError(f"there is no run {run}: the number is 1 to {RUNS}; one run has forces on the hands")
     block, place = divmod(participant - 1, _BLOCK)
     first = np.random.default_rng(block).permutation(_BLOCK)[place] < _BLOCK // 2
     return Condition(haptics=bool(first) == (run == 1), participant=participant, run=run)

@@ -216,7 +216,7 @@ class Report(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield the verdict, findings by cause, the short residual matrix, and the number of assumed parameters."""
+        """Yield the verdict, findings by cause, the largest residuals, and the number of assumed parameters."""
         variants = ", ".join(f"{k} {v}" for k, v in self.variants.items())
         yield " · ".join(filter(None, (self.robot, self.protocol, variants))) + "\n"
         unjudged = not self.variants and self.verdict == "agree"

@@ -36,7 +36,7 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
     changed = [p for p in protocol.phases if isinstance(p, (Joints, Positioning, Home))]
     if not changed and not any(isinstance(p, Free) for p in protocol.phases):
         raise ProtocolError(
-            f"{protocol.name}: no phase can go around obstacles; only the types joints, positioning, home and free can"
+            f"{protocol.name}: no phase can go around obstacles; give one the type joints, positioning, home or free"
         )
     phases = tuple(
         Free(p.name, p.to, clearance, seed, scene) if isinstance(p, (Joints, Positioning, Home)) else p

@@ -121,7 +121,7 @@ def looking(T: Array) -> Array:
     if not np.allclose(view(at), T, atol=1e-6):
         off = float(np.linalg.norm(view(at)[:3, 3] - T[:3, 3]))
         raise WorldError(
-            f"the camera's line of sight passes {off / MM:.3g} mm from its remote centre; move it through the centre"
+            f"the camera's line of sight passes {off / MM:.3g} mm from its remote centre; correct its pose"
         )
     return at
 

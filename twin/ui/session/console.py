@@ -191,7 +191,7 @@ class LiveConsole:
 
     def _require_task(self) -> None:
         if self.referee is None:
-            raise TwinError("there is no judged task to end or restart: start this program with --task")
+            raise TwinError("there is no task to end or restart: start this program with --task")
 
     def _finish(self, why: str) -> None:
         """Stop the World, complete the session file, and begin to make the report."""

@@ -223,7 +223,7 @@ class Letters:
     def _part(self, message: Any, sender: Sender) -> None:
         up = self._upload
         if up is None or up.sender is not sender or message.transfer_uuid != up.transfer:
-            raise StaleError("a part of a file arrived without an upload")  # the upload was refused
+            raise StaleError("a part of a file arrived, but no upload was started")  # the upload was refused
         up.bytes -= len(message.content)
         up.parts -= 1
         good = message.part_index == up.next and message.source_component_uuid == up.source

@@ -100,7 +100,7 @@ class Scenery:
     # -- the panel ------------------------------------------------------------------------------------
 
     def panel(self) -> None:
-        """Create the controls for the surroundings in the panel of the page."""
+        """Create the controls in the page's panel that show or hide the props of the scene."""
         gui, front = self.front.server.gui, self.front
         views = gui.add_dropdown("camera", VIEWS)
         look = gui.add_button("Look from there")

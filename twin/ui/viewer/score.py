@@ -1,4 +1,4 @@
-"""The scoreboard of a judged task in the panel, and the window with the result at the end of the task."""
+"""The scoreboard of a task in the panel, and the window with the result at the end of the task."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
         )
     members = [p for p in bodies if p in set(robots[0])]
     notes.extend(
-        info("stage.read.prop", p, f"body {p} has no joint of the robot and is left out")
+        info("stage.read.prop", p, f"body {p} is left out: no joint of the robot moves it")
         for p in bodies
         if p not in robots[0]
     )

@@ -81,7 +81,7 @@ class Repair:
         rows: the fixed rows, as "eq1.X_S1".
         before, after: worst residual of these rows before and after the repair, in units of the tolerance.
         margin: worst residual of the runner-up divided by the worst residual of the repair; 0 without a repair.
-        runner_up: the best edit that does not fix the rows, and its residual, as text.
+        runner_up: of the edits that do not fix the rows, the one with the smallest residual, with this residual.
         cures: possible repairs. Each is a tuple of readings, that is, different edits that give the same function. The
             judged poses do not distinguish the cures; no pose can distinguish the readings of one cure.
         tie: why the data do not determine one repair, or "".

@@ -46,7 +46,7 @@ class Gripper:
     Attributes:
         robot: name of the robot in the World.
         hand: body of the tool; it carries the jaws.
-        links: links from `hand` towards the base; the last one is moved by the joint after the last prismatic joint.
+        links: links from `hand` towards the base, up to the one that the prismatic joint carries.
         jaws: the jaws; empty if the robot has no auxiliary joint.
         T_hand_tool: (4, 4) pose of the tool frame in its body.
         effort: largest torque in N m with which one jaw presses.

@@ -288,7 +288,7 @@ class _Links:
         d.qpos[self._jaw_qpos] = self._angles
 
     def _locate(self, q: Sequence[Array]) -> None:
-        """Compute the poses of the links and the angles of the jaws at joint values q (n,) of each instrument."""
+        """Compute link poses and jaw angles; `q` has joint values (n,) of each instrument."""
         jaw = 0
         for k, (gripper, values) in enumerate(zip(self._grippers, q, strict=True)):
             count = len(gripper.jaws)

@@ -114,7 +114,7 @@ class Operating(Tissues):
     Signals that it writes:
         `<robot>.tip` (3,): tip in the World in m.
         `<robot>.carries`: index of the tool that the robot carries.
-        `<robot>.holds`: what its jaws hold: -1 nothing, 0 the organ, k the vessel k - 1.
+        `<robot>.holds`: what its jaws hold: -1 nothing, 0 the organ, 1 the first vessel, 2 the second, and so on.
         `<robot>.pull` (3,): force in N on what the jaws hold.
         `<robot>.slipped`: slip of the held point in m.
         `<robot>.lifted` (3,): displacement in m of the held point from its place at rest.
