@@ -220,7 +220,6 @@ def _moved(m: Measured, T: Array) -> Measured:
 
 
 def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect:
-    """Return the suspect with the evidence for and against it."""
     lengths = _lengths(cad, s, nominal)
     alike = _alike(cad, s)
     told = [*lengths, *alike]

@@ -318,7 +318,6 @@ _PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def _tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterable[UrdfJoint]) -> Physics:
-    """Return the mechanism data of a tree of joints."""
     out = Physics(tuple(links), masses)
     for j in joints:
         T, axis = j.link.fixed, j.link.axis

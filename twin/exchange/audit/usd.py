@@ -44,7 +44,6 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     world = World(stage)
     out = Content(ledger, path.suffix.lstrip(".").lower())
     out.declared = tuple(p.GetName() for p in bodies) or None
-    out.model_hash = _hash(stage)
     codes_s, frames_s = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
     out.facts = {
         "units": f"{world.meters:g} m" + ("" if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else " (not authored)"),
@@ -173,19 +172,6 @@ def _assumed(stage: Usd.Stage) -> dict[str, str]:
     root = stage.GetDefaultPrim()
     told = root.GetCustomDataByKey("twin:parameters") if root else None
     return {n: str(p.get("note", "")) for n, p in (told or {}).items() if p.get("provenance") == "ASSUMED"}
-
-
-def _hash(stage: Usd.Stage) -> str:
-    """Return the model hash, which twin writes in several places; "" if there is none."""
-    data = dict(stage.GetRootLayer().customLayerData)
-    root = stage.GetDefaultPrim()
-    if root:
-        data |= dict(root.GetCustomData())
-        for name in ("twin:model_hash", "twin:modelHash"):
-            value = root.GetAttribute(name).Get() if root.HasAttribute(name) else None
-            data |= {"model_hash": value} if value else {}
-    found = [v for k, v in data.items() if re.search(r"model_?hash", str(k), re.IGNORECASE)]
-    return str(found[0]) if found else ""
 
 
 def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:

@@ -193,7 +193,6 @@ class _Sdf:
         return out
 
     def _attached(self, name: str, seen: tuple[str, ...] = ()) -> str:
-        """Return the link to which a frame is attached."""
         if name in self.links:
             return name
         element = self.elements.get(name)
@@ -290,7 +289,6 @@ class _Sdf:
 
 
 def _left_out(model: Element, xml: Xml) -> Findings:
-    """Return findings on data of the model that are not imported."""
     found = Findings()
     if xml.root.find("world") is not None:
         others = sorted({str(e.tag) for w in xml.root.findall("world") for e in w} - {"model"})
