@@ -25,8 +25,9 @@ from twin.core.quantity import Quantity
 from twin.core.result import Table as Shown
 from twin.schema import Table, Vector, at, load_toml
 
-_ByGroup = dict[str, float]
-_Std = Annotated[float, Field(ge=0)]
+_LARGEST = 1e12  # of the numbers of a table; their squares and rounded multiples must not overflow
+_ByGroup = dict[str, Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]]
+_Std = Annotated[float, Field(ge=0, le=_LARGEST)]
 _StdByGroup = dict[str, _Std]
 
 
