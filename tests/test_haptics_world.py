@@ -151,6 +151,9 @@ def test_a_point_of_the_shaft_moves_as_the_lever_says(psm):
     late = [levers.twists(other, k) for k in range(1, 25)]  # one of six joints in every fourth step
     assert np.abs(late[0][2] - new[2]).max() > 0.01
     np.testing.assert_allclose(late[-1], new, atol=1e-12)
+    for k in range(25, 75, 2):  # called in odd steps only
+        seldom = levers.twists(q, k)
+    np.testing.assert_allclose(seldom, twists, atol=1e-12)
 
 
 class Led(Block):

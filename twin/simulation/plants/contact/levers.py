@@ -24,7 +24,7 @@ class Levers:
 
     def __init__(self, gripper: Gripper, phase: int = 0) -> None:
         """Prepare the instrument; `phase`: delay in steps, which differs between instruments to spread the work."""
-        self._gripper, self._phase, self._step, self._next = gripper, phase, -_OLD, 0
+        self._gripper, self._phase, self._step, self._next, self._renewed = gripper, phase, -_OLD, 0, 0
         self._twists: list[Array] = []
         self._joints: list[int] = []
         self._columns = np.zeros((0, 0))
@@ -41,8 +41,9 @@ class Levers:
         if step - self._step >= _OLD:
             self._joints = [i for i in range(len(q)) if i != self._gripper.jaw]
             self._columns = np.zeros((6 + 6 * len(self._gripper.links), len(self._joints)))
-            now = range(len(self._joints))
-        elif (step + self._phase) % _OFTEN == 0 and step > self._step:
+            now, self._renewed = range(len(self._joints)), step + self._phase
+        elif step - self._renewed >= _OFTEN:  # not in each step: planes are found in some steps only
+            self._renewed = step
             now, self._next = (self._next,), (self._next + 1) % len(self._joints)
         else:
             self._step = step
