@@ -535,7 +535,7 @@ def test_the_example_of_the_help_runs_and_its_folder_is_shown_served_and_exporte
     """An instrument is drawn back while the other one takes its place."""
     line = next(x for x in EXAMPLES.splitlines() if "--with" in x)
     monkeypatch.chdir(tmp_path)
-    assert main([*line.split()[1:], "--out", "out", "--json"]) == 0
+    assert main([*line.strip().split("  ")[0].split()[1:], "--out", "out", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert [p["name"] for p in said["phases"]] == ["withdraw / deeper", "aside / across"]
     assert all(p["proven_mm"] > 1 for p in said["phases"])

@@ -20,8 +20,7 @@ EXAMPLES = """\
   twin plan sils
   twin plan sils lowered_patient --out plan/
   twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient
-  twin plan davinci_psm around/withdraw --avoid davinci --with psm2=around/across --clearance-mm 2
-                                     two arms at once; twin view, serve and export open the folder of the plan"""
+  twin plan davinci_psm around/withdraw --avoid davinci --with psm2=around/across --clearance-mm 2  two arms at once"""
 
 _COST = "path_cost.png"
 """File name of the plot of path cost against number of samples, for the searches of paths around obstacles."""
@@ -47,7 +46,7 @@ def arguments(command: Command) -> None:
         "ROBOT=PROTOCOL",
         "with --avoid SCENE: also plan these robots of the scene, as pairs separated by commas. The n-th phases of all "
         "protocols begin and end together. Robots are planned in the given order: each avoids the earlier ones, which "
-        "may wait for it",
+        "may wait for it. view, serve and export open the folder of the plan",
         dest="beside",
     )
     command.number("--clearance-mm", "MM", "with --avoid: required minimum distance between bodies", _CLEARANCE)

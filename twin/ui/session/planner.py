@@ -8,9 +8,14 @@ from twin.ui.session.timeline import Playback, prepare
 
 
 class Planner:
-    """Planning of a protocol in a separate process; `answer` is the playback or an error text once `done` is True."""
+    """Planning of a protocol in a separate process; `answer` is the playback or an error text once `done` is True.
+
+    Attributes:
+        protocol: name or path of the protocol; None: the robot's default protocol.
+    """
 
     def __init__(self, robot: str, protocol: str | None) -> None:
+        self.protocol = protocol
         self._call = Call(prepare, robot, protocol, nice=5)
 
     @property

@@ -270,7 +270,7 @@ class Front(Loop):
         """Plan a protocol in a separate process; the robot plays the protocol when it is planned."""
         if a.name in self._plans:
             self._plans.pop(a.name).close()
-        a.playback, a.protocol = None, protocol
+        a.playback = None
         self._plans[a.name] = Planner(a.source, protocol)
         self.panels.preparing(a, protocol)
 
@@ -288,7 +288,7 @@ class Front(Loop):
             if not isinstance(planner.answer, Playback):
                 self.panels.failed(a, str(planner.answer))
                 continue
-            a.playback = planner.answer
+            a.playback, a.protocol = planner.answer, planner.protocol
             if a.desk.robot.files is not None:
                 protocol = a.desk.robot.protocol(a.protocol)
                 bound = a.desk.robot.bound(protocol)
