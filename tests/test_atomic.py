@@ -309,3 +309,20 @@ def test_two_at_once_the_last_one_wins_whole(tmp_path):
         for name in "abc":
             (one / name).write_text("one")
     assert _tree(tmp_path) == dict.fromkeys("abc", "one")
+
+
+@pytest.mark.parametrize("part", ["shutil.rmtree", "fcntl.flock"])
+def test_what_ctrl_c_leaves_of_a_folder_is_removed_by_the_same_process(tmp_path, monkeypatch, part):
+    """Ctrl-C while the temporary folder is locked or removed: the lock is released, so that `settle` can go on."""
+
+    def stop(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(atomic, "settle", lambda folder: None)  # which would lock what others left in parent folders
+        patched.setattr(f"twin.core.atomic.{part}", stop)
+        with pytest.raises(KeyboardInterrupt):
+            atomic.require_writable(tmp_path)
+    assert list(tmp_path.iterdir())
+    atomic.settle(tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -73,8 +73,10 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
         except OutputError as error:  # from an inner atomic_folder: name the target, not the temporary folder
             raise OutputError(str(error).replace(str(own / "new"), str(target))) from error
     finally:
-        _discard(own)
-        os.close(lock)
+        try:
+            _discard(own)
+        finally:  # after Ctrl-C during the removal, `settle` can remove the rest only if it is not locked
+            os.close(lock)
 
 
 class _ProbeError(Exception):
@@ -165,10 +167,14 @@ def _claim(make: Callable[[], str]) -> tuple[Path, int]:
         own = Path(make())
         with contextlib.suppress(FileNotFoundError):
             lock = os.open(own, os.O_RDONLY | os.O_DIRECTORY)
-            with contextlib.suppress(OSError):  # a file system without locks
-                fcntl.flock(lock, fcntl.LOCK_EX)
-            if own.is_dir():
-                return own, lock
+            try:
+                with contextlib.suppress(OSError):  # a file system without locks
+                    fcntl.flock(lock, fcntl.LOCK_EX)
+                if own.is_dir():
+                    return own, lock
+            except BaseException:
+                os.close(lock)
+                raise
             os.close(lock)
 
 
