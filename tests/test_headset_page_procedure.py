@@ -167,6 +167,24 @@ def test_the_board_hides_neither_the_gallbladder_nor_the_tools(page, player, siz
         headset.until(free, f"the panels stand apart at {size}", 20)
 
 
+@pytest.mark.browser
+def test_panels_leave_most_of_the_width_to_the_picture_and_the_tabs_unfold(page):
+    def wide():
+        b = page(BOXES)
+        return b[".heading"]["right"] <= b[".side"]["left"] and b[".score"]["right"] < 0.4 * 1280
+
+    with page.sized(1280, 800):
+        headset.until(wide, "the picture is wide")
+        assert page("twin.app.world.free()[0] - twin.app.world.beside") >= 0.6 * 1280
+        fold = page.id("fold")
+        assert fold.get_attribute("aria-expanded") == "false"
+        fold.click()
+        page.id("motion-scale").wait_for()
+        headset.until(lambda: page(BOXES)[".tools"]["right"] <= page(BOXES)[".side"]["left"], "the tools make room")
+        fold.click()
+        headset.until(lambda: not page.id("motion-scale").is_visible(), "the tabs are folded")
+
+
 @pytest.mark.long
 def test_a_gamepad_does_the_five_stages(page, player):
     again(page)

@@ -86,6 +86,16 @@ def test_the_panel_of_a_headset_has_the_task_below_the_pedals(page):
     assert end < clutch < 0.3
 
 
+def test_the_numbers_of_the_scoreboard_are_at_the_rings_in_the_endoscope_picture(page):
+    headset.until(lambda: "ring 1: not on its peg" in page.id("score").inner_text(), "the scoreboard")
+    numbers = "twin.app.objects.nodes.map(n => n.children.filter(c => c.isSprite && c.visible).map(c => c.name))"
+    page.until(f"{numbers}.every(n => n.length === 1)", "every ring has one number")
+    assert page(numbers) == [[f"number {k}"] for k in (1, 2, 3, 4)]
+    seen = "twin.app.objects.nodes.every(n => n.children.filter(c => c.isSprite).every(c => {0}.layers.test(c.layers)))"
+    assert page(seen.format("twin.app.console.views.scope"))
+    assert not page(seen.format("twin.app.world.camera")), "not in the small picture of the room"
+
+
 def test_an_unplugged_gamepad_moves_nothing_and_is_told(page):
     page("window.pad.connected = true")
     page.until("twin.app.console.pad.name !== ''", "the pad is seen")
@@ -124,8 +134,16 @@ def test_the_instrument_moves_a_ring_that_it_meets(page):
 
 
 def test_the_end_shows_the_result_and_restart_begins_again(page):
-    page.id("task-end").click()
-    page.id("result").get_by_text("The task was ended.").wait_for()
+    page.page.keyboard.down("w")
+    try:
+        page.until("twin.app.model.console.owner !== null", "a hand moves")
+        page.id("task-end").click()
+        page.id("result").get_by_text("The task was ended.").wait_for()
+        page.until("twin.app.model.said.includes('Restart the task')", "the server refuses the hand")
+        assert page.id("status").get_attribute("data-tone") == "plain", "the end of a task is no warning"
+        assert page.id("status").inner_text() == "The task was ended. Press Restart to begin again."
+    finally:
+        page.page.keyboard.up("w")
     assert "Rings transferred" in page.id("result").inner_text()
     page.until("twin.app.model.console.task.report !== null", "a report is made")
     page.id("again").click()

@@ -107,14 +107,14 @@ def test_page_is_led_through_the_five_stages(vsrs):
     assert step.startswith("Hold the camera pedal")
     states, step = told.run(cystic_duct__seen=0.9)
     assert states == [done, done, *[todo] * 3, *spared]
-    assert step.startswith("Clip applier of pa10, right hand: bring the cystic_duct between its jaws, away from")
+    assert step.startswith("Clip applier of pa10, right hand: bring the cystic duct between its jaws, away from")
     for k, at in enumerate((0.021, 0.025, 0.010), 1):
         states, step = told.run(**{f"clip_{k}__at": at, f"clip_{k}__cover": 1, f"clip_{k}__on": 0})
     assert states == [done] * 3 + [todo] * 2 + spared
     assert step == "Choose Scissors for pa10, right hand, and draw its tip back to at most 110 mm from the port"
     names = [*vsrs.tools]
     _, step = told.run(pa10__carries=names.index("scissors"))
-    assert step.startswith("Scissors of pa10, right hand: bring the cystic_duct between its blades")
+    assert step.startswith("Scissors of pa10, right hand: bring the cystic duct between its blades")
     states, step = told.run(cystic_duct__cut=np.arange(len(told.now["cystic_duct.cut"])) == 10)
     assert states == [done] * 4 + [todo] + spared
     assert step.startswith("Choose Cautery hook for pa10")
@@ -133,11 +133,11 @@ def test_page_is_led_through_the_five_stages(vsrs):
 @pytest.mark.parametrize(
     ("changes", "failed", "event"),
     [
-        ({"cystic_duct__cut": 1}, {2, 3}, "0 clips closed the cystic_duct before it was cut"),
+        ({"cystic_duct__cut": 1}, {2, 3}, "0 clips closed the cystic duct before it was cut"),
         ({"clip_1__on": 0, "clip_1__cover": 1}, {0, 1}, "was 0.0 mm above its place when the first clip"),
-        ({"clip_1__on": 1, "clip_1__cover": 1}, {0, 1, 6}, "a clip closes the common_duct"),
+        ({"clip_1__on": 1, "clip_1__cover": 1}, {0, 1, 6}, "a clip closes the common duct"),
         ({"liver__depth": 0.009}, {5}, "deepest tip 9.0 mm below"),
-        ({"hepatic_artery__cut": 1}, {6}, "cuts of the hepatic_artery"),
+        ({"hepatic_artery__cut": 1}, {6}, "cuts of the hepatic artery"),
     ],
 )
 def test_mistake_is_shown_at_once_as_a_failed_check(vsrs, changes, failed, event):

@@ -72,4 +72,4 @@ def test_other_numbers():
     assert fmt.seconds(7.2081) == "7.208 s"
     assert fmt.point((0.38, 0.28, 0.145)) == "(380.00, 280.00, 145.00) mm"
     assert fmt.count(1, "warning") == "1 warning"
-    assert fmt.count(15001, "sample") == "15\u2009001 samples"
+    assert fmt.count(15001, "sample") == "15\u202f001 samples"

@@ -54,6 +54,27 @@ def test_lines_between_tables_are_one_block():
     assert [p for p in merged(["a", Line("b"), "", Table((), []), "", "c"]) if isinstance(p, str)] == ["a\nb", "c"]
 
 
+@dataclass(frozen=True)
+class Titled(Measured):
+    """A result with two tables, a heading and an indented note."""
+
+    def text(self):
+        yield "arm · titled"
+        yield "  a note"
+        yield ""
+        yield "Joints (medians)"
+        yield Table(("what", "size"), [("a", "328.2 mm")])
+        yield Table(("what", "size"), [("b", "stopped by a check at 2 mm")])
+
+
+def test_a_line_above_a_table_is_its_heading_and_a_short_value_keeps_its_unit_beside_it():
+    page = render(Titled(), "titled")
+    assert "<pre>a note</pre>\n<h3>Joints (medians)</h3>" in page
+    assert '<td class="nowrap">328.2 mm</td>' in page
+    assert "<td>stopped by a check at 2 mm</td>" in page
+    assert ".scroll + .scroll { margin-top" in page, "two tables are apart"
+
+
 def test_files_and_data(tmp_path):
     assert write_result(Measured((WRONG,)), tmp_path, "arm") == ["arm.html"]
     text = (tmp_path / "arm.json").read_text(encoding="utf-8")

@@ -380,7 +380,7 @@ def test_rings_move_on_the_page(theatre):
         go_on(front, lambda: abs(node.position[2] - 895.7 * MM) < 0.03 * MM)  # flat on the floor
         assert front.nodes["ring3"].bodies["ring3"].position[2] > 920 * MM
         go_on(front, lambda: "1 of 4" in front._score._html.content)
-        assert "ring2 is on its peg: 1 of 4" in front._score._html.content
+        assert "ring 2 is on its peg: 1 of 4" in front._score._html.content
     finally:
         front.close()
 

@@ -429,6 +429,7 @@ def test_another_assembly_is_not_a_disagreement(sils, rng):
     assert not reading.comparable
     assert reading.agrees
     table = readout.table(reading)
+    assert "white-space:nowrap" in table, "a value and its unit are on one line"
     assert "not comparable: different assembly modes" in table
     assert "DISAGREE" not in table
     assert differs(reading).startswith("not comparable")

@@ -16,6 +16,7 @@ from twin.core.findings import Finding, by_severity, disagreement, info, warning
 from twin.core.quantity import Quantity, mm
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
+from twin.core.spoken import spoken
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.model.movable import together
@@ -197,7 +198,7 @@ class ConsoleSession(Result):
             ]
         if self.board is not None:
             out += [
-                disagreement("task.missed", r.ring, f"at the end, the ring is not around its peg, {r.peg}")
+                disagreement("task.missed", r.ring, f"at the end, the ring is not around its peg, {spoken(r.peg)}")
                 for r in self.board.rings
                 if r.t is None
             ]
@@ -353,7 +354,9 @@ class ConsoleSession(Result):
             yield f"\n  {self.task.name}: {self.task.title}"
         if self.board is not None:
             b = self.board
-            outcome = [(r.ring, r.peg, "-" if r.t is None else f"{r.t:.1f} s", str(r.drops)) for r in b.rings]
+            outcome = [
+                (spoken(r.ring), spoken(r.peg), "-" if r.t is None else f"{r.t:.1f} s", str(r.drops)) for r in b.rings
+            ]
             yield Table(("ring", "peg", "transferred at", "dropped"), outcome)
             yield ""
             yield Table((), b.rows())

@@ -109,7 +109,7 @@ def point(p: Iterable[float] | None) -> str:
 
 def count(n: int, one: str, many: str = "") -> str:
     """Return a count with its noun: "1 warning", "3 warnings", "12 001 samples"."""
-    return f"{n:,} {one if n == 1 else many or one + 's'}".replace(",", "\u2009")
+    return f"{n:,} {one if n == 1 else many or one + 's'}".replace(",", "\u202f")
 
 
 def _missing(value: float | None) -> str | None:

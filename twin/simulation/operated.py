@@ -70,6 +70,11 @@ class Operated(Result):
 
     kind = "operate"
 
+    @property
+    def word(self) -> str:
+        """The verdict as text."""
+        return "All goals were reached" if self.verdict == "agree" else super().word
+
     def content(self) -> dict[str, Any]:
         """Return the measures of every trial; keys end with their unit."""
         return {

@@ -14,6 +14,7 @@ import numpy as np
 
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
+from twin.core.spoken import spoken
 from twin.core.units import MM, hex_digits
 from twin.kinematics import Kinematics
 from twin.model.guide import GuideTable
@@ -185,7 +186,7 @@ class Referee(InstrumentReferee):
             self._fell = self._fallen = True
             self._drops += 1
             again = f": {self._names[self._first]} must pick it up again" if self._steps["handed over"] is None else ""
-            self._tell(k, "bad", f"{self._ring.name} was dropped{again}")
+            self._tell(k, "bad", f"{spoken(self._ring.name)} was dropped{again}")
 
     def _release(self, k: int, T: Array) -> None:
         """Judge whether the guided ring hangs on the wire without a hand."""

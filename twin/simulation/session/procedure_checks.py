@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.simulation import operating_scene
 from twin.simulation.setup import Setup
@@ -234,7 +235,7 @@ class ProcedureReferee(Block):
         done = self._last_lift >= p.lift_mm * MM
         when = "when the first clip was placed" if self.closed else "at the end"
         text = (
-            f"the held point of the {p.organ} was {self._last_lift / MM:.1f} mm above its place {when} "
+            f"the held point of the {spoken(p.organ)} was {self._last_lift / MM:.1f} mm above its place {when} "
             f"(required: {p.lift_mm:g} mm)"
         )
         return Check("expose", done, self._high if done else None, text, bool(self.closed) and not done)
@@ -242,7 +243,7 @@ class ProcedureReferee(Block):
     def _show(self) -> Check:
         p = self.procedure
         text = (
-            f"{p.camera} saw at least {p.seen:.0%} of the {p.vessel} for {self._best * self.period:.1f} s"
+            f"{p.camera} saw at least {p.seen:.0%} of the {spoken(p.vessel)} for {self._best * self.period:.1f} s"
             f"{' before the first clip' if self.closed else ''} (required: {p.seen_s:g} s)"
         )
         done = self._shown is not None
@@ -257,7 +258,7 @@ class ProcedureReferee(Block):
         more = "".join(
             f"; {n} {what}" for n, what in ((part, "closed on a part of its width"), (beside, "closed beside it")) if n
         )
-        text = f"{len(shut)} clips closed the {p.vessel} before it was cut (required: {wanted}){more}"
+        text = f"{len(shut)} clips closed the {spoken(p.vessel)} before it was cut (required: {wanted}){more}"
         done = len(shut) >= wanted
         lost = not done and (self.cut or len(shut) + len(self._clips) < wanted)
         return Check("clip", done, shut[wanted - 1] if done else None, text, lost)
@@ -268,7 +269,7 @@ class ProcedureReferee(Block):
     def _cut(self) -> Check:
         v, gone = self._vessels[self._number], np.flatnonzero(self._cuts[self._number])
         if not len(gone):
-            return Check("cut", False, None, f"the {v.name} is not cut")
+            return Check("cut", False, None, f"the {spoken(v.name)} is not cut")
         low, high = v.arc[gone[0]], v.arc[gone[-1] + 1]
         taken, kept = (sum(c.at < low for c in self._shut()), sum(c.at > high for c in self._shut()))
         open_ends = [side for side, n in (("the organ's side", taken), ("the other side", kept)) if n == 0]
@@ -281,21 +282,23 @@ class ProcedureReferee(Block):
         p = self.procedure
         text = (
             f"{int(self.freed.sum())} of {len(self.freed)} cells of the bed are free (at least {p.bed_j:g} J each); "
-            f"the middle of the {p.organ} is {self.out / MM:.0f} mm from the nearest port (allowed: {p.out_mm:g} mm)"
+            f"the middle of the {spoken(p.organ)} is {self.out / MM:.0f} mm from the nearest port "
+            f"(allowed: {p.out_mm:g} mm)"
         )
         return Check("remove", self.removed, self._removed[0] if self._removed and self.removed else None, text)
 
     def _spared(self) -> Check:
         p, depths = self.procedure, self._depths
         worst = max(depths, key=lambda n: depths[n])
-        deep = f"{depths[worst] / MM:.1f} mm below the rest surface of the {worst}"
+        deep = f"{depths[worst] / MM:.1f} mm below the rest surface of the {spoken(worst)}"
         text = f"deepest tip {deep} (allowed: {p.depth_mm:g} mm)"
         done = depths[worst] <= p.depth_mm * MM
         return Check("organs", done, None, text, not done)
 
     def _other_vessels(self) -> Check:
         wrong = [
-            f"{sum(c.on == k for c in self.closed)} clips on and {int(self._cuts[k].sum())} cuts of the {v.name}"
+            f"{sum(c.on == k for c in self.closed)} clips on and {int(self._cuts[k].sum())} cuts "
+            f"of the {spoken(v.name)}"
             for k, v in enumerate(self._vessels)
             if k != self._number and (any(c.on == k for c in self.closed) or self._cuts[k].any())
         ]

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from twin.core.spatial import Array
+from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.model.tool import Kind
 from twin.simulation.console_scene import hands_of
@@ -59,9 +60,9 @@ class ProcedureGuide(ProcedureReferee):
             if not name:
                 self._tell("bad", "a clip was closed beside all vessels")
             elif not clip.closes:
-                self._tell("bad", f"a clip was closed on {clip.cover:.0%} of the width of the {name}")
+                self._tell("bad", f"a clip was closed on {clip.cover:.0%} of the width of the {spoken(name)}")
             else:
-                self._tell("good" if name == self.procedure.vessel else "bad", f"a clip closes the {name}")
+                self._tell("good" if name == self.procedure.vessel else "bad", f"a clip closes the {spoken(name)}")
         if (free := int(self.freed.sum())) > freed:
             self._tell("good", f"{free} of {len(self.freed)} cells of the bed are free")
         for n in self.robots:
@@ -86,7 +87,7 @@ class ProcedureGuide(ProcedureReferee):
         """Sentences that state whether the organ is out, and which checks failed."""
         missed = [_TITLES[c.name] for c in self.checks() if not c.done]
         said = f"Not passed: {', '.join(missed)}." if missed else "All checks are passed."
-        return f"The {self.procedure.organ} is out. {said}"
+        return f"The {spoken(self.procedure.organ)} is out. {said}"
 
     def _say(self, now: Mapping[str, Array]) -> None:
         checks = self.checks()
@@ -112,7 +113,7 @@ class ProcedureGuide(ProcedureReferee):
         self.events.append(Event(self.t, tone, text))
 
     def _held(self, number: int) -> str:
-        return self.procedure.organ if number == 0 else self._vessels[number - 1].name
+        return spoken(self.procedure.organ if number == 0 else self._vessels[number - 1].name)
 
     # -- what to do next ---------------------------------------------------------------------------------------
 
@@ -121,30 +122,31 @@ class ProcedureGuide(ProcedureReferee):
         p, states = self.procedure, {c.name: _state(c) for c in checks}
         holder = next((n for n in self.robots if self._holds[n] == 0), None)
         if states["expose"] == "open" and holder is None:
-            return self._with("grasper", f"bring its tip to the {p.organ}; open its jaws, close them")
+            return self._with("grasper", f"bring its tip to the {spoken(p.organ)}; open its jaws, close them")
         if states["expose"] == "open":
-            return f"Lift the {p.organ} with {holder}: {self.lift / MM:.0f} of {p.lift_mm:g} mm"
+            return f"Lift the {spoken(p.organ)} with {holder}: {self.lift / MM:.0f} of {p.lift_mm:g} mm"
         if states["show"] == "open":
             part = f"now {self.seen:.0%}, at least {p.seen:.0%}"
-            return (
-                f"Hold the camera pedal and move both hands until the endoscope sees enough of the {p.vessel}: {part}"
-            )
+            until = f"until the endoscope sees enough of the {spoken(p.vessel)}"
+            return f"Hold the camera pedal and move both hands {until}: {part}"
         if states["clip"] == "open":
             where = "near the organ" if self.on_vessel >= p.clips_kept else "away from the organ"
             count = f"{self.on_vessel} of {p.clips_kept + p.clips_taken} clips"
             return self._with(
-                "clip_applier", f"bring the {p.vessel} between its jaws, {where}, and close them: {count}"
+                "clip_applier", f"bring the {spoken(p.vessel)} between its jaws, {where}, and close them: {count}"
             )
         if not self.cut:
             return self._with(
-                "scissors", f"bring the {p.vessel} between its blades, between the clips; open them, close them"
+                "scissors", f"bring the {spoken(p.vessel)} between its blades, between the clips; open them, close them"
             )
         if not self.freed.all():
             count = f"{int(self.freed.sum())} of {len(self.freed)} cells are free"
             return self._with("cautery", f"touch a yellow mark of the bed with its tip, and switch it on: {count}")
         if holder is None:
-            return self._with("grasper", f"grasp the {p.organ}")
-        return f"Pull the {p.organ} out with {holder}: {self.out / MM:.0f} mm from a port, at most {p.out_mm:g} mm"
+            return self._with("grasper", f"grasp the {spoken(p.organ)}")
+        return (
+            f"Pull the {spoken(p.organ)} out with {holder}: {self.out / MM:.0f} mm from a port, at most {p.out_mm:g} mm"
+        )
 
     def _with(self, kind: Kind, do: str) -> str:
         """Return the instruction `do` for the robot with a kind of tool; if no robot has it, how to change the tool."""

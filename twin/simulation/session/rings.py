@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from twin.core.spatial import Array
+from twin.core.spoken import spoken
 from twin.core.units import MM, hex_digits
 from twin.model.movable import Movable
 from twin.model.task import Task
@@ -242,10 +243,10 @@ class _Ring:
         if now == before:
             return None
         if now == "placed":
-            return "good", f"{self.name} is on its peg"
+            return "good", f"{spoken(self.name)} is on its peg"
         if now == "dropped":
-            return "bad", f"{self.name} was dropped"
-        return ("plain", f"{self.name} has left its peg") if before == "placed" else None
+            return "bad", f"{spoken(self.name)} was dropped"
+        return ("plain", f"{spoken(self.name)} has left its peg") if before == "placed" else None
 
     def state(self, robots: Sequence[str]) -> str:
         """Return the place of the ring as text."""

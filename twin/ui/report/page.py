@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Sequence
+from textwrap import dedent
+from typing import TYPE_CHECKING, Literal
 
 from twin.core.findings import Finding, by_severity
 from twin.core.result import Line, Part, Result, Table
@@ -28,11 +29,27 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
         title=title,
         judged=result.judges and bool(result.word),
         findings=by_severity(result.findings),
-        parts=[*([rest.strip("\n")] if rest.strip() else []), *parts],
+        parts=list(headed([*([rest.strip("\n")] if rest.strip() else []), *parts])),
         picture=None if figure is None else Markup(style.svg(figure, name, title)),
         version=__version__,
         name=name,
     )
+
+
+def headed(parts: Sequence[str | Table]) -> Iterator[tuple[Literal["heading", "text", "table"], str | Table]]:
+    """Yield the parts with their kinds; a last line directly above a table is its heading if it is not indented."""
+    for part, after in zip(parts, [*parts[1:], None], strict=True):
+        if isinstance(part, Table):
+            yield "table", part
+            continue
+        above, _, last = part.rpartition("\n")
+        titles = isinstance(after, Table) and bool(last.strip()) and not last.startswith(" ")
+        titles = titles and not above.rpartition("\n")[2].strip()  # else the line belongs to a paragraph
+        text = dedent(above if titles else part).strip("\n")
+        if text.strip():
+            yield "text", text
+        if titles:
+            yield "heading", last
 
 
 def merged(parts: Iterable[Part]) -> Iterator[str | Table]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.api.procedure import ProcedureSession
+from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.ui.report.curves import thin
 from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, styled
@@ -34,11 +35,11 @@ def figure(found: ProcedureSession) -> Figure:
     depth = np.max([kept[f"{n}.depth"][:, 0] for n in p.spare], axis=0)
     # name, values, limit, minimum of the upper end of the axis: with it, small noise is drawn as a straight line
     rows = (
-        (f"{p.organ} raised, mm", (middle[:, 2] - middle[0, 2]) / MM, None, p.lift_mm),
-        ("pull, N", pulls, None, 1.0),
-        (f"{p.vessel} seen", kept[f"{p.vessel}.seen"][:, 0], p.seen, 1.0),
-        ("bed detached", kept[f"{p.organ}.freed"].mean(axis=1), None, 1.0),
-        ("depth in organs, mm", depth / MM, p.depth_mm, p.depth_mm),
+        (f"{spoken(p.organ)} raised [mm]", (middle[:, 2] - middle[0, 2]) / MM, None, p.lift_mm),
+        ("pull [N]", pulls, None, 1.0),
+        (f"share of {spoken(p.vessel)} seen", kept[f"{p.vessel}.seen"][:, 0], p.seen, 1.0),
+        ("share of bed detached", kept[f"{p.organ}.freed"].mean(axis=1), None, 1.0),
+        ("depth in organs [mm]", depth / MM, p.depth_mm, p.depth_mm),
     )
     out = Figure(figsize=(WIDTH, 1.1 + 1.05 * len(rows)), layout="constrained")
     axes = out.subplots(len(rows), 1, sharex=True)
@@ -48,7 +49,7 @@ def figure(found: ProcedureSession) -> Figure:
         ax.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
         if limit is not None:
             ax.axhline(limit, color=PALETTE[1], lw=0.8, ls="--")
-        ax.set_ylabel(name, fontsize=7, rotation=0, ha="right", va="center")
+        ax.set_ylabel(name, fontsize=8, rotation=0, ha="right", va="center")
         ax.grid(color=GRID, lw=0.4)
         for check in found.measures.checks:
             if check.t is not None:
@@ -56,8 +57,8 @@ def figure(found: ProcedureSession) -> Figure:
     passed = [c for c in found.measures.checks if c.t is not None]
     for k, check in enumerate(passed):  # at two heights, so that two stages soon after each other can be read
         place = (check.t, 1.0 + 0.13 * (k % 2))
-        axes[0].annotate(check.name, place, xycoords=("data", "axes fraction"), fontsize=7, ha="center", va="bottom")
-    axes[-1].set_xlabel("time, s")
+        axes[0].annotate(check.name, place, xycoords=("data", "axes fraction"), fontsize=8, ha="center", va="bottom")
+    axes[-1].set_xlabel("time [s]")
     who = "a person" if found.seed is None else f"simulated surgeon, seed {found.seed}"
     out.suptitle(f"{found.scene.name}: {found.task.name}, {who}", fontsize=10, fontweight="bold", x=0.01, ha="left")
     return out

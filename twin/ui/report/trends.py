@@ -44,7 +44,8 @@ def figure(found: Trends) -> Figure:
         ax.set_yticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
         ax.set_xticks(x)
         ax.set_title("deviation of the tips in motions without a fault, by motion scale", loc="left", fontsize=8.5)
-        ax.set_ylabel("mm")
+        ax.set_ylabel("deviation [mm]")
+        ax.set_xlabel("motion scale")
         ax.legend(loc="upper left")
         for i, row in enumerate(found.stuck):
             ax = out.add_subplot(grid[1 + i])
@@ -62,6 +63,6 @@ def figure(found: Trends) -> Figure:
                 f"hand {row.hand}, {found.motor} stuck at {row.counts:.0f} counts: jumps above 1 mm: {row.jumps}, {end}"
             )
             ax.set_title(text, loc="left", fontsize=8.5)
-            ax.set_ylabel("mm")
+            ax.set_ylabel("tip [mm]")
         ax.set_xlabel("time [s]; fault every 8 s for 300 ms; dashed: 3 mm")
         return out

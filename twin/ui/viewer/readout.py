@@ -36,7 +36,8 @@ def angle(radians: float) -> str:
 
 def table(reading: Reading, variants: str = "") -> str:
     """Return the panel with all readings as HTML; values beyond their limits are red."""
-    rows = [f"<div style='{_GRID}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]
+    columns = f"{_GRID};grid-template-rows:repeat({(len(reading.coordinates) + 1) // 2},auto)"
+    rows = [f"<div style='{columns}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]
     if variants:
         rows.append(_line("equations", variants))
     if reading.residual is not None:
@@ -71,8 +72,10 @@ def table(reading: Reading, variants: str = "") -> str:
 
 
 _GRID = (
-    "display:grid;grid-template-columns:1fr 1fr 1fr;gap:0 .8em;font-variant-numeric:tabular-nums;padding-bottom:.4em"
+    "display:grid;grid-auto-flow:column;gap:0 .8em;white-space:nowrap;font-variant-numeric:tabular-nums;"
+    "padding-bottom:.4em"
 )
+"""Style of the coordinates, in two columns with the lengths first; a value and its unit are on one line."""
 
 
 def phases(spans: Sequence[tuple[str, float, float]], now: str) -> str:

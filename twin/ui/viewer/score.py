@@ -8,6 +8,7 @@ from typing import Any
 
 import viser
 
+from twin.core.spoken import spoken
 from twin.ui.session.console import LiveConsole
 
 _TONES = {"good": "#1f8a55", "bad": "#d62f2f", "plain": "inherit"}
@@ -107,7 +108,7 @@ def _rows(rows: Sequence[Sequence[str]]) -> str:
 
 def _rings(rings: Sequence[Sequence[str]]) -> str:
     return "".join(
-        f"<div><span style='color:{escape(color)}'>◯</span> {escape(name)}: {escape(state)}</div>"
+        f"<div><span style='color:{escape(color)}'>◯</span> {escape(spoken(name))}: {escape(state)}</div>"
         for name, state, color in rings
     )
 

@@ -52,7 +52,7 @@ export class App {
   /** Time in ms from the start of navigation to the first picture with all robots; NaN before. */
   firstPicture = NaN;
 
-  private readonly dom: DomPanel;
+  readonly dom: DomPanel;
   private readonly header: Header;
   private readonly mouse: Mouse;
   private readonly score: Score;
@@ -158,6 +158,7 @@ export class App {
   /** Show or hide the surroundings according to the switches. */
   showAround(): void {
     this.surroundings.show(!this.hidden, this.overlays.shows.labels);
+    this.objects.show(this.overlays.shows.labels);
     this.console?.views.backdrop.forget();
     this.refresh();
   }

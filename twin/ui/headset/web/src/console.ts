@@ -12,6 +12,7 @@ import { Pad } from './pad';
 import { type Pedal, Pens, SIDES } from './pens';
 import { Planning } from './plan';
 import { type CameraInfo, type ConsoleInfo, type SceneInfo, type Side, UDP } from './protocol';
+import { endTone } from './score';
 import { Screen } from './screen';
 import { Tools } from './tools';
 import { Views } from './views';
@@ -230,7 +231,7 @@ export class Console {
     const state = this.app.model.console;
     if (!state) return null;
     if (state.stopped) return { tone: 'bad', text: `The simulation has stopped: ${state.stopped}` };
-    if (state.task?.over) return { tone: 'good', text: `${state.task.over} Press Restart to begin again.` };
+    if (state.task?.over) return { tone: endTone(state.task), text: `${state.task.over} Press Restart to begin again.` };
     const planned = this.plan.status();
     if (planned) return planned;
     const packets = state.owner === UDP;

@@ -66,6 +66,8 @@ export interface Tab {
 /** All controls; created again when a robot is loaded. */
 export interface Sheet {
   tabs: Tab[];
+  /** Whether the tabs are folded at first on a page that is at most 1400 pixels wide, as beside the board of a procedure. */
+  folds?: boolean;
   /** Controls that are always visible: play, time and speed. */
   transport: Control[];
   status: Text;

@@ -214,7 +214,9 @@ export class Model {
     if (this.line === 'connecting') return { tone: 'plain', text: 'Connecting …' };
     if (this.refused && s.reason && performance.now() - this.robot.refusedAt < SAID_FOR)
       return { tone: 'bad', text: `Target not reached: ${s.reason}` };
-    if (performance.now() - this.saidAt < SAID_FOR) return { tone: 'warn', text: this.said };
+    // Hands that still move when a task ends are refused; the end is the message, and no warning.
+    const refusedByEnd = this.said.startsWith(this.console?.task?.over ?? '\0');
+    if (performance.now() - this.saidAt < SAID_FOR && !refusedByEnd) return { tone: 'warn', text: this.said };
     const console = this.atConsole();
     if (console) return console;
     const other = this.robots.find((r) => r.heldByOther);

@@ -14,9 +14,12 @@ export class DomPanel implements Drawer {
   readonly foot = make('section', 'foot');
   private updates: (() => void)[] = [];
   private open = 'simulation';
-  /** Whether only the tab headings are shown: initially on a small screen at a console. */
+  /** Whether only the tab headings are shown: initially on a small screen at a console, or beside the board of a procedure. */
   private folded = false;
+  private folds = false;
+  private readonly fold = make('button', 'tab fold');
   private readonly small = window.matchMedia('(max-width: 760px), (max-height: 480px)');
+  private readonly narrow = window.matchMedia('(max-width: 1400px)');
   private readonly bodies = new Map<string, HTMLElement>();
   private readonly heads = new Map<string, HTMLButtonElement>();
 
@@ -27,15 +30,22 @@ export class DomPanel implements Drawer {
     const follow = () => document.documentElement.style.setProperty('--foot', `${this.foot.offsetHeight}px`);
     new ResizeObserver(follow).observe(this.foot);
     // The controls of a window that becomes small are folded, as in a window that is small at the start.
-    this.small.addEventListener('change', () => {
-      this.folded = this.small.matches && this.heads.has('console');
+    for (const size of [this.small, this.narrow])
+      size.addEventListener('change', () => {
+        this.folded = this.first();
+        this.choose(this.open);
+      });
+    this.fold.dataset['id'] = 'fold';
+    this.fold.onclick = () => {
+      this.folded = !this.folded;
       this.choose(this.open);
-    });
+    };
   }
 
   show(sheet: Sheet): void {
     this.updates = [];
-    if (!this.heads.has('console')) this.folded = this.small.matches && sheet.tabs[0]?.id === 'console';
+    const before = this.heads.has('console');
+    this.folds = sheet.folds ?? false;
     this.side.replaceChildren();
     this.bodies.clear();
     this.heads.clear();
@@ -58,6 +68,8 @@ export class DomPanel implements Drawer {
       this.bodies.set(tab.id, body);
       this.side.append(body);
     }
+    heads.append(this.fold);
+    if (!before) this.folded = this.first();
     this.foot.append(this.draw(sheet.status), ...sheet.transport.map((c) => this.draw(c)));
     this.choose(this.bodies.has(this.open) ? this.open : (sheet.tabs[0]?.id ?? ''));
     this.refresh();
@@ -72,11 +84,26 @@ export class DomPanel implements Drawer {
     const [w, h] = [window.innerWidth, window.innerHeight];
     const side = this.side.getBoundingClientRect();
     const beside = side.left > w / 2;
-    return [beside && !(this.folded && this.small.matches) ? w - side.left : 0, h - (beside ? this.foot : this.side).getBoundingClientRect().top];
+    return [beside && !this.folded ? w - side.left : 0, h - (beside ? this.foot : this.side).getBoundingClientRect().top];
+  }
+
+  /** Left edge in pixels of the tabs, if they are at the top of the page. */
+  get left(): number {
+    const { left, top } = this.side.getBoundingClientRect();
+    return top < window.innerHeight / 4 ? left : window.innerWidth;
+  }
+
+  /** Whether the controls of a console are folded until somebody opens them. */
+  private first(): boolean {
+    return this.heads.has('console') && (this.small.matches || (this.folds && this.narrow.matches));
   }
 
   private choose(id: string): void {
     this.open = id;
+    this.fold.textContent = this.folded ? '▾' : '▴';
+    this.fold.title = this.folded ? 'Show the controls' : 'Hide the controls';
+    this.fold.setAttribute('aria-label', this.fold.title);
+    this.fold.setAttribute('aria-expanded', String(!this.folded));
     for (const [name, body] of this.bodies) body.hidden = this.folded || name !== id;
     for (const [name, head] of this.heads) head.setAttribute('aria-selected', String(!this.folded && name === id));
   }

@@ -45,6 +45,7 @@ export class Score {
     this.board.hidden = !task || task.over !== null; // the card at the end has the same rows
     this.card.hidden = !task?.over;
     if (!task) return;
+    this.app.objects.number(task.rings.map(([name]) => name));
     this.board.replaceChildren(make('h2', '', task.title), ...next(task), ...body(task));
     this.fit();
     if (task.over)
@@ -172,10 +173,13 @@ function stages(task: TaskState): HTMLElement {
   return list;
 }
 
+/** Return a name of a file as words: "ring1" as "ring 1". */
+const spoken = (name: string): string => name.replaceAll('_', ' ').replace(/(?<=[a-z])(?=\d+$)/, ' ');
+
 function rings(task: TaskState): HTMLElement {
   const list = make('ul', 'rings');
   for (const [name, state, color] of task.rings) {
-    const item = make('li', '', `${name}: ${state}`);
+    const item = make('li', '', `${spoken(name)}: ${state}`);
     const dot = make('span', 'ring');
     dot.style.borderColor = color;
     item.prepend(dot);
@@ -194,6 +198,11 @@ function events(task: TaskState): HTMLElement {
   return list;
 }
 
+/** Return the tone of the message at the end of a task: good if it is a procedure that has passed all its checks. */
+export function endTone(task: TaskState): 'good' | 'plain' {
+  return task.stages?.every(([, state]) => state === 'done') ? 'good' : 'plain';
+}
+
 /** Return the controls of a task that are always visible; the headset has no scoreboard besides them. */
 export function taskControls(app: App): Control[] {
   const task = () => app.model.console?.task ?? null;
@@ -207,7 +216,11 @@ export function taskControls(app: App): Control[] {
         const last = now.next ?? now.events.at(-1)?.[2] ?? '';
         return `${now.rows.map(([what, value]) => `${what}: ${value}`).join(' · ')}\n${now.over ?? last}`;
       },
-      tone: () => (task()?.over ? 'good' : task()?.events.at(-1)?.[1] === 'bad' ? 'bad' : 'plain'),
+      tone: () => {
+        const now = task();
+        if (now?.over) return endTone(now);
+        return now?.events.at(-1)?.[1] === 'bad' ? 'bad' : 'plain';
+      },
     },
     {
       kind: 'row',

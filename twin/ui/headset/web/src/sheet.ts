@@ -17,6 +17,7 @@ export function makeSheet(app: App): Sheet {
   if (app.model.several) for (const tab of tabs) if (tab.id !== 'console') tab.controls.unshift(which(app, tab.id));
   return {
     tabs,
+    folds: Boolean(app.console?.info.task && app.console.info.tools.length),
     transport: app.console ? [pedals(app.console), app.console.plan.controls(), ...(app.console.info.task ? taskControls(app) : [])] : transport(app),
     status: { kind: 'text', id: 'status', text: () => app.model.status().text, tone: () => app.model.status().tone },
   };

@@ -44,10 +44,11 @@ const LONG_REST = 10000;
 /** Headings of the two pictures of a scene with a window of tools. */
 const NAMES: Readonly<Record<View, string>> = { room: 'Patient and robots', scope: 'Inside the abdomen' };
 const CLOSER = 1.9; // enlargement of the small view of the room beside a window of tools
-const SCOPE_LIGHT = 4; // layer of the endoscope's light
+export const SCOPE_LIGHT = 4; // layer of the endoscope's light, and of what only the endoscope sees
 const TITLE = 56; // height in pixels of title and folded controls on a low page
 const ABOVE = 128; // height in pixels of the window of tools on a narrow page
 const LABELLED = 180; // smallest width in pixels of the small view whose label says that a click enlarges it
+const BESIDE = 275; // largest width in pixels of the small view on a page that is at most 1400 pixels wide
 const PART = 0.3; // width of the small view as a fraction of the free width
 const UP = new Quaternion().setFromAxisAngle(new Vector3(1, 0, 0), Math.PI); // from -y up, along z, to y up, along -z
 
@@ -144,7 +145,8 @@ export class Views {
     const { clientWidth: w, clientHeight: h } = this.app.world.renderer.domElement;
     if (view === this.large) return { left: 0, top: 0, width: w, height: h };
     const [right, bottom] = this.app.world.free();
-    const width = Math.round(Math.min(PART * right, 420, 0.6 * bottom));
+    const widest = window.innerWidth > 1400 ? 420 : BESIDE;
+    const width = Math.round(Math.min(PART * right, widest, 0.6 * bottom));
     const height = Math.round(0.62 * width);
     return { left: 18, top: bottom - height - (this.headed && !this.flat ? 40 : 18), width, height };
   }
@@ -198,7 +200,7 @@ export class Views {
     const name = small === 'room' ? `${names.room} · click to enlarge` : names.scope;
     this.label.textContent = b.width < LABELLED ? names[small] : name;
     this.heading.textContent = this.large === 'scope' ? `${names.scope}, through the endoscope` : names.room;
-    const [right] = this.app.world.free();
+    const right = Math.min(this.app.world.free()[0], this.app.dom.left);
     this.heading.style.maxWidth = `${Math.max(0, right - this.heading.offsetLeft - 12)}px`;
     this.frame.setAttribute('aria-label', name);
   }
