@@ -8,6 +8,7 @@ number, and the margin to a singularity of the loops replaces the singularity me
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -93,8 +94,8 @@ def by_joints(
     out[:, 2] = np.where(hits > 0, margins, 0)
     out[:, 3] = np.where(np.isfinite(singular), singular, np.nan)
     open_ended = [j.name for j in robot.mechanism.active if j.limits is None or not np.isfinite(j.limits).all()]
-    facts = {"sampled": "joints", "samples": count, "assembled": reached / count, "outside_of_box": outside}
-    facts["without_limits"] = open_ended
+    facts: dict[str, Any] = {"sampled": "joints", "samples": count, "assembled": reached / count}
+    facts |= {"outside_of_box": outside, "without_limits": open_ended}
     return Workspace(robot.name, grid, out, facts, _dimension(robot, ranges, int((~flat).sum())))
 
 
