@@ -51,6 +51,10 @@ DONE = {
 }
 
 
+LONG = {"selftest", "sweep", "operate", "run", "validate", "hazards", "track", "info of masses"}
+"""They take seconds each; the default suite leaves them out."""
+
+
 @pytest.fixture
 def printed(capsys, tmp_path, monkeypatch):
     """Run a command with --json in an empty folder; return (exit code, its JSON, after the check of its schema)."""
@@ -70,7 +74,7 @@ def test_every_command_is_here():
     assert {argv[0] for _, argv in DONE.values()} | SERVERS | {"session"} == set(HELP)
 
 
-@pytest.mark.parametrize("case", DONE)
+@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.slow] * (c in LONG)) for c in DONE])
 def test_a_result_fits_its_schema(printed, tmp_path, monkeypatch, case):
     kind, argv = DONE[case]
     monkeypatch.setattr(files, "write_report", lambda report, folder: None)  # plots take most of the time

@@ -173,11 +173,10 @@ def test_killed_at_random(place):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("place", ["export", "run"], indirect=True, scope="module")
 def test_stopped_by_ctrl_c_at_random(place):
     """What Ctrl-C leaves is whole at once, without another start of twin, and no process of its own goes on."""
     out, old, new, seconds, _ = place
-    if out.program != COMMAND:
-        pytest.skip("not a command")
     rng = random.Random(9)
     for _ in range(max(2, KILLS // 4)):
         out.reset()

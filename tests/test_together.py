@@ -272,7 +272,7 @@ def stand_file(tmp_path, monkeypatch):
     file = tmp_path / "stand/scene.toml"
     file.parent.mkdir()
     file.write_text(text, encoding="utf-8")
-    monkeypatch.setattr("twin.api.together._scene", lambda name: load_scene(file))
+    monkeypatch.setattr("twin.api.together.load_scene", lambda name: load_scene(file))
     return file
 
 

@@ -366,7 +366,7 @@ class Trajectory:
         return i, (x - i)[:, None]
 
     def as_dict(self, arrays: bool = True) -> dict[str, Any]:
-        """Return the content for JSON: SI units, None in place of NaN, and with `arrays` the values of all samples."""
+        """Return the content for JSON: SI units, None instead of NaN, and with `arrays` the values of all samples."""
         out: dict[str, Any] = {
             "protocol": self.protocol,
             "robot": self.robot,
