@@ -396,3 +396,10 @@ def test_quick_looks_are_the_default_and_those_asked_for():
     assert _quick_looks("b", ["a", "b", "c"], asked=True) == ("b", "a", "c")
     assert _quick_looks("b", ["a"], asked=True) == ("a",)
     assert _quick_looks("b", [], asked=False) == ()
+
+
+@pytest.mark.parametrize("alone", FORMATS)
+def test_each_format_alone_passes_its_audit(alone, robot, tmp_path):
+    """Its README.txt names the motion that the file plays."""
+    made = twin.export(robot, folder=tmp_path / "out", formats=[alone], protocols=[SHORT])
+    assert [f for f in made.findings if f.severity in ("error", "disagreement")] == []

@@ -398,5 +398,5 @@ def test_each_participant_has_one_run_with_forces_and_half_begin_with_them():
     assert all(sum(first[k : k + 4]) == 2 for k in range(0, 40, 4))
     assert len({tuple(first[k : k + 4]) for k in range(0, 40, 4)}) > 2, "in random order"
     for wrong in ((0, 1), (3, 3)):
-        with pytest.raises(TwinError, match="give a number|there is no run 3"):
+        with pytest.raises(TwinError, match=r"give a number|there is no run 3"):
             randomised(*wrong)

@@ -189,7 +189,8 @@ def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> Non
 
 def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: Ledger) -> None:
     rows = re.findall(r"^(\S+?)(?:, (\.\w+))?  +(.*)$", _section(raw, "What is where"), re.MULTILINE)
-    clips = {clip.name for c in contents for clip in c.clips}
+    # The motion of a stage has no name of its own; a clip of a stage is called after its file.
+    clips = {clip.name for c in contents if c.format in ("glb", "tracks") for clip in c.clips}
     for name, also, what in rows:
         for file in (name, *([str(Path(name).with_suffix(also))] if also else [])):
             if file != "proof.json" and not (folder / file).exists():

@@ -200,7 +200,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     ]
     if truth is not None:
         views.append(View(TRUTH, "truth", None, truth))
-    views.sort(key=lambda v: _TRUST.index(v.format) if v.format in _TRUST else len(_TRUST))
+    views.sort(key=_trust)
     if len(views) < 2:
         return
     for content, view in ((c, v) for v in views for c in contents if c.file == v.file):
@@ -482,9 +482,13 @@ def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
         )
 
 
+def _trust(view: View) -> int:
+    return _TRUST.index(view.format) if view.format in _TRUST else len(_TRUST)
+
+
 def _weight(group: Sequence[View]) -> tuple[bool, int, int]:
     families = {v.family for v in group}
-    return "truth" in families, len(families), -min(_TRUST.index(v.format) for v in group if v.format in _TRUST)
+    return "truth" in families, len(families), -min(map(_trust, group))
 
 
 def _listed(files: Sequence[str], most: int = 3) -> str:
