@@ -223,7 +223,7 @@ def load_scene(path: Path) -> Scene:
         table.haptics,
         table.anatomy,
         dict(table.tissue),
-        tuple(vessel.vessel(name, v, linear_rgba(v.color)) for name, v in table.vessel.items()),
+        tuple(_vessel(path, name, v) for name, v in table.vessel.items()),
         dict(table.tool),
         {name: task.task_of(name, t) for name, t in table.task.items()},
         tuple(_parameters(table)),
@@ -237,6 +237,13 @@ def _place(r: RobotTable, table: SceneTable, folder: Path) -> Place:
     protocol = r.protocol or ""
     protocol = str(folder / protocol) if protocol.endswith(".toml") else protocol
     return Place(r.name, r.robot or r.name, protocol, T, ports, at, dict(r.start))
+
+
+def _vessel(path: Path, name: str, table: VesselTable) -> Vessel:
+    try:
+        return vessel.vessel(name, table, linear_rgba(table.color))
+    except TwinError as error:
+        raise error_at(path, ("vessel", name, "line_mm"), str(error)) from None
 
 
 def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
