@@ -363,6 +363,7 @@ def test_the_plate_is_drawn_beside_the_props(davinci, goal):
     [
         ("[task.camera.align]", "[task.camera.other]", "other"),
         ("facing = [0, -0.8, 0.6]", "facing = [0, 0, 1]", "no upper side"),
+        ("facing = [0, -0.8, 0.6]", "facing = [0, 1e200, 0.6]", r"has the length 1e\+200; it must be 1e-6 to 1e6"),
         ("size_mm = [60, 12]", "size_mm = [60, 0]", "above 0 mm"),
         ("plate_mm = [96, 52]", "plate_mm = [50, 52]", "larger than the rectangle"),
         ('color = "#1fa045"', 'color = "#9fa045"', "not green enough"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -121,6 +122,10 @@ def test_every_campaign_that_comes_with_twin_is_valid(name):
         ("whole = true\n", "", "a delay needs whole = true"),
         ("seed = 1", "seed = -1", "seed"),
         ("mass = [0.9, 1.1]", "mass = [0, 1.1]", "mass"),
+        ("mass = [0.9, 1.1]", "mass = [1.1, 0.9]", r"mass: the range \(1.1, 0.9\) goes down"),
+        ("friction = [0.7, 1.3]", "friction = [1.3, 0.7]", r"friction: the range \(1.3, 0.7\) goes down"),
+        ("value = [-200, 200]", "value = [-1e308, 1e308]", r"value: the range .* is too wide"),
+        ("weight = ", "weight = 1e308 # ", "weight"),
     ],
 )
 def test_a_wrong_campaign_is_refused(parts, tmp_path, before, after, message):
@@ -172,6 +177,9 @@ def test_a_log_goes_on_after_a_line_that_was_cut(tmp_path):
         ("[1]\n", "another campaign"),
         ("nonsense\n", "not the log of a campaign"),
         (json.dumps(HEAD) + "\n{}\n", "not the log of a campaign"),
+        (json.dumps(HEAD) + '\n{"index": Infinity}\n', "not the log of a campaign"),
+        (json.dumps(HEAD) + "\n" + "[" * 200_000 + "\n", "not the log of a campaign"),
+        (json.dumps(HEAD | {"more": 1}) + "\n", r"log of another campaign \(other more\)"),
         ("notes without an end of line", "not the log of a campaign"),
     ],
 )
@@ -197,6 +205,18 @@ def test_a_log_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / FILE).mkdir()
     with pytest.raises(OutputError, match=f"cannot write to .*{FILE}: Is a directory; give another --out"):
         Log(tmp_path / FILE, HEAD)
+
+
+def test_a_log_on_a_full_disk_is_named(tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    log = Log(tmp_path / FILE, HEAD)
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OutputError, match=f"cannot write to .*{FILE}: No space left on device"):
+        log.add({"index": 3})
+    assert not log.rows, "a session counts as done only if its line is on the disk"
+    log.close()
 
 
 @pytest.mark.parametrize(
@@ -278,6 +298,17 @@ def test_a_trainee_restarts_after_a_stop_and_converts_after_the_second(arena):
     again = arena.respond(session(fault, length=9000), Reaction(0.3, 0.5, 0.2))
     assert again.responses == ["release pedal", "troubleshoot", "restart", "convert", "report"]
     assert not again.works
+
+
+def test_a_fault_in_the_first_packet_has_an_outcome(arena):
+    found = arena.run(session(("dac", "overwrite", 0.0, {"target": 0}), length=2, start=1))
+    assert found.residual == found.ratio == 0.0, "nothing was measured before the fault"
+
+
+def test_a_trainee_slower_than_a_session_has_no_response(arena):
+    jump = session(("joints", "add_once", 0.3, {"target": 0}), length=100)
+    assert arena.run(jump).noticeable
+    assert arena.respond(jump, Reaction(30.0, 30.0, 30.0)) is None
 
 
 def test_a_trainee_without_an_event_does_nothing(arena):

@@ -196,6 +196,7 @@ def test_gravity_compensation_has_the_published_efforts(each):
         ('mode = "moderate"', 'mode = "expert"', "mode"),
         ('unit = "N"', 'unit = "N m"', "insertion is prismatic"),
         ('name = "motor_jaw2"', 'name = "motor_jaw1"', "defined twice"),
+        ('unit = "Hz"', 'unit = "rad/s"', "velocity_cutoff.unit: velocity_cutoff is in Hz"),
     ],
 )
 def test_a_wrong_machine_file_is_refused(left, tmp_path, before, after, message):
@@ -205,6 +206,16 @@ def test_a_wrong_machine_file_is_refused(left, tmp_path, before, after, message)
     path = tmp_path / settings.NAME
     path.write_text(text.replace(before, after, 1))
     with pytest.raises(DescriptionError, match=message):
+        settings.load(path, model.mechanism)
+
+
+def test_too_few_counts_for_whole_counts_are_refused(left, tmp_path):
+    robot, model = left
+    path = tmp_path / settings.NAME
+    text = (robot.files.cad / settings.NAME).read_text()
+    text = text.replace("[number.counts_per_turn]\nvalue = ", "[number.counts_per_turn]\nvalue = 5 # ", 1)
+    path.write_text(text + "\n[released]\nwhole_counts = true\n")
+    with pytest.raises(DescriptionError, match=r"counts_per_turn.value: .* a turn needs at least 6.28 counts"):
         settings.load(path, model.mechanism)
 
 

@@ -245,6 +245,7 @@ def test_collisions_are_counted_once_each():
         ("friction = 0.6", "friction = -0.6", "object.ring1.friction"),
         ("mass_g = 0.5", "mass_g = 0", "object.ring1.mass_g"),
         ("axis = [0, 1, 0]", "axis = [0, 0, 0]", "the axis is a zero vector"),
+        ("axis = [0, 1, 0]", "axis = [0, 1e200, 0]", "the axis has the length 1e+200"),
         ('color = "#e0a81c"', 'color = "gold"', "object.ring1.color"),
         ('ring = "ring1"', 'ring = "ring5"', "there is no object 'ring5'. Did you mean"),
         ('ring = "ring2"', 'ring = "ring1"', "'ring1' is listed twice"),
@@ -267,6 +268,14 @@ def test_a_wrong_peg_or_body_is_named(davinci, props):
         contact_scene.pegs(scene, props, task)
     with pytest.raises(TwinError, match="no contact: add a section"):
         contact_scene.pegs(replace(davinci, contact=None), props, task)
+
+
+def test_a_peg_without_another_part_is_named(davinci, props):
+    task = davinci.tasks["pegboard"]
+    peg = task.transfers[0].peg
+    alone = [replace(b, meshes=tuple(m for m in b.meshes if m.name == peg) or b.meshes) for b in props.bodies]
+    with pytest.raises(TwinError, match=f"task 'pegboard': '{peg}' is the only part of its body"):
+        contact_scene.pegs(davinci, replace(props, bodies=tuple(alone)), replace(task, transfers=task.transfers[:1]))
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from twin.simulation.devices.procedure_surgeon import Manner, ProcedureSurgeon
 from twin.simulation.plants.tissue import Organs, Sight, Tool
 from twin.simulation.plants.tissue.tubes import Held, Tube
 from twin.simulation.session import procedure_checks, procedure_run
-from twin.simulation.session.file import CHUNK, NAME
+from twin.simulation.session.file import CHUNK, NAME, Chunk, Session, head
 from twin.simulation.session.run import Difference
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
@@ -88,6 +88,22 @@ def test_vessel_that_is_too_fine_is_refused(tmp_path):
         TwinError, match=r"vessel 'cystic_duct' has 67 segments; the limit is 60: increase segment_mm \(0.5 mm\)"
     ):
         load_scene(changed(tmp_path, ("segment_mm = 1.5", "segment_mm = 0.5")))
+
+
+def test_vessel_that_cannot_be_built_is_named_with_its_line(tmp_path):
+    path = changed(tmp_path)
+    body = path.read_text(encoding="utf-8")
+    begin = body.index("line_mm = [", body.index("[vessel.cystic_duct]"))
+    line, end = body[:begin].count("\n") + 1, body.index("]]", begin) + 2
+    for points, text in (
+        ("[[0, 0, 0], [0, 0, 0]]", "two points of line_mm are equal"),
+        ("[[0, 0, 0], [1e200, 0, 0]]", "1e+200 mm"),
+    ):
+        path.write_text(body[:begin] + "line_mm = " + points + body[end:], encoding="utf-8")
+        with pytest.raises(DescriptionError) as caught:
+            load_scene(path)
+        assert str(caught.value).startswith(f"{path}:{line}: vessel.cystic_duct.line_mm: ")
+        assert text in str(caught.value)
 
 
 def test_numbers_are_assumed_with_a_note(vsrs):
@@ -422,3 +438,12 @@ def test_command_does_all_stages_and_a_replay_gives_the_same_bytes(tmp_path, cap
     found = replay_procedure(tmp_path / "begin.session")
     assert found.ran.ticks == CHUNK
     assert found.ran.difference is None
+
+
+def test_session_of_another_scene_is_named_before_its_world_is_built(tmp_path, vsrs):
+    sizes = {"surgeon.stage": 1}
+    first = head("other", "sha256:" + "0" * 64, 1e-3, sizes, sizes, "cholecystectomy")
+    session = Session(first, (Chunk(np.zeros((1, 1)), np.zeros(1), b""),), "")
+    setup = Setup(vsrs, {}, vsrs.tasks["cholecystectomy"])
+    with pytest.raises(WorldError, match="recorded in scene 'other'"):
+        procedure_run.replay(session, tmp_path / NAME, setup, lambda name, part: None)

@@ -70,6 +70,17 @@ def test_the_scene_stands_as_its_file_says():
         ('name = "lapbot"', 'name = "pa10"', "'pa10' is listed twice"),
         ("clearance_mm = 5.0", "clearance_mm = -5.0", "clearance_mm"),
         ('props = "theatre.toml"', 'props = "theater.toml"', "there is no file theater.toml in the folder"),
+        (
+            '"lapbot/cannula", "theatre/patient"',
+            '"lapbot", "theatre/patient"',
+            r"'lapbot' is not a body; write \"owner/body\"",
+        ),
+        ('"lapbot/cannula", "theatre/patient"', '"lapbot/cannula", "lapbot/cannula"', "two different bodies"),
+        (
+            '"lapbot/cannula", "theatre/patient"',
+            '"lapbt/cannula", "theatre/patient"',
+            "there is no robot 'lapbt'. Did you mean 'lapbot'?",
+        ),
     ],
 )
 def test_a_wrong_scene_is_named(tmp_path, old, new, text):

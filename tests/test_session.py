@@ -215,6 +215,23 @@ def written(path, count, closes=True):
     return rows
 
 
+def test_a_session_that_ends_before_its_first_chunk_leaves_no_file(tmp_path, monkeypatch):
+    """Nothing could be replayed from such a file, but it would keep the next session from its name."""
+    head = session_file.head("room", DIGEST, 1e-3, SIZES, WORLD, None, 7)
+    writer = SessionWriter(tmp_path / "a.session", head)
+    writer.add(np.zeros((CHUNK - 1, sum(WORLD.values()))))
+    writer.abandon()
+    assert not list(tmp_path.iterdir())
+
+    def full(self, data):
+        raise OutputError("cannot write: No space left on device")
+
+    monkeypatch.setattr(SessionWriter, "_put", full)
+    with pytest.raises(OutputError, match="No space left"):
+        SessionWriter(tmp_path / "a.session", head)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("count", [1, CHUNK - 1, CHUNK, 3 * CHUNK + 5])
 def test_a_session_is_read_as_it_was_written(tmp_path, count):
     path = tmp_path / "new/a.session"

@@ -597,6 +597,7 @@ def test_packets_go_out_one_each_millisecond():
         ("raven_left=36000", "is not the address of a machine"),
         ("raven_left=a:b:c", "is not the address of a machine"),
         ("raven_left=127.0.0.1:0:5", "the port 0 must be 1 to 65535"),
+        pytest.param(f"raven_left={'9' * 5000}:5", "is not the address of a machine", id="more digits than int reads"),
     ],
 )
 def test_a_wrong_address_is_refused(text, message):

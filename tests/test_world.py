@@ -24,7 +24,7 @@ from twin.simulation.hazards.fault import Fault
 from twin.simulation.limits import Limits
 from twin.simulation.plants.field import Field
 from twin.simulation.plants.kinematic import Kinematic
-from twin.simulation.world import Block, Placed, World, read_recording
+from twin.simulation.world import Block, Placed, Recording, World, read_recording
 
 FREE = Limits(np.full(2, -np.inf), np.full(2, np.inf), np.full(2, np.inf))
 
@@ -284,6 +284,11 @@ def test_a_recording_is_read_as_it_was_written(waved, tmp_path):
         again["arm.p"]
     with pytest.raises(WorldError, match="there is no recorded signal 'leg'"):
         Recorded(again, "leg")
+
+
+def test_a_recording_without_a_tick_is_read_as_it_was_written(waved, tmp_path):
+    Recording(waved.dt, waved.sizes, waved.rows[:0]).write(tmp_path / "a.world")
+    assert read_recording(tmp_path / "a.world").rows.shape == waved.rows[:0].shape
 
 
 @pytest.mark.parametrize(

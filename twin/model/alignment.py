@@ -5,6 +5,7 @@ The user turns the camera until the upper side of the rectangle coincides with t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -52,7 +53,9 @@ class AlignTable(Table):
 
     @model_validator(mode="after")
     def _whole(self) -> AlignTable:
-        if not np.linalg.norm(self.facing[:2]) > 0:
+        if not 1e-6 <= (length := math.hypot(*self.facing)) <= 1e6:
+            raise at("facing", f"{list(self.facing)} has the length {length:g}; it must be 1e-6 to 1e6")
+        if not math.hypot(*self.facing[:2]) > 1e-6 * length:
             raise at("facing", f"{list(self.facing)} is vertical: the plate then has no upper side")
         if min(self.size_mm) <= 0:
             raise at("size_mm", f"width and height must be above 0 mm; {list(self.size_mm)} was given")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -41,8 +42,10 @@ class ObjectTable(Sourced):
         if self.shape == "ring" and self.size_mm[0] <= self.size_mm[1]:
             raise at("size_mm", f"a ring needs a hole: the wire's radius {self.size_mm[1]:g} mm is not below "
                      f"{self.size_mm[0]:g} mm, the radius of its centre line")  # fmt: skip
-        if not np.linalg.norm(self.axis) > 0:
+        if not any(self.axis):
             raise at("axis", "the axis is a zero vector")
+        if not 1e-6 <= (length := math.hypot(*self.axis)) <= 1e6:
+            raise at("axis", f"the axis has the length {length:g}; it must be 1e-6 to 1e6")
         return self
 
 

@@ -191,6 +191,8 @@ def load_scene(path: Path) -> Scene:
                 raise error_at(path, keys, unknown("port", port, table.port))
         if names.count(robot.name) > 1:
             raise error_at(path, ("robot", k, "name"), f"'{robot.name}' is listed twice; give each robot its own name")
+    for k, pair in enumerate(table.touching):
+        _check_pair(path, k, pair, names)
     for name, camera in table.camera.items():
         if camera.robot not in names:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
@@ -223,7 +225,7 @@ def load_scene(path: Path) -> Scene:
         table.haptics,
         table.anatomy,
         dict(table.tissue),
-        tuple(vessel.vessel(name, v, linear_rgba(v.color)) for name, v in table.vessel.items()),
+        tuple(_vessel(path, name, v) for name, v in table.vessel.items()),
         dict(table.tool),
         {name: task.task_of(name, t) for name, t in table.task.items()},
         tuple(_parameters(table)),
@@ -237,6 +239,25 @@ def _place(r: RobotTable, table: SceneTable, folder: Path) -> Place:
     protocol = r.protocol or ""
     protocol = str(folder / protocol) if protocol.endswith(".toml") else protocol
     return Place(r.name, r.robot or r.name, protocol, T, ports, at, dict(r.start))
+
+
+def _check_pair(path: Path, k: int, pair: tuple[str, str], names: list[str]) -> None:
+    """Raise if a pair of `touching` is not two bodies, or none of them belongs to a robot of the scene."""
+    for full in pair:
+        if full.count("/") != 1:
+            raise error_at(path, ("touching", k), f"'{full}' is not a body; write \"owner/body\"")
+    if pair[0] == pair[1]:
+        raise error_at(path, ("touching", k), f"give two different bodies; both are '{pair[0]}'")
+    owners = [full.split("/")[0] for full in pair]
+    if not set(owners) & {*names}:
+        raise error_at(path, ("touching", k), unknown("robot", owners[0], names))
+
+
+def _vessel(path: Path, name: str, table: VesselTable) -> Vessel:
+    try:
+        return vessel.vessel(name, table, linear_rgba(table.color))
+    except TwinError as error:
+        raise error_at(path, ("vessel", name, "line_mm"), str(error)) from None
 
 
 def _organs(path: Path, table: SceneTable, names: list[str]) -> None:

@@ -20,6 +20,9 @@ from twin.schema import Identifier, Sourced, Vector
 SEGMENTS = 60
 """Maximum number of segments of a vessel; more segments increase the computing time of a step."""
 
+_FAR = 1e6
+"""Largest coordinate of a vessel in mm."""
+
 _SIDES = 8
 """Number of sides of a drawn segment."""
 
@@ -133,8 +136,10 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
     """Return the `Vessel` that a table describes, in SI units.
 
     Raises:
-        TwinError: the vessel would have too many segments, or two points of its line are equal.
+        TwinError: the vessel would have too many segments, or two points of its line are equal or too far away.
     """
+    if abs(far := max((x for point in t.line_mm for x in point), key=abs)) > _FAR:
+        raise TwinError(f"vessel '{name}': a point of line_mm is at {far:g} mm; the limit is ±{_FAR:g} mm")
     line = np.array(t.line_mm) * MM
     ways = np.linalg.norm(np.diff(line, axis=0), axis=1)
     if not ways.min() > 0:

@@ -75,10 +75,10 @@ def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
     """Return the pegs of a task by name, measured on the drawn parts.
 
     The axis of a peg is its longest direction. Its free end is the end that is farther from the bounding boxes of the
-    other parts.
+    other parts of its body.
 
     Raises:
-        TwinError: a peg is not a part of a solid body.
+        TwinError: a peg is not a part of a solid body, or is its only part.
     """
     solids = _solids(scene, props)
     return {name: _peg(scene, solids, task, name) for name in sorted({t.peg for t in task.transfers})}
@@ -126,7 +126,11 @@ def _peg(scene: Scene, solids: Sequence[Solid], task: Task, name: str) -> Peg:
     solid, part = parts[name]
     middle, axis, half, radius = _axis(solid, part)
     ends = [middle - half * axis, middle + half * axis]
-    others = [_box(x, solid) for x in solid.parts if x is not part]
+    if not (others := [_box(x, solid) for x in solid.parts if x is not part]):
+        raise TwinError(
+            f"{scene.file.name}: task '{task.name}': '{name}' is the only part of its body: its free end is not known. "
+            "Draw the peg and the board under it as parts of one body"
+        )
     ends.sort(key=lambda end: min(float(np.linalg.norm(np.clip(end, *box) - end)) for box in others))
     return Peg(name, ends[1], ends[0], radius)
 

@@ -182,15 +182,18 @@ class Arena:
             found.reason if stopped.any() else "",
             found.held,
             found.receiver.refused,
-            float(residual[: start - 1].max()),
-            float(ratio[: start - 1].max()),
+            float(residual[: start - 1].max(initial=0.0)),
+            float(ratio[: start - 1].max(initial=0.0)),
             float(residual[start - 1 : end].max(initial=0.0)),
             float(ratio[start - 1 : end].max(initial=0.0)),
             bool((residual > self.cue.tol).any() or (seen.levels[_FOLLOWS:] != Level.PEDAL_DN).any()),
         )
 
     def respond(self, session: Session, reaction: Reaction) -> Response | None:
-        """Return the trainee's responses in a session; None if there was no force and no stop to notice."""
+        """Return the trainee's responses in a session.
+
+        None: there was no force and no stop to notice, or no response within `_LONGEST`.
+        """
         pair = Beside(Machine(self._parts, physics=self._physics(session), faults=session.faults()), self.cue)
         hand, trainee = Hand(self._parts.settings, session.scale), Trainee(reaction)
         last, restarted = session.start + session.length + _AFTER, False
@@ -224,11 +227,11 @@ class Arena:
                 coasts, restarted = _SETTLED, True
             if trainee.done or (trainee.noticed is None and number >= last):
                 break
-        if trainee.noticed is None:
+        if trainee.noticed is None or not trainee.responses:
             return None
         begin = (session.start + _HOMED) * TICK
         order = sorted(trainee.responses, key=lambda name: trainee.responses[name])
-        acted = min(trainee.responses.values(), default=float("inf"))
+        acted = min(trainee.responses.values())
         works = pair.machine.plc.level == Level.PEDAL_DN and "convert" not in order
         noticed = round((trainee.noticed - begin) / TICK)
         return Response(noticed, round((acted - begin) / TICK), list(order), peak, peak > HARM, works)

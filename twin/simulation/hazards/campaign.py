@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -96,7 +97,7 @@ class Class(Table):
     value: _Range
     whole: bool = False
     length: list[_Count] = Field(min_length=1)
-    weight: _Positive = 1.0
+    weight: Annotated[float, Field(gt=0, le=1e6)] = 1.0
 
 
 class CampaignTable(Table):
@@ -217,6 +218,13 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
             f"{path}: the file does not exist; campaigns in this folder: {', '.join(found) or 'none'}"
         )
     table = load_toml(path, CampaignTable)
+    ranges = {("mass",): table.mass, ("friction",): table.friction}
+    ranges |= {("class", i, "value"): c.value for i, c in enumerate(table.class_)}
+    for keys, (low, high) in ranges.items():
+        if low > high:
+            raise error_at(path, keys, f"the range {(low, high)} goes down: give the smaller number first")
+        if math.isinf(high - low):
+            raise error_at(path, keys, f"the range {(low, high)} is too wide")
     scenarios = [s.name for s in table.scenario]
     for i, c in enumerate(table.class_):
         for k, target in enumerate(c.targets):
@@ -228,8 +236,6 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
             raise error_at(path, ("class", i, "name"), f"class '{c.name}' is defined twice, or its name is '{FREE}'")
         if c.scenario and c.scenario not in scenarios:
             raise error_at(path, ("class", i, "scenario"), unknown("scenario", c.scenario, scenarios))
-        if c.value[0] > c.value[1]:
-            raise error_at(path, ("class", i, "value"), f"the range {c.value} goes down: give the smaller number first")
         if c.signal not in LOSABLE and {"skip", "duplicate"} & set(c.operations):
             raise error_at(
                 path,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
@@ -57,10 +58,11 @@ class Log:
                 known = json.loads(first)
                 rows = [json.loads(line) for line in lines]
                 self.rows = {int(row["index"]): row for row in rows}
-            except (ValueError, KeyError, TypeError) as error:
+            except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
                 raise OutputError(f"{self.path} is not the log of a campaign ({error}); give another --out") from None
             if known != dict(head):
-                differ = ", ".join(k for k in head if not isinstance(known, dict) or known.get(k) != head[k])
+                found = known if isinstance(known, dict) else {}
+                differ = ", ".join(k for k in {**head, **found} if k not in head or found.get(k) != head[k])
                 raise OutputError(f"{self.path} is the log of another campaign (other {differ}); give another --out")
         elif not _line(head).startswith(data):
             raise OutputError(f"{self.path} is not the log of a campaign; give another --out")
@@ -69,18 +71,28 @@ class Log:
             self._write(head)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Append the line of a session; when this function returns, the line is on the disk."""
-        self.rows[int(row["index"])] = row
+        """Append the line of a session; when this function returns, the line is on the disk.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
         self._write(row)
+        self.rows[int(row["index"])] = row
 
     def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        """Close the file; a line that could not be written is lost."""
+        with contextlib.suppress(OSError):
+            self._file.close()
 
     def _write(self, row: Mapping[str, Any]) -> None:
-        self._file.write(_line(row))
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        try:
+            self._file.write(_line(row))
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise OutputError(
+                f"cannot write to {self.path}: {error.strerror or error}; run the same command again to go on"
+            ) from error
 
 
 def _line(row: Mapping[str, Any]) -> bytes:

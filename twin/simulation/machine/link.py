@@ -51,7 +51,7 @@ class Address:
             DeviceError: the text has another form, or a port is not 1 to 65535.
         """
         *host, port, states = [""] * (1 - text.count(":")) + text.rsplit(":", 2)
-        if not (all(p.isascii() and p.isdigit() for p in (port, states)) and all(host)):
+        if not (all(p.isascii() and p.isdigit() and len(p) < 10 for p in (port, states)) and all(host)):
             raise DeviceError(
                 f"'{text}' is not the address of a machine: give HOST:PORT:STATEPORT, such as 127.0.0.1:36000:36001"
             )

@@ -10,8 +10,8 @@ import contextlib
 import gc
 import socket
 import time
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,34 +32,42 @@ _PACKETS = 2
 _ASK = 50
 """Number of ticks between two calls of `ends`."""
 
+RECENT = 600_000
+"""Number of the latest ticks (10 minutes) whose delays are stored, so that a long run needs constant memory."""
+
 _LINE = 64
 """Maximum length in bytes of a line from a connection."""
 
 
-@dataclass
 class Pace:
     """Delays of the ticks.
 
     Attributes:
-        late: (k,) delay in s of the start of each tick.
+        ticks, missed: number of ticks, and of ticks that began more than one tick late.
+        late: delays in s of the starts of the latest `RECENT` ticks.
+        largest: largest delay in s of all ticks.
     """
 
-    late: list[float] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.ticks = self.missed = 0
+        self.late, self.largest = deque[float](maxlen=RECENT), 0.0
 
-    @property
-    def missed(self) -> int:
-        """Number of ticks that began more than one tick late."""
-        return sum(x > TICK for x in self.late)
+    def add(self, late: float) -> None:
+        """Add a tick that began `late` s after its time."""
+        self.ticks += 1
+        self.missed += late > TICK
+        self.largest = max(self.largest, late)
+        self.late.append(late)
 
     def summary(self) -> dict[str, float]:
-        """Return number of ticks, late ticks, and delays in ms."""
+        """Return number of ticks, late ticks, and delays in ms; the percentiles are those of the latest ticks."""
         late = 1e3 * np.array(self.late or [0.0])
         return {
-            "ticks": len(self.late),
+            "ticks": self.ticks,
             "late": self.missed,
             "p50_ms": float(np.percentile(late, 50)),
             "p99_ms": float(np.percentile(late, 99)),
-            "max_ms": float(late.max()),
+            "max_ms": 1e3 * self.largest,
         }
 
 
@@ -91,7 +99,6 @@ class Server:
         self._tcp.listen(_READERS)
         self.port, self.state_port = self._udp.getsockname()[1], self._tcp.getsockname()[1]
         self._readers: dict[socket.socket, bytes] = {}
-        self._missed = 0
 
     def close(self) -> None:
         """Close all sockets."""
@@ -115,9 +122,7 @@ class Server:
             wait = due - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
-            late = max(time.monotonic() - due, 0.0)
-            self.pace.late.append(late)
-            self._missed += late > TICK
+            self.pace.add(max(time.monotonic() - due, 0.0))
             self.step(k * TICK)
             now = self.machine.plc.level
             if now != level:
@@ -141,7 +146,7 @@ class Server:
         return out
 
     def _buttons(self) -> None:
-        with contextlib.suppress(BlockingIOError):
+        with contextlib.suppress(OSError):  # nobody connects, or a connection was aborted before it was accepted
             while True:
                 reader, _ = self._tcp.accept()
                 if len(self._readers) == _READERS:
@@ -174,7 +179,7 @@ class Server:
 
     def _state(self) -> bytes:
         m, r = self.machine, self.machine.receiver
-        counts = (r.sequence, r.accepted, r.refused, m.held, self._missed)
+        counts = (r.sequence, r.accepted, r.refused, m.held, self.pace.missed)
         return pack(State(m.plc.level, r.pedal(m.t), m.tick, m.t, *counts, m.q, m.wanted, m.dac))
 
     def _send(self, state: bytes) -> None:

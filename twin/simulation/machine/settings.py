@@ -37,6 +37,21 @@ class Number(_Cited):
     unit: _Unit
 
 
+_UNITS: dict[str, _Unit] = {
+    "counts_per_turn": "1",
+    "stop_dac": "count",
+    "violations": "1",
+    "equal_cycles": "1",
+    "master_timeout": "s",
+    "largest_speed": "rad/s",
+    "plc_timeout": "s",
+    "velocity_cutoff": "Hz",
+    "homing_speed": "1",
+    "grasp_step": "rad",
+}
+"""Unit of each of the `Numbers`."""
+
+
 class Numbers(Table):
     """Parameters of the control software; the file's notes explain them."""
 
@@ -152,14 +167,20 @@ def load(path: Path, mechanism: Mechanism) -> Settings:
     """Read a machine file.
 
     Raises:
-        DescriptionError: the file does not exist, is invalid, or does not name every motor and every joint of the
-            mechanism once; the message has file, line, key and value.
+        DescriptionError: the file does not exist, is invalid, has a number in another unit, or does not name every
+            motor and every joint of the mechanism once; the message has file, line, key and value.
     """
     if not path.is_file():
         raise DescriptionError(
             f"{path}: the file does not exist: a machine needs motors, gains and limits, as in cad/raven_left/{NAME}"
         )
     table = load_toml(path, Settings)
+    for name, unit in _UNITS.items():
+        if getattr(table.number, name).unit != unit:
+            raise error_at(path, ("number", name, "unit"), f"{name} is in {unit}")
+    if table.released.whole_counts and table.number.counts_per_turn.value < 2 * np.pi:
+        text = "with released.whole_counts, a turn needs at least 6.28 counts: fewer are rounded down to 0 per rad"
+        raise error_at(path, ("number", "counts_per_turn", "value"), text)
     actives = [j.name for j in mechanism.active]
     for key, entries, needed in (
         ("motor", table.motor, mechanism.motor_names),

@@ -170,9 +170,13 @@ class SessionWriter:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file: BinaryIO | None = self._part.open("xb")
-            self._put(json.dumps(head.model_dump(by_alias=True)).encode() + b"\n")
         except OSError as error:
             raise OutputError(f"cannot write to {self._part}: {error.strerror or error}") from error
+        try:
+            self._put(json.dumps(head.model_dump(by_alias=True)).encode() + b"\n")
+        except OutputError:
+            self.abandon()
+            raise
 
     @property
     def full(self) -> bool:
@@ -203,9 +207,13 @@ class SessionWriter:
         """
         if self._file is None:
             return
-        if self._held:
-            self._write(np.concatenate(self._rows))
-        self._put(_HEAD.pack(_END, self.ticks, 0, self._digests.digest()))
+        try:
+            if self._held:
+                self._write(np.concatenate(self._rows))
+            self._put(_HEAD.pack(_END, self.ticks, 0, self._digests.digest()))
+        except OutputError:
+            self.abandon()
+            raise
         self._file.close()
         self._file = None
         try:
@@ -217,11 +225,15 @@ class SessionWriter:
             raise OutputError(f"cannot write to {self.path}: {error.strerror or error}") from error
 
     def abandon(self) -> None:
-        """Close the file as it is, after an error; its `.part` is kept."""
-        if self._file is not None:
+        """Close the file as it is, after an error; its `.part` is kept if it has a complete chunk."""
+        if self._file is None:
+            return
+        with suppress(OSError):
+            self._file.close()
+        self._file = None
+        if self.ticks == self._held:
             with suppress(OSError):
-                self._file.close()
-            self._file = None
+                self._part.unlink()
 
     def _write(self, rows: Array) -> None:
         one = digest(rows)

@@ -84,15 +84,15 @@ def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Ra
         WorldError: the session is of another scene, of one that has changed since, or of a World with other signals.
     """
     begin, tape = session.head, Tape()
-    own, device = file.sizes(begin.device), session.device
-    recorded = Recorded(Recording(begin.dt, own, device), *own)
     kind = console_scene if by_hand(session) else procedure_scene
-    world = kind.world(setup, recorded, records=False, watch=[tape])
     if begin.scene != setup.scene.name or begin.identity != kind.identity(setup):
         raise WorldError(
             f"{path}: the session was recorded in scene '{begin.scene}'. This is another scene, or the scene has "
             "changed since: restore the earlier scene to replay the session"
         )
+    own, device = file.sizes(begin.device), session.device
+    recorded = Recorded(Recording(begin.dt, own, device), *own)
+    world = kind.world(setup, recorded, records=False, watch=[tape])
     if world.signals.sizes != file.sizes(begin.world) or not np.isclose(begin.dt, world.dt):
         raise WorldError(
             f"{path}: the session was written by twin {begin.twin}, whose World has other signals: replay it with that "

@@ -127,4 +127,4 @@ def read_recording(path: Path) -> Recording:
         raise WorldError(f"{path}: not a twin-world file of version 1: {where}: {first['msg']}") from None
     if hashlib.sha256(body).hexdigest() != head.sha256:
         raise WorldError(f"{path}: the rows of the file have changed since the file was written")
-    return Recording(head.dt, sizes, np.frombuffer(body, "<f8").reshape(head.ticks, -1).astype(float))
+    return Recording(head.dt, sizes, np.frombuffer(body, "<f8").reshape(head.ticks, sum(sizes.values())).astype(float))
