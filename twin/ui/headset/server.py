@@ -218,8 +218,10 @@ class StreamServer:
             self._numbers += 1
             name, token = f"c{self._numbers}", secrets.token_urlsafe(18)
             self._known[token] = name
-            while len(self._known) > REMEMBERED:
-                self._known.popitem(last=False)
+            connected = {c.token for c in self.clients} | {token}
+            gone = [t for t in self._known if t not in connected]
+            for old in gone[: max(len(gone) - REMEMBERED, 0)]:
+                del self._known[old]
         self._left.pop(name, None)
         ws.keep_little()
         client = Client(name, token, ws, Bucket(*MESSAGES, now), Bucket(*GARBAGE, now), now)
