@@ -6,7 +6,6 @@ import asyncio
 import secrets
 import ssl
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from typing import Any
@@ -62,7 +61,7 @@ class StreamServer:
         self.stopping = asyncio.Event()
         self.clients: list[Client] = []
         self._doorman = Doorman()
-        self._known: OrderedDict[str, str] = OrderedDict()
+        self._known: dict[str, str] = {}
         self._left: dict[str, float] = {}
         self._tasks: set[asyncio.Future[None]] = set()
         self._frame: bytes | None = None
