@@ -8,6 +8,7 @@ import pytest
 
 from twin.core.errors import DescriptionError
 from twin.planning.protocol import Home, Insertion, Pivot, Positioning, ProtocolTable, Retraction, load_protocol
+from twin.planning.protocol.phases.circle import CircleTable
 from twin.schema import json_schema, key_lines
 
 ROOT = Path(__file__).resolve().parent
@@ -47,6 +48,25 @@ def test_warning_files_load_and_warn(path):
     findings = load_protocol(path).findings
     assert [f"{f.code}: {f.message}" for f in findings] == [expectation(path)]
     assert {f.severity for f in findings} == {"warning"}
+
+
+@pytest.mark.parametrize("turns", [10**400, 10**9])
+def test_a_circle_has_a_possible_number_of_turns(tmp_path, turns):
+    text = (DATA / "valid.toml").read_text(encoding="utf-8")
+    head, phases = text[: text.index("[[phases]]")], text[text.index("[[phases]]") :]
+    limits = "[limits.circle]\n" + head.partition("[limits.pivot]\n")[2].partition("\n\n")[0] + "\n\n"
+    _, first, second, rest = phases.split("[[phases]]", 3)
+    circle = f'[[phases]]\nname = "round"\ntype = "circle"\ncentre_mm = [0, 0, 0]\nturns = {turns}\n\n'
+    file = tmp_path / "valid.toml"
+    file.write_text(f"{head}{limits}[[phases]]{first}[[phases]]{second}{circle}[[phases]]{rest}", encoding="utf-8")
+    with pytest.raises(DescriptionError, match="turns"):
+        load_protocol(file)
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_the_axis_of_a_circle_may_have_any_length(size):
+    table = CircleTable(type="circle", name="round", centre_mm=(0.0, 0.0, 0.0), normal=(0.0, 3 * size, 4 * size))
+    np.testing.assert_allclose(table.phase(None).normal, [0, 0.6, 0.8], atol=1e-12)
 
 
 def test_an_error_points_at_the_line_of_its_key():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,17 +27,23 @@ from twin.model.body import Frame
 from twin.model.joined import joined, owners
 from twin.model.scene import Place, load_scene
 from twin.model.transmission import Actuator, Transmission
+from twin.planning.apart import Apart, Nearest
 from twin.planning.around import around
 from twin.planning.plan import plan as plan_
+from twin.planning.playable import Moved, write_playable
 from twin.planning.protocol import load_protocol
 from twin.planning.smooth import line
 from twin.planning.timing import time_path
 from twin.planning.together import Behind, beside
 from twin.planning.trajectory import without_equations
 from twin.reference import ReferenceModel
-from twin.reference.clearance import Shape, distance_between
+from twin.reference.certificate import Certificate
+from twin.reference.clearance import Clearance, Shape, distance_between
 from twin.reference.following import Follower
 from twin.ui.report import together
+from twin.ui.report.scene import Row
+from twin.ui.report.scene import distances as drawn
+from twin.ui.report.style import PALETTE
 
 ROOT = Path(__file__).parents[1]
 PLACES = {"left": spatial.pose(p=[-0.5, 0, 0]), "right": spatial.pose(spatial.rotation_z(np.pi), [0.5, 0, 0])}
@@ -329,6 +336,51 @@ def test_a_plan_tells_the_distance_between_the_arms_from_that_inside_an_arm_and_
         )
         assert [p.type for p in again.phases] == ["samples"] * (1 if place.name == "left" else 2)
         assert verdict(again.findings) == "agree", [f.message for f in again.findings]
+
+
+def test_a_phase_shorter_than_the_steps_of_the_distances_keeps_its_nearest_bodies():
+    apart_ = Apart(np.array([0.0, 1.0, 2.0]), {("a", "b"): Clearance(np.full(3, 0.1), (("a/x", "b/y"),) * 3, ())})
+    near = Nearest(Certificate(0.2, 0.3, ("a_x", "b_z"), 0.5), 1.45)
+    assert near.among(apart_, 1.4, 1.5) is near
+    assert near.among(apart_, 1.4, 2.0).seen.found == 0.1
+
+
+def test_every_pair_of_a_scene_is_drawn():
+    pairs = {(f"a{k}", "b"): np.array([0.1, 0.2]) for k in range(len(PALETTE) + 2)}
+    axes = drawn("t", np.array([0.0, 1.0]), pairs, 0.005, [Row("b", [(0.0, 1.0)])]).axes[0]
+    legend = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert legend == [f"{a} - {b}" for a, b in pairs]
+    looks = [(line.get_color(), line.get_linestyle()) for line in axes.get_lines()]
+    assert len(set(looks)) == len(looks)
+
+
+def test_the_files_of_a_plan_have_different_names(tmp_path, monkeypatch):
+    """A robot may be called as the file of the scene, and the props as a robot; the STEP file may be in a folder."""
+    places = [
+        f'[[robot]]\nname = "{name}"\nrobot = "arm"\nprotocol = "any"\nport = "here"\nposition_mm = [0, 0, 0]\n'
+        'yaw_deg = 0\nprovenance = "ASSUMED"\nnote = "t"\n'
+        for name in ("scene", "right")
+    ]
+    stand = tmp_path / "in/stand.toml"
+    stand.parent.mkdir()
+    stand.write_text(SCENE + "".join(places), encoding="utf-8")
+    props = stand.parent / "right.toml"
+    props.write_text('name = "box"\nstep = "parts/box.step"\n', encoding="utf-8")
+    (stand.parent / "parts").mkdir()
+    (stand.parent / "parts/box.step").write_text("ISO-10303-21;", encoding="utf-8")
+    scene = replace(load_scene(stand), props=props)
+    monkeypatch.setattr("twin.cad.description.load", lambda path: SimpleNamespace(step="parts/box.step"))
+    rest = Moved(protocol_of(tmp_path, UP, DOWN), [("a", True), ("b", True), ("c", True)], np.zeros((1, 3)))
+    folder = tmp_path / "out"
+    folder.mkdir()
+    write_playable(scene, {"scene": rest, "right": rest}, np.array([0.0, 1.0]), 0.005, folder)
+    table = tomllib.loads((folder / "scene.toml").read_text(encoding="utf-8"))
+    for robot in table["robot"]:
+        assert tomllib.loads((folder / robot["protocol"]).read_text(encoding="utf-8"))["phases"], robot
+    copied = tomllib.loads((folder / table["props"]).read_text(encoding="utf-8"))
+    assert copied["name"] == "box"
+    assert (folder / copied["step"]).read_text(encoding="utf-8") == "ISO-10303-21;"
+    assert all(path.parent == folder for path in folder.rglob("*"))
 
 
 def test_a_scene_names_the_protocol_file_that_is_missing(stand_file):

@@ -54,6 +54,8 @@ class Nearest:
 
     def among(self, apart: Apart, t0: float, t1: float) -> Nearest:
         """Return the nearest bodies with regard to distances at further times from t0 to t1 in s."""
+        if not ((apart.t >= t0) & (apart.t <= t1)).any():  # a phase shorter than the steps of these times
+            return self
         distance, t, bodies = apart.least(t0, t1)
         if distance >= self.seen.found:
             return self

@@ -14,7 +14,7 @@ from twin.core.units import MM
 from twin.model.scene import Scene
 from twin.planning.apart import Apart, Nearest
 from twin.planning.planned import searches
-from twin.planning.playable import SCENE, Moved, write_playable
+from twin.planning.playable import SCENE, Moved, protocol_file, write_playable
 from twin.planning.proven import clearance
 from twin.planning.rounds import Rounds
 from twin.planning.space import Certificate
@@ -155,7 +155,8 @@ class PlannedTogether(Result):
 
     def files(self) -> list[str]:
         """Return the names of the files that `write` makes, without the props."""
-        return [SCENE, FILE, *(f"{name}{end}" for name in self.robots for end in (".csv", ".toml"))]
+        own = (file for name in self.robots for file in (f"{name}.csv", protocol_file(name, self.scene)))
+        return [SCENE, FILE, *own]
 
     def write(self, folder: Path) -> None:
         """Write plan.json, and a scene that plays the motion (`playable.write_playable`)."""

@@ -59,8 +59,14 @@ class Moved:
     phases: Sequence[Span] = ()
 
 
+def protocol_file(robot: str, scene: Scene) -> str:
+    """Return the name of the protocol file of a robot, which differs from that of the scene and of the props."""
+    taken = {SCENE, "" if scene.props is None else scene.props.name}
+    return f"{robot}_protocol.toml" if f"{robot}.toml" in taken else f"{robot}.toml"
+
+
 def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearance: float, folder: Path) -> None:
-    """Write <robot>.csv and <robot>.toml for each robot, the scene file, and the props.
+    """Write <robot>.csv and a protocol (`protocol_file`) for each robot, the scene file, and the props.
 
     Args:
         scene: the scene of the plan.
@@ -73,7 +79,7 @@ def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearanc
         moving = len(robot.q) > 1
         write_samples(folder / f"{name}.csv", robot.joints, t if moving else t[[0, -1]], robot.q)
         about = _protocol(name, robot, float(t[-1]), scene)
-        (folder / f"{name}.toml").write_text(tomlkit.dumps(about), encoding="utf-8")
+        (folder / protocol_file(name, scene)).write_text(tomlkit.dumps(about), encoding="utf-8")
     table = tomllib.loads(scene.file.read_text(encoding="utf-8"))
     moving = [name for name, robot in robots.items() if len(robot.q) > 1]
     head: dict[str, Any] = {
@@ -84,11 +90,13 @@ def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearanc
     }
     if scene.props is not None:
         head["props"] = scene.props.name
-        shutil.copyfile(scene.props, folder / scene.props.name)
+        props = tomlkit.parse(scene.props.read_text(encoding="utf-8"))
         if step := description.load(scene.props).step:
+            props["step"] = Path(step).name
             shutil.copyfile(scene.props.parent / step, folder / Path(step).name)
+        (folder / scene.props.name).write_text(tomlkit.dumps(props), encoding="utf-8")
     places = [{k: v for k, v in r.items() if k != "start"} for r in table["robot"]]
-    places = [{**r, "protocol": f"{r['name']}.toml"} for r in places]
+    places = [{**r, "protocol": protocol_file(r["name"], scene)} for r in places]
     kept = {k: table[k] for k in _KEPT if k in table}
     (folder / SCENE).write_text(tomlkit.dumps({**head, **kept, "robot": places}), encoding="utf-8")
 

@@ -143,6 +143,8 @@ class Live:
             if isinstance(message, wire.Release) and message.robot is None:
                 return self.release(client)
             return self._of(client, message).ask(client, message)
+        if not isinstance(message, wire.Speed | wire.Loop | wire.Seek | wire.Play):
+            raise RefusedError("refused", f"`{message.type}` is for a console: this server has no console")
         for twin in self.twins.values():
             twin.leave_to(client)
         if isinstance(message, wire.Speed):
@@ -176,14 +178,14 @@ class Live:
             )
         return meant[0]
 
-    def _time(self, message: wire.Message) -> None:
+    def _time(self, message: wire.Seek | wire.Play) -> None:
         if not self.clock.duration > 0:
             why = [(n, t.why_not) for n, t in self.twins.items()]
             text = why[0][1] if self.alone else "; ".join(f"{n}: {w}" for n, w in why)
             raise RefusedError("refused", f"no protocol is planned yet: {text}")
         if isinstance(message, wire.Seek):
             self.clock.seek(message.t)
-        elif isinstance(message, wire.Play) and message.on:
+        elif message.on:
             self.clock.play()
         else:
             self.clock.playing = False

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
+from pydantic_core import from_json, to_json
 
 from twin.core.assets import atomic_folder
 from twin.core.errors import TwinError
@@ -74,7 +75,8 @@ class Recording:
         Raises:
             RefusedError: the maximum number or total size of recordings is reached.
         """
-        if self._saved >= FILES or self._written + self._size >= IN_ALL:
+        running = self.running and bool(self._frames)
+        if self._saved + running >= FILES or self._written + self._size >= IN_ALL:
             text = (
                 f"{self._saved} recordings with {self._written / 1e6:.0f} MB: one run of the server records at most "
                 f"{FILES} recordings and {IN_ALL / 1e6:.0f} MB; start the server again"
@@ -92,10 +94,11 @@ class Recording:
         return self.running and (tick - self._first > LONGEST * RATE or self._size > LARGEST)
 
     def add_document(self, tick: int, document: dict[str, Any]) -> None:
-        """Add a document sent to all clients."""
+        """Add a document sent to all clients; as in the sent text, numbers that are not finite are null."""
         if self.running:
-            self._size += len(json.dumps(document)) + _ENTRY
-            self._documents.append((tick - self._first, document))
+            text = to_json(document, inf_nan_mode="null")
+            self._size += len(text) + _ENTRY
+            self._documents.append((tick - self._first, from_json(text)))
 
     def add_request(self, tick: int, client: str, message: wire.Message) -> None:
         """Add an accepted or refused request of a client."""
@@ -203,12 +206,16 @@ class Replay:
         if not self._running:
             return None
         self._at += 1
-        for document in self._documents.get(self._at, ()):
+        self._play(self._at)
+        return self._frames.get(self._at)
+
+    def _play(self, tick: int) -> None:
+        """Store the documents of a recorded tick."""
+        for document in self._documents.get(tick, ()):
             if document.get("type") == "state":
                 self._state = document
             else:
                 self._others[str(document.get("type")), str(document.get("robot"))] = document
-        return self._frames.get(self._at)
 
     def state(self) -> dict[str, Any]:
         """Return the last played document `state`, with an additional entry `replay` (time and duration in s)."""
@@ -231,6 +238,9 @@ class Replay:
             self._running = message.on
         elif isinstance(message, wire.Seek):
             self._at = min(int(message.t * RATE), self.last) - 1
+            self._state, self._others = {"type": "state"}, {}
+            for tick in sorted(t for t in self._documents if t <= self._at):
+                self._play(tick)
             self._running = True
         else:
             raise RefusedError("refused", "a recorded session is replayed: only play, pause and seek are possible")

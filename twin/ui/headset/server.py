@@ -6,7 +6,6 @@ import asyncio
 import secrets
 import ssl
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from typing import Any
@@ -62,7 +61,7 @@ class StreamServer:
         self.stopping = asyncio.Event()
         self.clients: list[Client] = []
         self._doorman = Doorman()
-        self._known: OrderedDict[str, str] = OrderedDict()
+        self._known: dict[str, str] = {}
         self._left: dict[str, float] = {}
         self._tasks: set[asyncio.Future[None]] = set()
         self._frame: bytes | None = None
@@ -218,8 +217,10 @@ class StreamServer:
             self._numbers += 1
             name, token = f"c{self._numbers}", secrets.token_urlsafe(18)
             self._known[token] = name
-            while len(self._known) > REMEMBERED:
-                self._known.popitem(last=False)
+            connected = {c.token for c in self.clients} | {token}
+            gone = [t for t in self._known if t not in connected]
+            for old in gone[: max(len(gone) - REMEMBERED, 0)]:
+                del self._known[old]
         self._left.pop(name, None)
         ws.keep_little()
         client = Client(name, token, ws, Bucket(*MESSAGES, now), Bucket(*GARBAGE, now), now)

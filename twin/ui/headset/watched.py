@@ -104,6 +104,8 @@ class Watched:
                 self.problem, self.reading = f"The server on port {self._port} does not answer: {error}", None
             except TwinError as error:
                 self.problem, self.reading = str(error), None
+            except (ValueError, AttributeError) as error:
+                self.problem, self.reading = f"The server on port {self._port} sends no valid document: {error}", None
             self._stop.wait(_AGAIN)
 
     def _hear(self, ws: Any) -> None:

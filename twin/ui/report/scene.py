@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 LEAST = 0.1
 """Smallest drawn distance in mm; smaller distances are drawn at this value."""
 
+_STYLES = ("-", ":", "-.")
+"""Styles of lines: the next one begins where the colours repeat."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -45,8 +48,9 @@ def distances(
     top, below = out.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [4, 0.45 * len(rows)], "hspace": 0.12})
     left = max(0.09, 0.025 + 0.0075 * max(len(row.name) for row in rows))
     out.subplots_adjust(left=left, right=0.8, top=1 - 0.5 / height, bottom=0.5 / height)
-    for color, ((a, b), d) in zip(PALETTE, pairs.items(), strict=False):
-        top.plot(t, np.maximum(d / MM, LEAST), color=color, label=f"{a} - {b}")
+    for k, ((a, b), d) in enumerate(pairs.items()):
+        color, style = PALETTE[k % len(PALETTE)], _STYLES[k // len(PALETTE) % len(_STYLES)]
+        top.plot(t, np.maximum(d / MM, LEAST), style, color=color, label=f"{a} - {b}")
     top.axhline(required / MM, color=UNFIT, linestyle="--", linewidth=0.9)
     top.annotate(
         f"required: {required / MM:g} mm", (0, required / MM), (3, 3), textcoords="offset points",

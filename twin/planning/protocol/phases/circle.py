@@ -27,7 +27,7 @@ class CircleTable(PhaseTable):
     type: Literal["circle"]
     centre_mm: Vector
     normal: Vector = (0.0, 0.0, 1.0)
-    turns: Annotated[int, Field(ge=1)] = 1
+    turns: Annotated[int, Field(ge=1, le=1000)] = 1
     trocar: Trocar = None
 
     rank: ClassVar[int] = 5
@@ -47,6 +47,7 @@ class CircleTable(PhaseTable):
     def phase(self, walk: Walk) -> Circle:
         """Return the phase that this table describes, in SI units."""
         normal = np.array(self.normal, float)
+        normal /= np.abs(normal).max()  # squares of very small or large numbers are 0 or infinite
         centre = np.array(self.centre_mm) * MM
         return Circle(self.name, centre, normal / np.linalg.norm(normal), self.turns, self.trocar or "")
 
