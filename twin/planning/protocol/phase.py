@@ -21,8 +21,6 @@ from twin.planning.protocol.course import Course, Motion, RcmMode, RotationOrder
 from twin.planning.protocol.waypoint import Waypoint
 from twin.schema import Identifier, Key, Table, error_at
 
-Positive = Annotated[float, Field(gt=0)]
-Depth = Annotated[float, Field(ge=0)]
 Trocar = Annotated[
     Identifier | None,
     Field(description="the entry of [trocars_mm] that the shaft passes through; required if there are several entries"),

@@ -10,8 +10,8 @@ from pydantic import Field
 
 from twin.core.provenance import Parameter
 from twin.core.units import MM
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Positive, Walk
-from twin.schema import Identifier
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.schema import Identifier, Positive
 
 
 class FreeTable(PhaseTable):
