@@ -287,6 +287,17 @@ class Phase(ABC):
         return ()
 
 
+@dataclass(frozen=True)
+class Reaching(Phase):
+    """A phase that ends at the waypoint `to`, whose pose may follow from joint values; the RCM is unchanged."""
+
+    to: str
+
+    def end_after(self, at: Begin) -> End:
+        """Return the state at the end of the phase: the robot is at the waypoint `to`."""
+        return End(*at.pose(self.to), at.rcm, self.to)
+
+
 def trocar_of(phase: Phase) -> str:
     """Return the name of the trocar that a phase uses; "" if the phase names no trocar."""
     return getattr(phase, "trocar", "")
