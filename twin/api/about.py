@@ -10,7 +10,7 @@ from twin.api.robot import Progress, Robot, silent
 from twin.core import assets
 from twin.core.findings import Finding
 from twin.core.result import Part, Result, Table
-from twin.core.units import DEG, MM
+from twin.core.units import MM, display_unit
 
 if TYPE_CHECKING:
     from twin.core.provenance import Parameter
@@ -278,7 +278,7 @@ def _joint_row(j: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _range(limits: Sequence[float] | None, angle: bool) -> str:
-    scale, unit = (DEG, "deg") if angle else (MM, "mm")
+    unit, scale = display_unit(angle)
     return "" if limits is None else f"{limits[0] / scale:g} .. {limits[1] / scale:g} {unit}"
 
 
@@ -289,7 +289,7 @@ def _motors(actuators: Sequence[Mapping[str, Any]], transmissions: Sequence[Mapp
     rows = []
     for a in actuators:
         angle = a["kind"] == "angle"
-        scale, unit, effort = (DEG, "deg", "N m") if angle else (MM, "mm", "N")
+        (unit, scale), effort = display_unit(angle), "N m" if angle else "N"
         speed = "" if a["max_speed"] is None else f"{a['max_speed'] / scale:g} {unit}/s"
         force = "" if a["max_effort"] is None else f"{a['max_effort']:g} {effort}"
         inertia = "" if a["rotor_inertia"] is None else f"{a['rotor_inertia']:g} {'kg m2' if angle else 'kg'}"

@@ -17,7 +17,7 @@ from twin.core.foreign.once import Read
 from twin.core.foreign.text import read_text
 from twin.core.provenance import Parameter
 from twin.core.units import SI
-from twin.schema import Sourced, Vector, error_at
+from twin.schema import Sourced, Vector, error_at, first_mistake
 
 
 class Dimension(Sourced):
@@ -49,9 +49,8 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
         try:
             d = Dimension.model_validate(entry)
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(k) for k in first["loc"])
-            raise error_at(path, (name,), f"{where or 'entry'}: {first['msg']}") from error
+            where, what = first_mistake(error)
+            raise error_at(path, (name,), f"{where or 'entry'}: {what}") from error
         out += [
             Parameter(f"drawing.{name}{suffix}", v * SI[d.unit], d.unit, v, d.provenance, d.note)
             for suffix, v in _numbers(d.value)

@@ -18,6 +18,11 @@ LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
 """{unit that the description may declare for a mesh file: its length in m}."""
 
 
+def display_unit(angle: bool) -> tuple[str, float]:
+    """Return (unit in which angles or, if `angle` is False, lengths are shown, its size in rad or m)."""
+    return ("deg", DEG) if angle else ("mm", MM)
+
+
 def srgb(linear: float) -> float:
     """Convert a linear colour component, 0..1, to sRGB, 0..1 (IEC 61966-2-1)."""
     part = min(max(linear, 0.0), 1.0)

@@ -16,13 +16,10 @@ from pydantic import Field
 from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.model.console import ConsoleTable
-from twin.schema import Identifier, Sourced, Table, error_at
+from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, error_at
 
 MODEL = "_model"
 """Suffix of the name of a machine's model: `raven_left_model` is the model of `raven_left`."""
-
-_Positive = Annotated[float, Field(gt=0)]
-_NotNegative = Annotated[float, Field(ge=0)]
 
 
 class CueTable(Table):
@@ -34,11 +31,11 @@ class CueTable(Table):
     """
 
     reading: Literal["printed", "corrected"] = "corrected"
-    tol_mm: _Positive
-    kp_n_mm: _NotNegative
-    kd_ns_mm: _NotNegative
-    largest_n: _Positive
-    blend_mm: _NotNegative = 0.0
+    tol_mm: Positive
+    kp_n_mm: NotNegative
+    kd_ns_mm: NotNegative
+    largest_n: Positive
+    blend_mm: NotNegative = 0.0
 
 
 class TrainerTable(Sourced):
@@ -53,11 +50,11 @@ class TrainerTable(Sourced):
     robots: list[Identifier] = Field(min_length=1)
     speed_mm_s: Annotated[float, Field(gt=0, le=200)]
     turn_deg_s: Annotated[float, Field(gt=0, le=720)]
-    rehearsed_mm_s: _Positive
-    replayed_mm_s: _Positive
-    start_mm: _Positive
-    start_deg: _Positive
-    deviation_mm: _Positive
+    rehearsed_mm_s: Positive
+    replayed_mm_s: Positive
+    start_mm: Positive
+    start_deg: Positive
+    deviation_mm: Positive
     cue: CueTable
 
 

@@ -27,7 +27,7 @@ Cost = Callable[[Array, Array], Array]
 """Function of joint values a (k, n) and b (k, n): cost (k,), at least 0, of the straight connections from a to b."""
 
 ACCELERATION = 0.24
-"""Acceleration in m/s2 of a connection; ASSUMED, the limit of the tip in the protocol of the dome."""
+"""Acceleration of a connection in m/s2, and its deceleration; ASSUMED, the limit of the tip in the dome's protocol."""
 
 
 def length(weights: Array) -> Cost:
@@ -40,19 +40,16 @@ def length(weights: Array) -> Cost:
     return cost
 
 
-def acceleration(weights: Array, most: float = ACCELERATION) -> Cost:
-    """Return the cost that is the integral of the squared acceleration, in m2/s3.
-
-    `most` is the acceleration in m/s2 at the start of a connection, and the deceleration at its end.
-    """
+def acceleration(weights: Array) -> Cost:
+    """Return the cost that is the integral of the squared acceleration, in m2/s3."""
     way = length(weights)
-    return lambda a, b: 2 * most**1.5 * np.sqrt(way(a, b))
+    return lambda a, b: 2 * ACCELERATION**1.5 * np.sqrt(way(a, b))
 
 
-def weighted(weights: Array, eta1: float = 0.1, eta2: float = 0.5, most: float = ACCELERATION) -> Cost:
-    """Return the cost of eq. (1): eta1 times `length` plus eta2 times `acceleration`."""
-    way, bend = length(weights), acceleration(weights, most)
-    return lambda a, b: eta1 * way(a, b) + eta2 * bend(a, b)
+def weighted(weights: Array) -> Cost:
+    """Return the cost of eq. (1): 0.1 times `length` plus 0.5 times `acceleration`."""
+    way, bend = length(weights), acceleration(weights)
+    return lambda a, b: 0.1 * way(a, b) + 0.5 * bend(a, b)
 
 
 _WIDE, _MORE = 20 * MM, 9.0

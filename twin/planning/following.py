@@ -17,7 +17,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError, unknown
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, display_unit
 from twin.planning.freeing import Progress, Searched, way
 from twin.planning.given import given
 from twin.planning.path import Path
@@ -222,7 +222,7 @@ class Follower:
 
     def _unmoved(self, name: str) -> str:
         i = 0
-        unit, factor = ("deg", DEG) if self._angles[i] else ("mm", MM)
+        unit, factor = display_unit(self._angles[i])
         near = self.q[i] / factor + (5 if self._angles[i] else 10)
         return (
             f"the driven joints are already at waypoint '{name}'. Change a joint value of the waypoint within limits, "

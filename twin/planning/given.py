@@ -15,7 +15,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import display_unit
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import Protocol, Samples
 from twin.planning.protocol.course import Motion, angles_of
@@ -91,7 +91,7 @@ def given(
     columns = [names.index(j) for j in phase.joints]
     for j, column, first in zip(phase.joints, columns, phase.q[0], strict=True):
         angle = j in phase.angle_joints
-        unit, factor = ("deg", DEG) if angle else ("mm", MM)
+        unit, factor = display_unit(angle)
         tolerance = protocol.tolerances.waypoint_angle if angle else protocol.tolerances.waypoint
         if (off := abs(first - q[column])) > tolerance:
             raise ProtocolError(

@@ -23,6 +23,9 @@ from twin.planning.trajectory import Carrier, PathKinematics, Trajectory
 _STATIONS = 33
 """Number of points of a straight path between two waypoints."""
 
+_DT = 1e-3
+"""Sampling time of a trajectory in s."""
+
 
 @dataclass(frozen=True)
 class Led:
@@ -61,7 +64,7 @@ class _Guide(Follower):
         return next(self._courses)
 
 
-def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]], dt: float = 1e-3) -> list[Trajectory]:
+def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]]) -> list[Trajectory]:
     """Return the timed trajectory of each robot, with the findings of the check of every sample.
 
     All robots have the same timing in a phase. This timing is the fastest within the limits (jerk included) of the
@@ -70,7 +73,6 @@ def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]], dt: f
     Args:
         robots: the robots.
         courses: paths of the driven joints (n,) of each robot, one for each phase of its protocol.
-        dt: sampling time in s.
 
     Raises:
         ProtocolError: a robot cannot follow its path; the message names the phase, the cause, and where in the phase.
@@ -86,8 +88,8 @@ def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]], dt: f
         joints = [path.driven(r.kinematics, where) for _, r, path in here]
         try:
             timing = timed(
-                [demands(path, q, r.protocol, r.kinematics, dt) for (_, r, path), q in zip(here, joints, strict=True)],
-                dt,
+                [demands(path, q, r.protocol, r.kinematics, _DT) for (_, r, path), q in zip(here, joints, strict=True)],
+                _DT,
             )
         except TimingError as error:
             raise TimingError(f"{where}: {error}") from error
@@ -95,7 +97,7 @@ def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]], dt: f
             legs[k].append(sampled(path, q, timing, r.kinematics))
     out = []
     for r, own in zip(robots, legs, strict=True):
-        made = replace(assemble(r.protocol, r.kinematics, r.T_tool_frame, own, dt), followed=True)
+        made = replace(assemble(r.protocol, r.kinematics, r.T_tool_frame, own, _DT), followed=True)
         out.append(replace(made, findings=(*r.protocol.findings, *check(made, r.protocol, r.kinematics))))
     return out
 

@@ -14,6 +14,9 @@ from numpy.polynomial import chebyshev
 
 from twin.core.spatial import Array
 
+_FEWEST, _MOST = 17, 513
+"""Smallest and largest number of coefficients of a fitted series."""
+
 _ROUNDING = 1e-13
 """Size relative to the largest value, below which a coefficient counts as a rounding error."""
 
@@ -43,7 +46,7 @@ def line(start: Array, end: Array) -> Smooth:
     return Smooth(np.array([start + end, end - start]) / 2, np.zeros(len(start)))
 
 
-def fit(function: Callable[[Array], Array], *, smallest: int = 17, largest: int = 513) -> Smooth:
+def fit(function: Callable[[Array], Array]) -> Smooth:
     """Fit a series to a function of s (k,) in [0, 1] with values (k, n).
 
     The degree is increased until the last coefficients are at the level of rounding errors.
@@ -51,7 +54,7 @@ def fit(function: Callable[[Array], Array], *, smallest: int = 17, largest: int 
     For a less accurate function (an iterative inverse), the degree stops increasing at the noise level. The caller
     must check the truncation error `tail`.
     """
-    count = smallest
+    count = _FEWEST
     while True:
         nodes = (np.arange(count) + 0.5) * np.pi / count
         values = function((np.cos(nodes) + 1) / 2)
@@ -62,7 +65,7 @@ def fit(function: Callable[[Array], Array], *, smallest: int = 17, largest: int 
         tail = np.max(np.abs(c[-max(3, count // 5) :]), axis=0)
         done = bool(np.all(tail <= _ROUNDING * scale))
         noisy = count > 128 and bool(np.all(tail <= 1e-9 * scale))
-        if done or noisy or 2 * count - 1 > largest:
+        if done or noisy or 2 * count - 1 > _MOST:
             keep = np.abs(c) > np.maximum(_ROUNDING * scale / 10, 3 * tail if not done else 0)
             degree = int(np.max(np.nonzero(keep.any(axis=1))[0], initial=0))
             return Smooth(np.where(keep, c, 0.0)[: max(degree + 1, 2)], tail)

@@ -82,6 +82,9 @@ class Timing:
     solver: Solver = "passes"
 
 
+_INSIDE = 5
+"""Points of an interval of the grid, with its ends, at which speed and acceleration are computed."""
+
 _BEYOND = 1e3
 """Factor by which the value that replaces a missing limit exceeds the largest possible value."""
 
@@ -210,13 +213,13 @@ def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Ar
     return load
 
 
-def _peaks(grid: Array, rates: Array, load: Load, inside: int = 5) -> tuple[float, float]:
+def _peaks(grid: Array, rates: Array, load: Load) -> tuple[float, float]:
     """Return the largest relative speed and the largest relative acceleration, also between grid points."""
-    f = np.linspace(0.0, 1.0, inside)  # both ends: the path acceleration jumps at grid points
+    f = np.linspace(0.0, 1.0, _INSIDE)  # both ends: the path acceleration jumps at grid points
     s = (grid[:-1, None] + np.diff(grid)[:, None] * f).ravel()
     squares = rates**2
     sd = np.sqrt(squares[:-1, None] * (1 - f) + squares[1:, None] * f).ravel()
-    sdd = np.repeat(np.diff(squares) / (2 * np.diff(grid)), inside)
+    sdd = np.repeat(np.diff(squares) / (2 * np.diff(grid)), _INSIDE)
     speed, acceleration = load(s, sd, sdd)
     return float(np.max(speed)), float(np.max(acceleration))
 

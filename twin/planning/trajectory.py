@@ -13,7 +13,7 @@ from twin.core import spatial
 from twin.core.errors import ProtocolError, unknown
 from twin.core.findings import Finding
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import display_unit
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import RcmMode
 from twin.planning.rounds import Rounds
@@ -81,7 +81,7 @@ class Motors:
 
     def unit(self, motor: int) -> tuple[str, float]:
         """Return (display unit of a motor, its factor to SI)."""
-        return ("deg", DEG) if self.revolute[motor] else ("mm", MM)
+        return display_unit(self.revolute[motor])
 
 
 NO_MOTORS = Motors((), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), ())
@@ -161,7 +161,7 @@ class PathKinematics:
 
     def unit(self, joint: int) -> tuple[str, float]:
         """Return (display unit of a joint, its factor to SI)."""
-        return ("deg", DEG) if self.revolute and self.revolute[joint] else ("mm", MM)
+        return display_unit(bool(self.revolute) and self.revolute[joint])
 
     def alarm(self, measure: str) -> float:
         """Return the alarm value of a singularity measure; 0 if none is set."""

@@ -78,10 +78,6 @@ def _misfit(state: Assembly) -> float:
 
 def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:
     """Return the best assembly found from `starts`: the smallest gaps; among equals, the nearest to `drawn`."""
-
-    def residual(X: Array, _: Index) -> tuple[Array, Array]:
-        return model.tree.loops.evaluate(X, *model.tree.update(X, closing_only=True))
-
-    X = minimise(model.tree, starts, residual, columns)[0]
+    X = minimise(model.tree, starts, model.loops_only, columns)[0]
     states = [model.state(x) for x in X[np.isfinite(X).all(axis=1)]]
     return min(states, key=lambda s: (_misfit(s), float(np.linalg.norm(s.x - drawn))))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core import spatial
-from twin.core.spatial import Array, Index
+from twin.core.spatial import Array
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
@@ -87,12 +87,8 @@ class Degeneracy:
 
     def moved(self, states: Array, steps: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return (states (k, nq) after tangent steps (k, nv), (k,) bool: whether the loops could be closed again)."""
-        tree = self.model.tree
-
-        def residual(X: Array, _: Index) -> tuple[Array, Array]:
-            return tree.loops.evaluate(X, *tree.update(X, closing_only=True))
-
-        there, closed = minimise(tree, tree.integrate(states, steps), residual, np.arange(tree.model.nv), _PATIENCE)
+        tree, loops_only = self.model.tree, self.model.loops_only
+        there, closed = minimise(tree, tree.integrate(states, steps), loops_only, np.arange(tree.model.nv), _PATIENCE)
         return there, np.asarray(closed, bool)
 
     def _jacobians(self, states: Array) -> tuple[Array, Array, Array]:

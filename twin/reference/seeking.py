@@ -175,17 +175,17 @@ def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index
     return ((found[: w * f] - found[w * f :]) / (2 * _DIFFERENCE)).reshape(w, f)
 
 
-def wander(motions: Degeneracy, valid: Valid, starts: Array, steps: int = 10, seed: int = 0) -> Array:
+def wander(motions: Degeneracy, valid: Valid, starts: Array) -> Array:
     """Return states (m, nq) reached from starts (w, nq) by random walks, which change direction when blocked.
 
-    A walk visits only states that are `valid` and have closed loops.
+    A walk of 10 steps visits only states that are `valid` and have closed loops.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     X = starts.copy()
     nv = motions.model.tree.model.nv
     ahead = rng.standard_normal((len(X), nv)) * motions.scale
     out = []
-    for _ in range(steps):
+    for _ in range(10):
         N = motions.motions(X)
         along = np.einsum("kij,klj,kl->ki", N, N / motions.scale[:, None] ** 2, ahead)
         along *= (_STRIDE_LONGEST / 2 / np.maximum(np.linalg.norm(along / motions.scale, axis=1), 1e-300))[:, None]

@@ -20,7 +20,7 @@ import numpy as np
 
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM, ROUNDING
+from twin.core.units import DEG, MM, ROUNDING, display_unit
 from twin.reference.certificate import Certificate, certify, nearest
 from twin.reference.closing import Closing
 from twin.reference.model import ReferenceModel
@@ -230,7 +230,7 @@ class JointSpace:
         """Return why joint values q (n,) are not free, with numbers; "" if they are free."""
         q = np.asarray(q, float)
         for joint, x, (low, high) in zip(self._model.mechanism.active, q, self.limits, strict=True):
-            unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
+            unit, factor = display_unit(joint.is_angle)
             beyond = max(low - x, x - high)
             if beyond > ROUNDING:
                 return (

@@ -34,6 +34,12 @@ def explain_syntax(text: str, name: str, error: Exception) -> str:
     return f"{name}:{line}: not valid TOML: {message}" + (f", in: {row}" if row else "")
 
 
+def first_mistake(error: ValidationError) -> tuple[str, str]:
+    """Return (keys of the first mistake, joined by dots; "" for the whole input, what is wrong there)."""
+    first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+    return ".".join(map(str, first["loc"])), first["msg"]
+
+
 def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: type[BaseModel], name: str) -> str:
     """Return the message of a validation error: one line for each mistake, in the order of the file."""
     schema = _schema(model)

@@ -91,6 +91,9 @@ def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
 Identifier = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
 """A name that is valid in Python, USD, glTF and Unity."""
 
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
 Vector = tuple[float, float, float]
 """Type of three finite numbers."""
 

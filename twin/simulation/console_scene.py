@@ -13,7 +13,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, display_unit
 from twin.kinematics import Kinematics
 from twin.model.console import CameraTable, ConsoleTable
 from twin.model.mechanism import Mechanism
@@ -62,7 +62,7 @@ def start(place: Place, mechanism: Mechanism) -> Array:
         if name not in names:
             raise TwinError(f"{place.name}: start: {unknown('active joint', name, names)}")
         joint = active[names.index(name)]
-        unit, text = (DEG, "deg") if joint.is_angle else (MM, "mm")
+        text, unit = display_unit(joint.is_angle)
         low, high = joint.limits or (-np.inf, np.inf)
         if not low <= shown * unit <= high:
             raise TwinError(

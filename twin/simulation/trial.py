@@ -11,10 +11,10 @@ from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.teleoperation import HandToTool, Teleoperation
 from twin.simulation.controllers.velocity import Solver, ToolToJoints, pose_error
-from twin.simulation.devices.hand import Goal, Hand, ScriptedHand
+from twin.simulation.devices.hand import Goal, ScriptedHand
 from twin.simulation.limits import Limits
 from twin.simulation.plants.kinematic import Kinematic
-from twin.simulation.world import Block, Hazard, Placed, Recording, World
+from twin.simulation.world import Block, Hazard, Recording, World
 
 INNER = 5
 """Number of joint velocity ticks (1 kHz) per tick of the teleoperation (200 Hz); ASSUMED."""
@@ -51,7 +51,6 @@ def world(
     device: Block,
     solver: Solver = "damped",
     hazards: Sequence[Hazard] = (),
-    robots: Sequence[Placed] = (),
 ) -> World:
     """Return a World with one robot that is controlled by a simulated or recorded hand.
 
@@ -63,7 +62,6 @@ def world(
         device: block that writes `hand.handle` and `hand.pedal`.
         solver: solver of the joint step.
         hazards: hazards of this World.
-        robots: the robot with its place, for display.
     """
     name = kin.formula.name
     controllers = (
@@ -72,7 +70,6 @@ def world(
     )
     plants = (Kinematic(name, q, limits),)
     return World(
-        robots=robots,
         devices=(device,),
         controllers=controllers,
         plants=plants,
@@ -88,7 +85,6 @@ def operate(
     controller: Teleoperation,
     goals: Sequence[Goal],
     seed: int = 0,
-    hand: Hand | None = None,
     solver: Solver = "damped",
     progress: Callable[[str, float], None] | None = None,
 ) -> Record:
@@ -97,7 +93,7 @@ def operate(
     Raises:
         KinematicsError: a goal pose cannot be expressed in the robot's coordinates.
     """
-    device = ScriptedHand(kin.formula.name, kin, goals, controller.gains.scale, controller.dt, seed, hand, progress)
+    device = ScriptedHand(kin.formula.name, kin, goals, controller.gains.scale, controller.dt, seed, progress)
     recording = world(kin, np.asarray(q, float), limits, controller, device, solver).run()
     if progress is not None:
         progress("measure", 1.0)

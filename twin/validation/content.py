@@ -17,7 +17,7 @@ from twin.core import spatial
 from twin.core.findings import Finding, Kind
 from twin.core.quantity import Quantity, deg, mm
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, display_unit
 from twin.model.body import Body, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, reversed_joint
@@ -93,7 +93,7 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
             return
     yield from _place(f"joint '{a.name}' on '{a.parent}'", a.name, a.T_parent_joint, b.T_parent_joint)
     yield from _place(f"joint '{a.name}' on '{a.child}'", a.name, a.T_child_joint, b.T_child_joint)
-    unit, scale = ("deg", DEG) if a.is_angle else ("mm", MM)
+    unit, scale = display_unit(a.is_angle)
     pairs: list[tuple[str, float | None, float | None, str, float]] = [
         ("largest speed", a.max_speed, b.max_speed, f"{unit}/s", scale),
         ("largest acceleration", a.max_acceleration, b.max_acceleration, f"{unit}/s2", scale),

@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.findings import Finding, Kind
 from twin.core.quantity import Quantity, moved
 from twin.core.spatial import Array, Index
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, display_unit
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import PathKinematics, Trajectory
 from twin.reference import ReferenceModel, Run
@@ -40,7 +40,7 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
         q = trajectory.q[:, j]
         sides = np.stack([q - joint.limits[0], joint.limits[1] - q])
         side, k = (int(i) for i in np.unravel_index(int(np.argmin(sides)), sides.shape))
-        unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
+        unit, scale = display_unit(joint.is_angle)
         share = 100 * sides[side, k] / (joint.limits[1] - joint.limits[0])
         end = ("lower", "upper")[side]
         size = f"{sides[side, k] / scale:.2f} {unit} to its {end} limit ({share:.0f} % of its range)"

@@ -7,7 +7,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding, Kind
 from twin.core.quantity import moved
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, display_unit
 from twin.planning.check import check
 from twin.validation.case import Case
 from twin.validation.compare import Comparison
@@ -63,7 +63,7 @@ def passive_limits(case: Case, out: Comparison) -> None:
         elif joint.name in run.q_passive and joint.limits is not None:
             q = run.q_passive[joint.name]
             margin = np.minimum(q - joint.limits[0], joint.limits[1] - q)
-            unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
+            unit, scale = display_unit(joint.is_angle)
         else:
             continue
         k = int(np.argmin(margin))

@@ -24,7 +24,7 @@ from twin.core.findings import Finding, Kind
 from twin.core.quantity import mm
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM, UM
+from twin.core.units import DEG, MM, UM, display_unit
 from twin.kinematics import Kinematics
 from twin.reference import ReferenceModel, Run
 from twin.validation.rows import Tolerances, rotation_vectors
@@ -286,7 +286,7 @@ class Strokes(Result):
         yield ""
 
     def _rows(self, s: Sweep) -> Iterator[tuple[str, ...]]:
-        scale, unit = (DEG, "deg") if s.angle else (MM, "mm")
+        unit, scale = display_unit(s.angle)
         stroke = f"{s.q[0] / scale:g} .. {s.q[-1] / scale:g} {unit}"
         for name, curve in {"equations": s.formula, **s.standins}.items():
             d = curve.as_dict()

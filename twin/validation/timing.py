@@ -16,7 +16,7 @@ from twin.core import spatial
 from twin.core.findings import Finding, disagreement
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, display_unit
 from twin.model.mechanism import Mechanism
 from twin.planning.check import AGAIN
 from twin.planning.protocol import Protocol
@@ -159,7 +159,7 @@ def _joints(trajectory: Trajectory, mechanism: Mechanism) -> list[_Moving]:
     out = []
     for j, joint in enumerate(mechanism.active):
         q, qd = trajectory.q[:, j : j + 1], trajectory.qd[:, j : j + 1]
-        unit, factor = ("deg", DEG) if joint.is_angle else ("mm", MM)
+        unit, factor = display_unit(joint.is_angle)
         limits = tuple(np.inf if x is None else x for x in (joint.max_speed, joint.max_acceleration, joint.max_jerk))
         what, steps = f"joint {joint.name}", np.diff(q, axis=0)
         names = [what] * 3

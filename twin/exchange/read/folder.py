@@ -17,7 +17,7 @@ from twin.core import assets
 from twin.core.errors import OutputError
 from twin.core.findings import Finding, by_severity
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, display_unit
 from twin.core.version import __version__
 from twin.exchange.read.drives import NOTE
 from twin.exchange.read.source import Imported
@@ -195,7 +195,7 @@ def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
 
 
 def _limit(joint: Joint, cited: Mapping[str, str]) -> list[str]:
-    unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
+    unit, scale = display_unit(joint.is_angle)
     values = {
         f"limits_{unit}": joint.limits and np.divide(joint.limits, scale),
         f"soft_limits_{unit}": joint.soft_limits and np.divide(joint.soft_limits, scale),
@@ -208,7 +208,7 @@ def _limit(joint: Joint, cited: Mapping[str, str]) -> list[str]:
 
 
 def _actuator(a: Actuator, provenance: Mapping[str, str]) -> list[str]:
-    unit, scale = ("deg", DEG) if a.is_angle else ("mm", MM)
+    unit, scale = display_unit(a.is_angle)
     values = {
         f"limits_{unit}": a.limits and np.divide(a.limits, scale),
         "max_effort": a.max_effort,

@@ -11,7 +11,7 @@ from twin.core.errors import ProtocolError
 from twin.core.findings import Finding
 from twin.core.provenance import Parameter, Provenance
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, display_unit
 from twin.planning.protocol.course import RotationOrder
 from twin.planning.protocol.phase import Phase, trocar_of
 from twin.planning.protocol.waypoint import Waypoint
@@ -165,7 +165,7 @@ class Protocol:
             zyx = self.rotation == "zyx"
             labels = ("psi", "theta", "phi") if zyx else tuple(f"about_{axis}" for axis in self.rotation)
             for joint, value in (w.joints or {}).items():
-                unit, factor = ("deg", DEG) if joint in w.angle_joints else ("mm", MM)
+                unit, factor = display_unit(joint in w.angle_joints)
                 add(f"{w.name}_{joint}", value, unit, factor, w.provenance, w.note)
             for label, angle in zip(labels, w.angles if w.joints is None else (), strict=w.joints is None):
                 add(f"{w.name}_{label}", float(angle), "deg", DEG, w.provenance, w.note)

@@ -21,8 +21,6 @@ from twin.planning.protocol.course import Course, Motion, RcmMode, RotationOrder
 from twin.planning.protocol.waypoint import Waypoint
 from twin.schema import Identifier, Key, Table, error_at
 
-Positive = Annotated[float, Field(gt=0)]
-Depth = Annotated[float, Field(ge=0)]
 Trocar = Annotated[
     Identifier | None,
     Field(description="the entry of [trocars_mm] that the shaft passes through; required if there are several entries"),
@@ -287,6 +285,17 @@ class Phase(ABC):
     def parameters(self) -> Iterable[Parameter]:
         """Return each number of the phase, with its provenance."""
         return ()
+
+
+@dataclass(frozen=True)
+class Reaching(Phase):
+    """A phase that ends at the waypoint `to`, whose pose may follow from joint values; the RCM is unchanged."""
+
+    to: str
+
+    def end_after(self, at: Begin) -> End:
+        """Return the state at the end of the phase: the robot is at the waypoint `to`."""
+        return End(*at.pose(self.to), at.rcm, self.to)
 
 
 def trocar_of(phase: Phase) -> str:

@@ -8,9 +8,9 @@ from pydantic import Field, model_validator
 
 from twin.planning.protocol.course import RotationOrder
 from twin.planning.protocol.model import Direction
-from twin.planning.protocol.phase import Depth, JointValue, PhaseTable, Positive
+from twin.planning.protocol.phase import JointValue, PhaseTable
 from twin.planning.protocol.phases import TABLES
-from twin.schema import Identifier, Origin, Table, Vector, at
+from twin.schema import Identifier, NotNegative, Origin, Positive, Table, Vector, at
 
 _Text = Annotated[str, Field(min_length=1)]
 
@@ -20,7 +20,7 @@ class WaypointTable(Table):
 
     angles_deg: Vector | None = None
     position_mm: Vector | None = None
-    depth_mm: Depth | None = None
+    depth_mm: NotNegative | None = None
     joints: Annotated[
         dict[JointValue, float] | None,
         Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; other joints are as drawn"),

@@ -20,7 +20,7 @@ from twin.core.units import DEG, MM
 from twin.formula import symbolic
 from twin.formula.flow import Evaluator
 from twin.formula.symbol import from_sx, to_sx
-from twin.simulation.controllers.console import Console, console
+from twin.simulation.controllers.console import console
 from twin.simulation.controllers.pedals import CAMERA
 from twin.simulation.world import Block, Signals
 
@@ -52,10 +52,10 @@ class Dragging:
         at: (4,) current pan, tilt in rad, depth in m, roll in rad.
     """
 
-    def __init__(self, at: Array, dt: float, drag: Drag | None = None, laws: Console | None = None) -> None:
+    def __init__(self, at: Array, dt: float, drag: Drag | None = None) -> None:
         """Start at pan, tilt, depth and roll `at` (4,) in rad and m; `dt` is the duration of a tick in s."""
         self.at, self.drag = np.array(at, float), drag or Drag()
-        self._z, self._step = _compile(laws or console(), self.drag, dt).bind()
+        self._z, self._step = _compile(self.drag, dt).bind()
         self._hands, self._hands_0, self._at_0, self._at = np.split(self._z, (6, 12, 16))
         self._held = False
 
@@ -77,7 +77,7 @@ class Dragging:
         return self.at
 
 
-def _compile(laws: Console, drag: Drag, dt: float) -> Evaluator:
+def _compile(drag: Drag, dt: float) -> Evaluator:
     """Return the compiled function for one tick, which returns the camera's next pan, tilt, depth and roll (4).
 
     Its arguments are the positions of both hands (6) now and at the start of the motion, then the camera's pan, tilt,
@@ -85,8 +85,9 @@ def _compile(laws: Console, drag: Drag, dt: float) -> Evaluator:
     """
     z = ca.SX.sym("z", 20)
     right, left, right_0, left_0, at_0, at = ca.vertsplit(z, (0, 3, 6, 9, 12, 16, 20))
-    d_R, d_L = laws.laws["eq3"](*(from_sx(p) for p in (right_0, right, left_0, left)))
-    turn = to_sx(laws.laws["eq4"](from_sx(right_0), from_sx(left_0), d_R, d_L, Z)[0])
+    laws = console().laws
+    d_R, d_L = laws["eq3"](*(from_sx(p) for p in (right_0, right, left_0, left)))
+    turn = to_sx(laws["eq4"](from_sx(right_0), from_sx(left_0), d_R, d_L, Z)[0])
     d = drag.scale * ((right + left) - (right_0 + left_0)) / 2
     rho = at_0[3] - turn
     along = d[0] * ca.cos(rho) - d[1] * ca.sin(rho)  # the axes of pan and tilt do not roll with the picture

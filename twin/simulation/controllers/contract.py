@@ -10,6 +10,9 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.simulation.controllers.teleoperation import Teleoperation
 
+_DISTANCE, _HOLD = 0.03, 4.0
+"""Displacement of the handle, in the unit of its coordinates; duration in s of each step of the test."""
+
 
 @dataclass(frozen=True)
 class ClutchReport:
@@ -34,18 +37,18 @@ def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) ->
     return np.array(out)
 
 
-def clutch(make: Callable[[], Teleoperation], distance: float = 0.03, hold: float = 4.0) -> ClutchReport:
-    """Test the clutch: press, release, move the handle by `distance`, press again; each step lasts `hold` s.
+def clutch(make: Callable[[], Teleoperation]) -> ClutchReport:
+    """Test the clutch: press, release, move the handle by `_DISTANCE`, press again; each step lasts `_HOLD`.
 
     The controller passes if the tool does not move after the second press.
     """
     controller = make()
-    n, ticks = len(controller.offset), round(hold / controller.dt)
+    n, ticks = len(controller.offset), round(_HOLD / controller.dt)
     away = np.zeros(n)
-    away[0] = distance
+    away[0] = _DISTANCE
     phases = ((np.zeros(n), True), (np.zeros(n), False), (away, False), (away, True))
     handle = np.concatenate([np.tile(x, (ticks, 1)) for x, _ in phases])
     pedal = np.concatenate([np.full(ticks, p) for _, p in phases])
     tool = play(controller, handle, pedal, np.zeros(n))
     jump = float(np.linalg.norm(tool[-1] - tool[3 * ticks]))
-    return ClutchReport(distance, jump, jump <= 1e-9 * distance)
+    return ClutchReport(_DISTANCE, jump, jump <= 1e-9 * _DISTANCE)

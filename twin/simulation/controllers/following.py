@@ -189,9 +189,6 @@ class HandToPose(Block):
         *,
         view: Array | str,
         dt: float = 1e-3,
-        aligns: bool = False,
-        start: Start | None = None,
-        pace: Pace | None = None,
         plans: bool = False,
     ) -> None:
         """Start with the first arm.
@@ -204,9 +201,6 @@ class HandToPose(Block):
             T_view_hand: (4, 4) pose of {H} in the frame of the picture.
             view: (4, 4) frame of the picture in the World, or the name of the camera that writes this frame.
             dt: duration of one tick in s.
-            aligns: see `Following`.
-            start: see `Following`.
-            pace: see `Following`.
             plans: whether a device writes planned motions of the arms.
 
         Raises:
@@ -217,7 +211,7 @@ class HandToPose(Block):
         self.hand, self.device, self.arms, self.view = hand, device, tuple(arms), view
         self._T_view_hand, self._T_base_world = T_view_hand, [spatial.inverse(a.T_world_base) for a in arms]
         self._tools = [a.kin.forward(x) for a, x in zip(arms, q, strict=True)]
-        self._laws = [Following(T, dt, aligns=aligns, start=start, pace=pace) for T in self._tools]
+        self._laws = [Following(T, dt) for T in self._tools]
         self._view: tuple[bytes, list[Array]] = b"", []
         self._direct, self._plans, self._states = False, plans, [OFF] * len(self.arms)
         self.outputs = {f"{a.robot}.goal": T.ravel() for a, T in zip(arms, self._tools, strict=True)}

@@ -14,7 +14,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.flow import attach
 from twin.kinematics import Kinematics
-from twin.simulation.controllers.console import Console, console
+from twin.simulation.controllers.console import console
 from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, Surface, hand_force
 from twin.simulation.controllers.passive import require_passive
 from twin.simulation.limits import Limits
@@ -80,8 +80,6 @@ class HapticHand(Block):
         objects: Sequence[str] = (),
         surface: Surface | None = None,
         dt: float = 1e-3,
-        laws: Console | None = None,
-        bounds: bool = True,
     ) -> None:
         """Compile the force law of each arm.
 
@@ -94,21 +92,17 @@ class HapticHand(Block):
             objects: names of objects whose grasp causes a pulse of the force.
             surface: parameters of the forces; None: the defaults.
             dt: duration of a tick in s.
-            laws: equations of the console; None: the correct reading.
-            bounds: whether the observed energy limits the force; without this limit, the force may feed energy to the
-                hand.
 
         Raises:
             WorldError: a parameter of the surface is out of range, or the surface is not passive on the device.
         """
         self.surface = surface or Surface()
         s = self.surface
-        if bounds:
-            require_passive(s.stiffness, s.damping, s.largest, s.device_damping, dt)
+        require_passive(s.stiffness, s.damping, s.largest, s.device_damping, dt)
         self._arms, self._objects, self._sources = tuple(arms), tuple(objects), tuple(sources)
         self._hand, self._device, self._camera = hand, device, camera
-        law = laws or console()
-        self._laws = [hand_force(law, s, a.limits, ~a.kin.auxiliary, len(sources), dt, bounds) for a in arms]
+        law = console()
+        self._laws = [hand_force(law, s, a.limits, ~a.kin.auxiliary, len(sources), dt, True) for a in arms]
         self._state, self._pulse = np.zeros(STATE), np.zeros(3)
         self._tools = [np.zeros(16) for _ in arms]
         self._seen = [b""] * len(arms)

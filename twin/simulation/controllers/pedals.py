@@ -26,9 +26,9 @@ class Pedals(Block):
     the camera rests, because its arm is among the obstacles. The camera can move while the hand moves the target.
     """
 
-    def __init__(self, device: str, tap: float = TAP, planned: Sequence[str] = ()) -> None:
+    def __init__(self, device: str, planned: Sequence[str] = ()) -> None:
         """Connect to the pedals of a device; both pedals start released."""
-        self.tap, self._planned = tap, tuple(planned)
+        self._planned = tuple(planned)
         self._clutch, self._camera, self._silent = (f"{device}.{n}" for n in ("clutch", "camera", "silent"))
         self._taps = 0
         self._since: float | None = None  # time in s at which the clutch was pressed; infinity: unknown
@@ -51,7 +51,7 @@ class Pedals(Block):
         elif clutch:
             self._since = t if self._since is None else self._since
         elif self._since is not None:
-            self._taps += 0 <= t - self._since <= self.tap + 1e-9
+            self._taps += 0 <= t - self._since <= TAP + 1e-9
             self._since = None
         self._mode[0] = FREE if clutch or silent else CAMERA if camera and not self._rests() else TOOLS
         self._count[0] = self._taps

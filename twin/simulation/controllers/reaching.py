@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.formula.flow import attach
 from twin.kinematics import Kinematics
 from twin.kinematics.compiled import POSE_TOL
-from twin.simulation.controllers.velocity import Solver, step
+from twin.simulation.controllers.velocity import step
 from twin.simulation.limits import Limits
 from twin.simulation.world import Block, Signals
 
@@ -31,10 +31,9 @@ class PoseToJoints(Block):
     without this signal, the joint is at rest.
     """
 
-    def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits, solver: Solver = "damped") -> None:
+    def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits) -> None:
         """Start at joint values q (n,)."""
         self.robot, self.kin, self.limits = robot, kin, limits
-        self.solver: Solver = solver
         self._T = kin.forward(q)
         self._command, self._auxiliary = f"{robot}.command", np.flatnonzero(kin.auxiliary)
         self._near = _near_inverse(kin, limits) if kin.closed_inverse else None
@@ -66,7 +65,7 @@ class PoseToJoints(Block):
                 return
         if not self.kin.closed_forward:
             self._T = self.kin.forward(q, self._T)
-        command = step(self.kin, q, goal.reshape(4, 4), dt, self.limits, self.solver, seed=self._T).q
+        command = step(self.kin, q, goal.reshape(4, 4), dt, self.limits, seed=self._T).q
         command[self._auxiliary] = auxiliary
         self._out[...] = command
 

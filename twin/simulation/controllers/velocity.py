@@ -69,7 +69,6 @@ def step(
     dt: float,
     limits: Limits,
     solver: Solver = "damped",
-    gain: float = 1.0,
     seed: Array | None = None,
 ) -> Step:
     """Return the joint values after one step towards a desired pose.
@@ -81,7 +80,6 @@ def step(
         dt: duration of the step in s.
         limits: limits of the joints.
         solver: "slsqp" as in the paper, or "damped" least squares.
-        gain: fraction of the error to correct in this step, in (0, 1].
         seed: (4, 4) pose near the current one, which makes iterative forward equations a thousand times faster; None:
             no seed.
 
@@ -94,7 +92,7 @@ def step(
     weight = np.array([1.0, 1.0, 1.0, *3 * [kin.characteristic_length]])
     T = kin.forward(q, seed)
     J = weight[:, None] * (kin.jacobian(q=q) if kin.closed_forward else kin.jacobian(T))
-    e = gain * weight * pose_error(T, T_desired)
+    e = weight * pose_error(T, T_desired)
     lower, upper = limits.steps(q, dt)
     # Columns in m of tool motion, so that lengths and angles are damped equally.
     scale = np.where(kin.revolute, 1.0 / kin.characteristic_length, 1.0)

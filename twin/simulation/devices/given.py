@@ -57,7 +57,6 @@ class GivenHands(Block):
         hands: Sequence[str] = ("right", "left"),
         scale: float = 0.5,
         patience: float = 0.25,
-        haptics: bool = True,
         settings: Mapping[str, float] | None = None,
     ) -> None:
         """Prepare to receive states.
@@ -67,7 +66,6 @@ class GivenHands(Block):
             hands: names of the right and the left hand.
             scale: value of `<device>.scale` until `rescale` is called.
             patience: time in s without a state after which a hand counts as silent.
-            haptics: value of `<device>.haptics` until `feel` is called.
             settings: further signals with their values until `set` is called, such as chosen tools.
 
         Raises:
@@ -79,7 +77,7 @@ class GivenHands(Block):
         self._new: list[HandState] = []
         self._last: list[HandState | None] = [None, None]
         self._heard, self._lost, self._ignored, self._scale = [-math.inf] * 2, [0, 0], 0, scale
-        self._left, self._haptics = False, haptics
+        self._left, self._haptics = False, True
         self._settings = dict(settings or {})
         self.outputs = self._signals(0.0)
 

@@ -22,9 +22,11 @@ from twin.simulation.world import Block, Signals
 _STALLED = 12
 """Number of strokes (single hand motions) without progress after which the operator gives up."""
 
-
 _BLOCK = 256
 """Number of outputs of a tremor that are computed together, which is ten times as fast as one by one."""
+
+_LINES = 24
+"""Number of sines of a tremor."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +66,13 @@ def minimum_jerk(s: Array) -> Array:
 
 
 class Tremor:
-    """Tremor in m: sum of `lines` sines with random phases, in the frequency band of the hand."""
+    """Tremor in m: sum of sines with random phases, in the frequency band of the hand."""
 
-    def __init__(self, rng: np.random.Generator, hand: Hand, period: float, lines: int = 24) -> None:
+    def __init__(self, rng: np.random.Generator, hand: Hand, period: float) -> None:
         """Draw frequencies and phases; `period` is the time in s between two outputs."""
-        self._rate = 2 * np.pi * rng.uniform(*hand.tremor_band, (lines, 3))
-        self._phase = rng.uniform(0, 2 * np.pi, (lines, 3))
-        self._amplitude = hand.tremor * np.sqrt(2 / lines / 3)
+        self._rate = 2 * np.pi * rng.uniform(*hand.tremor_band, (_LINES, 3))
+        self._phase = rng.uniform(0, 2 * np.pi, (_LINES, 3))
+        self._amplitude = hand.tremor * np.sqrt(2 / _LINES / 3)
         self._period, self._first, self._next = period, -_BLOCK, np.zeros((_BLOCK, 3))
 
     def at(self, t: Array) -> Array:
@@ -103,7 +105,6 @@ class ScriptedHand(Block):
         scale: ArrayLike,
         period: float,
         seed: int = 0,
-        hand: Hand | None = None,
         progress: Callable[[str, float], None] | None = None,
     ) -> None:
         """Connect to a robot.
@@ -115,14 +116,13 @@ class ScriptedHand(Block):
             scale: tool motion divided by handle motion, as assumed by the operator; (n,) or one number.
             period: time in s between two outputs.
             seed: seed of tremor and errors.
-            hand: parameters of the hand motion; None: the defaults.
             progress: called with the name of each goal and the fraction of goals done.
 
         Raises:
             KinematicsError: a goal pose cannot be expressed in the robot's coordinates.
         """
         self.robot, self.kin, self.goals, self.period = robot, kin, goals, period
-        self.hand, self._rng = hand or Hand(), np.random.default_rng(seed)
+        self.hand, self._rng = Hand(), np.random.default_rng(seed)
         self._shake = Tremor(self._rng, self.hand, period)
         self._progress = progress or (lambda name, part: None)
         units = kin.formula.coordinates.units

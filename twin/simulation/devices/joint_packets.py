@@ -80,7 +80,7 @@ class JointPackets:
         reason: why the last refused packet was refused.
     """
 
-    def __init__(self, port: int, n: int, host: str = HOST) -> None:
+    def __init__(self, port: int, n: int) -> None:
         """Open a port (0: any free one) for the packets of a machine of n joints.
 
         Raises:
@@ -88,10 +88,10 @@ class JointPackets:
         """
         self._socket, self._n = socket.socket(type=socket.SOCK_DGRAM), n
         try:
-            self._socket.bind((host, port))
+            self._socket.bind((HOST, port))
         except OSError as error:
             self._socket.close()
-            raise DeviceError(f"UDP port {port} of {host}: {error.strerror}; give another port") from error
+            raise DeviceError(f"UDP port {port} of {HOST}: {error.strerror}; give another port") from error
         self._socket.setblocking(False)
         self.port = int(self._socket.getsockname()[1])
         self.accepted = self.refused = 0

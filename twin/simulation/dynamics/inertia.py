@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -30,7 +30,7 @@ from twin.core.units import DEG
 from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
-from twin.schema import Identifier, Origin, Table, Vector, at, error_at, load_toml
+from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, Vector, at, error_at, load_toml
 
 NAME = "inertia.toml"
 """Name of the inertia file in a robot's CAD folder."""
@@ -43,30 +43,22 @@ _UNITS = {"rotor": ("kg m2", "kg"), "friction": ("N m s/rad", "N s/m"), "torque"
 
 _PRODUCTS = (".xx", ".yy", ".zz", ".xy", ".xz", ".yz")
 
-_Positive = Annotated[float, Field(gt=0)]
-_NotNegative = Annotated[float, Field(ge=0)]
 
-
-class _Cited(Table):
-    provenance: Origin
-    note: str = Field(min_length=1)
-
-
-class Mass(_Cited):
+class Mass(Sourced):
     """A mass with its unit and provenance."""
 
-    value: _Positive
+    value: Positive
     unit: Literal["kg"]
 
 
-class Centre(_Cited):
+class Centre(Sourced):
     """Mass centre in the link frame."""
 
     value: Vector
     unit: Literal["m"]
 
 
-class Tensor(_Cited):
+class Tensor(Sourced):
     """Inertia about the mass centre in the axes of the link frame: xx, yy, zz, and optionally xy, xz, yz.
 
     Products that are not given are zero; a product xy is the element (x, y) of the tensor, with its sign.
@@ -76,24 +68,24 @@ class Tensor(_Cited):
     unit: Literal["kg m2"]
 
 
-class Rotor(_Cited):
+class Rotor(Sourced):
     """Inertia of the motor's rotor as it acts at the link: rotor inertia times the square of the gear ratio."""
 
-    value: _NotNegative
+    value: NotNegative
     unit: Literal["kg m2", "kg"]
 
 
-class Friction(_Cited):
+class Friction(Sourced):
     """Viscous friction."""
 
-    value: _NotNegative
+    value: NotNegative
     unit: Literal["N m s/rad", "N s/m"]
 
 
-class Effort(_Cited):
+class Effort(Sourced):
     """Largest torque or force at the link."""
 
-    value: _Positive
+    value: Positive
     unit: Literal["N m", "N"]
 
 

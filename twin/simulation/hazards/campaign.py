@@ -13,7 +13,7 @@ from pydantic import Field
 from twin.core.errors import DescriptionError, unknown
 from twin.core.provenance import Parameter
 from twin.core.units import MM
-from twin.schema import Origin, Table, error_at, load_toml
+from twin.schema import NotNegative, Origin, Positive, Table, error_at, load_toml
 from twin.simulation.hazards import trainee
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault, Operation
@@ -21,7 +21,6 @@ from twin.simulation.hazards.trainee import Reaction, Response
 from twin.simulation.machine.machine import LOSABLE
 
 _Range = tuple[float, float]
-_Positive = Annotated[float, Field(gt=0)]
 _Count = Annotated[int, Field(gt=0)]
 
 Signal = Literal["wire", "packet", "usb", "encoder", "level", "tool", "joints", "dac"]
@@ -34,8 +33,8 @@ FREE = "none"
 class Quantity(Table):
     """A number with its spread (standard deviation) and provenance."""
 
-    value: _Positive
-    spread: Annotated[float, Field(ge=0)] = 0.0
+    value: Positive
+    spread: NotNegative = 0.0
     provenance: Origin
     note: str = Field(min_length=1)
 
@@ -109,8 +108,8 @@ class CampaignTable(Table):
     faults: Annotated[int, Field(ge=0)]
     free: Annotated[int, Field(ge=0)]
     trained: Annotated[int, Field(ge=0)]
-    mass: tuple[_Positive, _Positive]
-    friction: tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]
+    mass: tuple[Positive, Positive]
+    friction: tuple[NotNegative, NotNegative]
     lead: _Count
     scales: list[Annotated[float, Field(gt=0, le=1)]] = Field(min_length=1)
     trainee: TraineeTable

@@ -11,7 +11,6 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from twin.core.errors import DeviceError
@@ -69,14 +68,14 @@ class StateReader:
         problem: reason why no more states are read; "": states are read.
     """
 
-    def __init__(self, host: str, port: int, n: int, arrived: Callable[[State], object] = lambda state: None) -> None:
-        """Connect to the states of a machine of n joints; the reader's thread calls `arrived` with each state.
+    def __init__(self, host: str, port: int, n: int) -> None:
+        """Connect to the states of a machine of n joints.
 
         Raises:
             DeviceError: nothing answers at this address.
         """
         self.newest: State | None = None
-        self.problem, self._where, self._n, self._arrived = "", f"{host}:{port}", n, arrived
+        self.problem, self._where, self._n = "", f"{host}:{port}", n
         self._heard = time.monotonic()
         try:
             self._socket = socket.create_connection((host, port), _CONNECT)
@@ -132,7 +131,6 @@ class StateReader:
                 f"(tick {state.tick}): connect again"
             )
         self.newest, self._heard = state, time.monotonic()
-        self._arrived(state)
 
 
 class MachineLink:

@@ -12,28 +12,21 @@ from twin.core.errors import DescriptionError, unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
-from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
+from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, Vector, error_at, load_toml
 
 NAME = "machine.toml"
 """Name of the machine file in a robot's CAD folder."""
 
-_Positive = Annotated[float, Field(gt=0)]
-_NotNegative = Annotated[float, Field(ge=0)]
 _Unit = Literal["1", "count", "s", "Hz", "rad", "rad/s"]
 
 Mode = Literal["advanced", "moderate", "beginner"]
 Policy = Literal["none", "soft", "hard"]
 
 
-class _Cited(Table):
-    provenance: Origin
-    note: str = Field(min_length=1)
-
-
-class Number(_Cited):
+class Number(Sourced):
     """A number with its unit and provenance."""
 
-    value: _Positive
+    value: Positive
     unit: _Unit
 
 
@@ -70,9 +63,9 @@ class Numbers(Table):
 class Limits(Table):
     """Largest counts of the DAC, by the skill of the operator."""
 
-    advanced: _Positive
-    moderate: _Positive
-    beginner: _Positive
+    advanced: Positive
+    moderate: Positive
+    beginner: Positive
 
 
 class Released(Table):
@@ -92,34 +85,34 @@ class Released(Table):
     whole_counts: bool = False
 
 
-class Motor(_Cited):
+class Motor(Sourced):
     """A motor: torque constant in N m/A at the rotor, counts of the DAC per A, gear ratio, gains behind the gear."""
 
     name: Identifier
-    torque_per_amp: _Positive
-    counts_per_amp: _Positive
+    torque_per_amp: Positive
+    counts_per_amp: Positive
     dac: Limits
-    gear: _Positive
-    kp: _NotNegative
-    kd: _NotNegative
-    ki: _NotNegative
+    gear: Positive
+    kp: NotNegative
+    kd: NotNegative
+    ki: NotNegative
 
 
-class JointFriction(_Cited):
+class JointFriction(Sourced):
     """Coulomb friction of a joint, and the maximum effort of its brake; 0: no brake."""
 
     name: Identifier
-    coulomb: _NotNegative
-    brake: _NotNegative
+    coulomb: NotNegative
+    brake: NotNegative
     unit: Literal["N m", "N"]
 
 
-class PointMass(_Cited):
+class PointMass(Sourced):
     """A point mass of the gravity compensation: mass in kg; position in m in a frame of the body that `joint` moves."""
 
     joint: Identifier
     frame: Identifier
-    mass: _NotNegative
+    mass: NotNegative
     centre: Vector
 
 

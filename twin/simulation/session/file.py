@@ -25,7 +25,7 @@ from pydantic import Field, ValidationError
 from twin.core.errors import OutputError, WorldError
 from twin.core.spatial import Array
 from twin.core.version import __version__
-from twin.schema import Identifier, Table
+from twin.schema import Identifier, Table, first_mistake
 from twin.simulation.condition import Condition
 from twin.simulation.world.recording import SignalTable
 from twin.simulation.world.signals import columns
@@ -275,9 +275,8 @@ def _head(path: Path, line: bytes) -> Head:
     try:
         start = Head.model_validate_json(line)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"])) or "first line"
-        raise WorldError(f"{path}: not a twin-session file of version 1: {where}: {first['msg']}") from None
+        where, what = first_mistake(error)
+        raise WorldError(f"{path}: not a twin-session file of version 1: {where or 'first line'}: {what}") from None
     own, all_signals = sizes(start.device), sizes(start.world)
     if len(own) < len(start.device) or len(all_signals) < len(start.world):
         raise WorldError(f"{path}: two signals have the same name")

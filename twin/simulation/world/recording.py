@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError
 from twin.core import assets
 from twin.core.errors import WorldError, unknown
 from twin.core.spatial import Array
-from twin.schema import Table
+from twin.schema import Table, first_mistake
 from twin.simulation.world.signals import NAME, columns
 
 _LONGEST_HEAD = 1_000_000
@@ -122,9 +122,8 @@ def read_recording(path: Path) -> Recording:
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "first line"
-        raise WorldError(f"{path}: not a twin-world file of version 1: {where}: {first['msg']}") from None
+        where, what = first_mistake(error)
+        raise WorldError(f"{path}: not a twin-world file of version 1: {where or 'first line'}: {what}") from None
     if hashlib.sha256(body).hexdigest() != head.sha256:
         raise WorldError(f"{path}: the rows of the file have changed since the file was written")
     return Recording(head.dt, sizes, np.frombuffer(body, "<f8").reshape(head.ticks, sum(sizes.values())).astype(float))

@@ -20,6 +20,7 @@ from pydantic_core import from_json
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
+from twin.schema import first_mistake
 
 ALONE, VERSION = 1, 2
 """Protocol version in `hello`: 1 for one robot; 2 for several robots, or with deformables (fields)."""
@@ -436,9 +437,8 @@ def parse(text: str | bytes) -> Message:
     try:
         return _ADAPTER.validate_json(text)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False, include_context=False)[0]
-        where = ".".join(str(p) for p in first["loc"])
-        raise RefusedError("invalid", f"{where + ': ' if where else ''}{first['msg']}"[:300], _id(text)) from None
+        where, what = first_mistake(error)
+        raise RefusedError("invalid", f"{where + ': ' if where else ''}{what}"[:300], _id(text)) from None
 
 
 def _id(text: str) -> int | str | None:

@@ -18,7 +18,7 @@ from pydantic_core import from_json, to_json
 from twin.core.assets import atomic_folder
 from twin.core.errors import TwinError
 from twin.core.foreign.text import read_text
-from twin.schema import Table
+from twin.schema import Table, first_mistake
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import unpack_scene
@@ -177,9 +177,8 @@ class Replay:
         except (OSError, UnicodeDecodeError) as error:
             raise TwinError(f"{path}: cannot be read as a session: {error}") from error
         except ValidationError as error:
-            first = error.errors(include_url=False, include_input=False)[0]
-            where = ".".join(map(str, first["loc"]))
-            raise TwinError(f"{path}: {where}: {first['msg']}; give a file written by --record") from error
+            where, what = first_mistake(error)
+            raise TwinError(f"{path}: {where}: {what}; give a file written by --record") from error
         if (file.robot, file.model_hash) != (robot, model_hash):
             what = f"of '{file.robot}'" if file.robot != robot else "of an earlier version of the robot"
             raise TwinError(f"{path}: the session is {what}, not of the present '{robot}': record it again")

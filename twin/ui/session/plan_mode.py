@@ -21,8 +21,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.jobs import Stream
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
-from twin.model.mechanism import Joint
+from twin.core.units import DEG, MM, display_unit
 from twin.model.scene import Scene
 from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.planned import OFF
@@ -207,7 +206,7 @@ class PlanMode:
             k = int(np.argmax(np.abs(by)))
             if abs(by[k]) > _MOVED:
                 joint = self._members[name].mechanism.active[k]
-                unit, text = _unit(joint)
+                text, unit = display_unit(joint.is_angle)
                 raise TwinError(
                     f"{name} has moved since the plan: {joint.name} by {abs(by[k]) / unit:.2g} {text} "
                     f"(limit {_MOVED / unit:.2g} {text}); plan again"
@@ -348,7 +347,7 @@ class PlanMode:
             for joint, x in zip(mechanism.active, q, strict=True):
                 low, high = joint.limits or (-np.inf, np.inf)
                 if not low <= x <= high:
-                    unit, text = _unit(joint)
+                    text, unit = display_unit(joint.is_angle)
                     within = f"{low / unit:.4g} to {high / unit:.4g} {text}"
                     return f"The target needs {joint.name} = {x / unit:.4g} {text} (limits {within}){stays}"
             self.ghost = self._links(q)
@@ -420,10 +419,6 @@ class PlanMode:
             "ready": self.ready,
             "done": round(self.done, 2),
         }
-
-
-def _unit(joint: Joint) -> tuple[float, str]:
-    return (DEG, "deg") if joint.is_angle else (MM, "mm")
 
 
 def _near(T: Array, other: Array, length: float, angle: float) -> bool:

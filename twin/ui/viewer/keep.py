@@ -71,9 +71,7 @@ def save_posture(description: Path, name: str, values: Mapping[str, float], *, r
     rewrite(description, [("posture", name, shown)], check)
 
 
-def append_phase(
-    protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Array, *, note: str = "chosen by hand in the viewer"
-) -> None:
+def append_phase(protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Array) -> None:
     """Add a waypoint and a last phase of type "positioning", which moves there, to a protocol; both are named `name`.
 
     Args:
@@ -81,7 +79,6 @@ def append_phase(
         name: identifier of the waypoint and of the phase.
         T_base_tool: target pose (4, 4) of the tool.
         T_tool_frame: pose (4, 4), in the tool frame, of the frame that the protocol moves (`Mechanism.frame_in_tool`).
-        note: reason for the waypoint, written into the file.
 
     Raises:
         DescriptionError: the name exists or is not an identifier, the instrument is still in the patient at the
@@ -108,7 +105,7 @@ def append_phase(
         "position_mm": _rounded((T @ T_tool_frame)[:3, 3] / MM, "mm"),
         "angles_deg": _rounded(angles_of(T[:3, :3], p.rotation, _last_angles(p)) / DEG, "deg"),
         "provenance": "ASSUMED",
-        "note": note,
+        "note": "chosen by hand in the viewer",
     }
     phase = {"name": name, "type": "positioning", "to": name}
 

@@ -14,6 +14,7 @@ import numpy as np
 from twin.cad.build import CadModel
 from twin.core.errors import TwinError
 from twin.core.findings import Verdict
+from twin.core.units import display_unit
 from twin.formula.contract import Formula
 from twin.formula.flow import choose
 from twin.kinematics import compile_formula
@@ -25,7 +26,7 @@ from twin.validation.explain.coverage import coverage, margins
 from twin.validation.explain.drawing import correct
 from twin.validation.explain.heldout import held_out
 from twin.validation.explain.identify import identify
-from twin.validation.explain.invariants import invariants, unit
+from twin.validation.explain.invariants import invariants
 from twin.validation.explain.judge import Judge, Place, Tolerance
 from twin.validation.explain.repair import Search
 from twin.validation.explain.result import (
@@ -297,7 +298,7 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
 def _unit(judge: Judge, symbol: str) -> tuple[str, float]:
     """Return the display unit of a symbol's residuals, and the tolerance of the symbol in this unit."""
     kind = judge.truth.kinds[symbol]
-    name, scale = unit(kind)
+    name, scale = display_unit(kind == "angle")
     return name, (judge.tolerance.angle if kind == "angle" else judge.tolerance.length) / scale
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from twin.core.findings import Finding, Kind, disagreement
 from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM, decimals
+from twin.core.units import MM, decimals
 from twin.model.joint import Joint
 from twin.reference import ReferenceModel
 from twin.validation.explain.judge import Judge, Place, worst
@@ -287,8 +287,3 @@ def _scaled(judge: Judge) -> Truth:
         elif kind == "length" or name in lengths:
             symbols[name] = value * _SCALE
     return replace(truth, symbols=symbols)
-
-
-def unit(kind: str) -> tuple[str, float]:
-    """Return (display unit for residuals of a kind, size of this unit in SI)."""
-    return ("deg", DEG) if kind == "angle" else ("mm", MM)

@@ -10,8 +10,8 @@ from pydantic import Field
 
 from twin.core.provenance import Parameter
 from twin.core.units import MM
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Positive, Walk
-from twin.schema import Identifier
+from twin.planning.protocol.phase import PhaseTable, Reaching, Walk
+from twin.schema import Identifier, Positive
 
 
 class FreeTable(PhaseTable):
@@ -57,7 +57,7 @@ class FreeTable(PhaseTable):
 
 
 @dataclass(frozen=True)
-class Free(Phase):
+class Free(Reaching):
     """Move the driven joints to the waypoint `to`, with a `clearance` in m to obstacles and between the robot's bodies.
 
     `seed` is the seed of the random search. `scene` is the name or path of the scene with the obstacles, or "" for the
@@ -65,7 +65,6 @@ class Free(Phase):
     improved with at most `samples` samples.
     """
 
-    to: str
     clearance: float
     seed: int = 0
     scene: str = ""
@@ -73,10 +72,6 @@ class Free(Phase):
     samples: int = 0
     type: ClassVar[str] = "free"
     by_joints: ClassVar[bool] = True
-
-    def end_after(self, at: Begin) -> End:
-        """Return the state at the end of the phase: the robot is at the waypoint `to`."""
-        return End(*at.pose(self.to), at.rcm, self.to)
 
     def parameters(self) -> Iterator[Parameter]:
         """Yield the required clearance, with its provenance."""

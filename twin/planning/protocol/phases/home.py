@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.planning.protocol.phase import PhaseTable, Reaching, Walk
 
 
 class HomeTable(PhaseTable):
@@ -26,14 +26,9 @@ class HomeTable(PhaseTable):
 
 
 @dataclass(frozen=True)
-class Home(Phase):
+class Home(Reaching):
     """Move to the home waypoint `to` on a straight line, or by the driven joints if the waypoint has joint values."""
 
-    to: str
     type: ClassVar[str] = "home"
     places: ClassVar[bool] = True
     by_joints: ClassVar[bool] = True
-
-    def end_after(self, at: Begin) -> End:
-        """Return the state at the end of the phase: the robot is at the waypoint `to`."""
-        return End(*at.pose(self.to), at.rcm, self.to)

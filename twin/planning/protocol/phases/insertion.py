@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from twin.core.units import MM
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Positive, Trocar, Walk
-from twin.schema import Identifier
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Trocar, Walk
+from twin.schema import Identifier, Positive
 
 
 class InsertionTable(PhaseTable):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.planning.protocol.phase import PhaseTable, Reaching, Walk
 from twin.schema import Identifier
 
 
@@ -28,13 +28,8 @@ class JointsTable(PhaseTable):
 
 
 @dataclass(frozen=True)
-class Joints(Phase):
+class Joints(Reaching):
     """Move the driven joints synchronously to the joint values of the waypoint `to`."""
 
-    to: str
     type: ClassVar[str] = "joints"
     by_joints: ClassVar[bool] = True
-
-    def end_after(self, at: Begin) -> End:
-        """Return the state at the end: the waypoint, whose pose follows from the mechanism."""
-        return End(*at.pose(self.to), at.rcm, self.to)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.planning.protocol.phase import PhaseTable, Reaching, Walk
 from twin.schema import Identifier
 
 
@@ -28,13 +28,8 @@ class PositioningTable(PhaseTable):
 
 
 @dataclass(frozen=True)
-class Positioning(Phase):
+class Positioning(Reaching):
     """Move straight to the waypoint `to`."""
 
-    to: str
     type: ClassVar[str] = "positioning"
     places: ClassVar[bool] = True
-
-    def end_after(self, at: Begin) -> End:
-        """Return the state at the end of the phase: the robot is at the waypoint `to`."""
-        return End(*at.pose(self.to), at.rcm, self.to)

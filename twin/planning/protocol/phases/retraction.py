@@ -7,7 +7,8 @@ from typing import ClassVar, Literal
 
 from twin.core import spatial
 from twin.core.units import MM
-from twin.planning.protocol.phase import Begin, Depth, End, Phase, PhaseTable, Trocar, Walk
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Trocar, Walk
+from twin.schema import NotNegative
 
 _DEEPER = 1e-9
 """Tolerance in m for a final depth that exceeds the initial depth."""
@@ -17,7 +18,7 @@ class RetractionTable(PhaseTable):
     """Move straight back along the shaft to the depth `depth_mm`."""
 
     type: Literal["retraction"]
-    depth_mm: Depth = 0.0
+    depth_mm: NotNegative = 0.0
     trocar: Trocar = None
 
     rank: ClassVar[int] = 6

@@ -14,8 +14,8 @@ from twin.core.errors import TwinError
 from twin.core.foreign.text import read_text
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.planning.protocol.phase import Begin, Depth, End, Phase, PhaseTable, Walk
-from twin.schema import Identifier
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.schema import Identifier, NotNegative
 
 _TIME = "t_s"
 _ROUNDING = 1e-9
@@ -35,7 +35,7 @@ class SamplesTable(PhaseTable):
         ),
     ]
     to: Annotated[Identifier | None, Field(description="the waypoint with joint values at the end of the phase")] = None
-    from_s: Annotated[Depth, Field(description="first used time in the file")] = 0.0
+    from_s: Annotated[NotNegative, Field(description="first used time in the file")] = 0.0
     to_s: Annotated[float | None, Field(gt=0, description="last used time in the file; default: the last one")] = None
 
     rank: ClassVar[int] = 9
