@@ -100,15 +100,17 @@ def test_a_robot_at_rest_needs_no_waypoint_at_the_end(made, tmp_path):
         (None, "moved.csv is no table of samples"),
         ("", "the first line must be t_s,NAME_deg"),
         ("time,q0_deg\n0,1\n1,2\n", "the first line must be t_s,NAME_deg"),
-        ("t_s,q0\n0,1\n1,2\n", "column 'q0' has no unit: write NAME_deg or NAME_mm"),
-        ("t_s,q0_deg,q0_deg\n0,1,1\n1,2,2\n", "column 'q0_deg' is given twice"),
+        ("t_s,q0\n0,1\n1,2\n", "column 'q0' is no joint with its unit: write NAME_deg or NAME_mm"),
+        ("t_s,_deg\n0,1\n1,2\n", "column '_deg' is no joint with its unit"),
+        ("t_s,q0_deg,q0_mm\n0,1,1\n1,2,2\n", "joint 'q0' has two columns"),
+        ("t_s,q0_deg,q0_deg\n0,1,1\n1,2,2\n", "joint 'q0' has two columns"),
         ("t_s,q0_deg\n0,1\n1\n", "row 2 must have 2 finite numbers"),
         ("t_s,q0_deg\n0,1\n1,nan\n", "row 2 must have 2 finite numbers"),
         ("t_s,q0_deg\n0,one\n1,2\n", "could not convert string to float"),
         ("t_s,q0_deg\n0,1\n0,2\n", "t_s must increase from row to row"),
         ("t_s,q0_deg\n0,1\n", "t_s must increase from row to row, over at least two rows"),
         ("t_s,q0_deg\n0,1\n0.1,2\n", "samples from 0 to 0.1 s, none at"),
-        ("t_s,q0_deg\n2,1\n3,2\n", "samples from 2 to 3 s, but fewer than two of them"),
+        ("t_s,q0_deg\n2,1\n3,2\n", "moved.csv has no sample at 0.494 s; the nearest ones: 2, 3 s"),
     ],
 )
 def test_a_wrong_table_is_named_with_the_line_of_the_protocol(made, tmp_path, text, message):
@@ -139,3 +141,28 @@ def test_samples_that_do_not_fit_the_robot_are_named(made, tmp_path, name, q0, m
     whole = replace(protocol, phases=protocol.phases[:1])
     with pytest.raises(ProtocolError, match=rf"over: phase 'to_w1' \(samples\).*{message}"):
         planned(whole, robot)
+
+
+@pytest.mark.parametrize(("key", "value"), [("from_s", 0.0005), ("to_s", 0.0105)])
+def test_a_bound_between_two_samples_is_refused(made, key, value):
+    """The motion would begin or end elsewhere than the phase."""
+    file, lines = made[2], made[2].read_text(encoding="utf-8").splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith(f"{key} = "))
+    lines[at] = f"{key} = {value}"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(
+        DescriptionError, match=rf"phases\[0\]\.{key}: moved\.csv has no sample at {value} s; the nearest"
+    ):
+        load_protocol(file)
+
+
+def test_samples_are_in_the_folder_of_their_protocol(made, tmp_path):
+    file = made[2]
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("moved.csv", "../moved.csv"), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"phases\[0\]"):
+        load_protocol(file)
+    (tmp_path / "copy").mkdir()
+    copy = tmp_path / "copy" / file.name
+    copy.write_text(text, encoding="utf-8")
+    assert len(load_protocol(copy, folder=file.parent).phases) == 2

@@ -34,7 +34,7 @@ def faults(robot: api.Robot, protocol: Path, rng: np.random.Generator, count: in
             done = _MAKERS[kind](tomlkit.parse(text), rng)
             if done is None:
                 continue
-            fault = Fault("units", kind, done[0], protocol=_reader(protocol.name, done[1]))
+            fault = Fault("units", kind, done[0], protocol=_reader(protocol, done[1]))
         if fault.what not in seen:
             seen.add(fault.what)
             yield fault
@@ -43,11 +43,11 @@ def faults(robot: api.Robot, protocol: Path, rng: np.random.Generator, count: in
 Done = tuple[str, Any] | None
 
 
-def _reader(name: str, document: Any) -> Callable[[Path], Protocol]:
+def _reader(original: Path, document: Any) -> Callable[[Path], Protocol]:
     def read(folder: Path) -> Protocol:
-        path = folder / name
+        path = folder / original.name
         path.write_text(tomlkit.dumps(document), encoding="utf-8")
-        return load_protocol(path)
+        return load_protocol(path, folder=original.parent)
 
     return read
 

@@ -22,8 +22,13 @@ from twin.planning.protocol.waypoint import Waypoint, joint_values
 from twin.schema import error_at, load_toml
 
 
-def load_protocol(path: str | Path, read: Read = read_bytes) -> Protocol:
-    """Read the protocol in a TOML file; `read` returns the bytes of a file.
+def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None = None) -> Protocol:
+    """Read the protocol in a TOML file.
+
+    Args:
+        path: the TOML file.
+        read: returns the bytes of a file.
+        folder: folder of the files that phases name; default: that of the TOML file.
 
     Raises:
         DescriptionError: the file is invalid, or a phase cannot follow the phases before it; the message contains file,
@@ -35,7 +40,7 @@ def load_protocol(path: str | Path, read: Read = read_bytes) -> Protocol:
         n = np.linalg.norm(axis)
         hint = f"write {[round(float(x), 9) for x in axis / n]}" if n > 0 else "it is zero"
         raise error_at(path, ("shaft_axis",), f"the vector is not a unit vector: {hint}")
-    walk = _walked(table, path)
+    walk = _walked(table, path, Path(path).parent if folder is None else folder, read)
     protocol = Protocol(
         name=table.name,
         title=table.title,
@@ -97,10 +102,11 @@ def _patient(p: PatientTable) -> PatientPlace:
     return PatientPlace(p.body, p.port, p.turn_deg * DEG, tuple(p.replaces), p.provenance, p.note, p.trocar or "")
 
 
-def _walked(table: ProtocolTable, path: str | Path) -> Walk:
+def _walked(table: ProtocolTable, path: str | Path, folder: Path, read: Read) -> Walk:
     """Return the state after all phases, each checked against the phases before it."""
     home = table.home or table.start
-    walk = Walk(path, table.waypoints, tuple(table.trocars_mm), table.start, home, table.rcm_mm is not None)
+    trocars, inside = tuple(table.trocars_mm), table.rcm_mm is not None
+    walk = Walk(path, table.waypoints, trocars, table.start, home, inside, folder, read)
     for name, w in table.waypoints.items():
         if sum(given is not None for given in (w.position_mm, w.depth_mm, w.joints)) != 1:
             raise error_at(

@@ -15,6 +15,8 @@ import numpy as np
 from pydantic import Field
 
 from twin.core.errors import DescriptionError, ProtocolError, unknown
+from twin.core.foreign.once import Read
+from twin.core.foreign.text import read_text
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.planning.protocol.course import Course, Motion, RcmMode, RotationOrder
@@ -52,8 +54,22 @@ class Walk:
         start: str,
         home: str,
         inside: bool,
+        folder: Path,
+        read: Read,
     ) -> None:
-        """Begin at the waypoint `start` of the file at `path`; `inside`: whether an RCM is already registered."""
+        """Begin at the waypoint `start` of the file at `path`.
+
+        Args:
+            path: the file, for messages.
+            waypoints: waypoints by name.
+            trocars: names in [trocars_mm].
+            start: name of the waypoint at the start.
+            home: name of the waypoint of `home` phases.
+            inside: whether an RCM is already registered.
+            folder: folder of the files that phases name.
+            read: returns the bytes of a file.
+        """
+        self._folder, self._read = folder, read
         self._path, self._waypoints, self.trocars, self.home = path, waypoints, trocars, home
         self.inside, self.here, self.used = inside, start, {start, home}
         self._keys: tuple[Key, ...] = ()
@@ -81,7 +97,16 @@ class Walk:
 
     def beside(self, name: str) -> Path:
         """Return the path of a file in the folder of the protocol."""
-        return Path(self._path).parent / name
+        return self._folder / name
+
+    def text(self, path: Path, kind: str) -> str:
+        """Return the text of a file, of a kind of `core.foreign.budget`.
+
+        Raises:
+            OSError, UnicodeDecodeError: the file cannot be read.
+            BudgetError: the file is too large.
+        """
+        return read_text(path, kind, read=self._read)
 
     def wrong(self, key: Key | None, message: str) -> DescriptionError:
         """Return an error that points to a key of the current phase; with `key` None, to the phase itself."""

@@ -110,7 +110,7 @@ def append_phase(protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Ar
     phase = {"name": name, "type": "positioning", "to": name}
 
     def check(fresh: Path) -> None:
-        kept = load_protocol(fresh)
+        kept = load_protocol(fresh, folder=protocol.parent)
         if not any(w.joints is not None for w in kept.waypoints.values()):  # else the mechanism would be needed
             paths.build(kept, T_tool_frame)
 

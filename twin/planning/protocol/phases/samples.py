@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from twin.core.errors import TwinError
-from twin.core.foreign.text import read_text
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
@@ -29,7 +27,7 @@ class SamplesTable(PhaseTable):
     file: Annotated[
         str,
         Field(
-            pattern=r"^[^/\\].*\.csv$",
+            pattern=r"^[^/\\]+\.csv$",
             description="CSV file in the folder of the protocol: a column t_s, and one for each moved driven joint, "
             "NAME_deg or NAME_mm",
         ),
@@ -50,7 +48,7 @@ class SamplesTable(PhaseTable):
         """Return the phase that this table describes, in SI units."""
         path = walk.beside(self.file)
         try:
-            names, rows = _table(path)
+            names, rows = _table(walk.text(path, "CSV"))
         except (OSError, ValueError, csv.Error) as error:
             raise walk.wrong("file", f"{path.name} is no table of samples: {error}") from error
         except TwinError as error:  # the file is too large
@@ -60,6 +58,12 @@ class SamplesTable(PhaseTable):
         span = f"{path.name} has samples from {t[0]:g} to {t[-1]:g} s"
         if end > t[-1] + _ROUNDING:
             raise walk.wrong("to_s", f"{span}, none at {end:g} s")
+        for key, bound in (("from_s", max(self.from_s, t[0])), ("to_s", end)):
+            if (off := np.abs(t - bound)).min() > _ROUNDING:
+                near = t[np.sort(np.argsort(off)[:2])]
+                raise walk.wrong(
+                    key, f"{path.name} has no sample at {bound:g} s; the nearest ones: {near[0]:g}, {near[1]:g} s"
+                )
         if used.sum() < 2:
             raise walk.wrong("from_s", f"{span}, but fewer than two of them are from {self.from_s:g} to {end:g} s")
         kept = rows[used]
@@ -69,22 +73,22 @@ class SamplesTable(PhaseTable):
         return Samples(self.name, kept[:, 0] - kept[0, 0], kept[:, 1:] * scale, joints, angles, self.to or "")
 
 
-def _table(path: Path) -> tuple[list[str], Array]:
-    """Return the names of the joint columns, and the numbers (k, 1 + n) of a file, time first.
+def _table(text: str) -> tuple[list[str], Array]:
+    """Return the names of the joint columns, and the numbers (k, 1 + n) of a CSV text, time first.
 
     Raises:
-        ValueError: the file is no table of samples.
-        OSError, BudgetError: the file cannot be read, or is too large.
+        ValueError: the text is no table of samples.
     """
-    lines = read_text(path, "CSV").splitlines()
+    lines = text.splitlines()
     head = [name.strip() for name in (lines[0] if lines else "").split(",")]
     names = head[1:]
     if head[0] != _TIME or not names:
         raise ValueError(f"the first line must be {_TIME},NAME_deg,... with a unit (deg or mm) after each joint's name")
-    if bad := [n for n in names if not n.endswith(("_deg", "_mm"))]:
-        raise ValueError(f"column '{bad[0]}' has no unit: write NAME_deg or NAME_mm")
-    if twice := [n for n in names if names.count(n) > 1]:
-        raise ValueError(f"column '{twice[0]}' is given twice")
+    joints = [n.rpartition("_")[0] for n in names]
+    if bad := [n for n, j in zip(names, joints, strict=True) if not j or not n.endswith(("_deg", "_mm"))]:
+        raise ValueError(f"column '{bad[0]}' is no joint with its unit: write NAME_deg or NAME_mm")
+    if twice := [j for j in joints if joints.count(j) > 1]:
+        raise ValueError(f"joint '{twice[0]}' has two columns")
     rows = [[float(x) for x in line] for line in csv.reader(lines[1:]) if line]
     for k, row in enumerate(rows):
         if len(row) != len(head) or not np.isfinite(row).all():
