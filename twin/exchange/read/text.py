@@ -21,6 +21,7 @@ def toml(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):  # a JSON string; TOML requires one more character to be escaped
+        value = value.encode(errors="backslashreplace").decode()  # lone surrogates, of file names that are not UTF-8
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, Mapping):
         return f"{{ {', '.join(rows(value))} }}"
