@@ -194,7 +194,7 @@ def test_stopped_by_ctrl_c_at_random(place):
 @pytest.mark.slow
 def test_a_sweep_stopped_by_ctrl_c_says_what_it_keeps(tmp_path):
     """Also while its workers start, and while they work."""
-    arguments = ("sweep", "sils", "--vary", "l_p=120..150mm", "--samples", "200", "--workers", "2", "--out", "{out}")
+    arguments = ("sweep", "sils", "--vary", "l_p=120..150mm", "--samples", "5000", "--workers", "2", "--out", "{out}")
     (tmp_path / "before").mkdir()
     out = Place(tmp_path / "home", COMMAND, arguments, tmp_path / "before")
     for rows in (-1, 1):
@@ -207,7 +207,7 @@ def test_a_sweep_stopped_by_ctrl_c_says_what_it_keeps(tmp_path):
         code, said, left = _interrupted(process, 1.0)
         assert (code, len(said.splitlines())) == (130, 1), said
         kept = len(file.read_bytes().splitlines())
-        assert f"interrupted: {kept} of 201 designs are in {out.out}; run the same command again" in said
+        assert f"interrupted: {kept} of 5001 designs are in {out.out}; run the same command again" in said
         assert kept >= rows
         assert not left
         assert list((out.home / "tmp").iterdir()) == []
