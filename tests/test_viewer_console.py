@@ -15,6 +15,7 @@ from made.headset_page import until
 from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.units import DEG, MM
+from twin.model.console import CameraRangeTable
 from twin.simulation.controllers.camera import Drag, Dragging, hands
 from twin.ui.session import console
 from twin.ui.session.console import HeldError, LiveConsole
@@ -182,6 +183,20 @@ def test_the_camera_goes_to_its_sliders_by_both_hands(desk):
     desk.pens.aim("page 1", 3, wanted[3])  # another place, before the first is reached
     desk.rest()
     np.testing.assert_allclose(desk.live.camera_at, wanted, atol=1e-6)
+
+
+def test_the_camera_stops_at_the_range_of_its_scene_and_the_pedal_is_released(bare_theatre, monkeypatch):
+    monkeypatch.setattr(console, "_BUDGET", np.inf)
+    scene, depth = bare_theatre.scene, LiveConsole(bare_theatre).camera_at[2] / MM
+    limits = CameraRangeTable(
+        pan_deg=(-40, 40), tilt_deg=(-40, 40), depth_mm=(depth - 10, depth + 10), roll_deg=(-88, 88)
+    )
+    table = scene.console.model_copy(update={"camera_range": limits})
+    desk = Desk(replace(bare_theatre, scene=replace(scene, console=table)))
+    desk.pens.aim("page 1", 2, 0.2)
+    desk.wait(2.0)
+    assert desk.live.camera_at[2] == pytest.approx((depth + 10) * MM, abs=1e-6)
+    assert not desk.pens.aims, "the camera pedal is not pressed for ever"
 
 
 def test_where_the_hands_go_is_the_inverse_of_the_cameras_law():

@@ -14,9 +14,8 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.simulation.console_scene import HANDS
+from twin.simulation.console_scene import HANDS, drag
 from twin.simulation.controllers import camera
-from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import Grip
 from twin.simulation.devices.given import HandState
@@ -112,7 +111,7 @@ class Pens:
         self._number = self._first = 0
         self._idle = 0.0
         self._aim: _Aim | None = None
-        self._drag = Drag()
+        self._drag = drag(console.table)
 
     # -- requests of clients --------------------------------------------------------------------------
 

@@ -21,8 +21,7 @@ from twin.core.units import DEG, MM
 from twin.model import alignment
 from twin.model.console import CameraTable
 from twin.reference import ReferenceModel
-from twin.simulation.console_scene import HANDS
-from twin.simulation.controllers.camera import Drag
+from twin.simulation.console_scene import HANDS, drag
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import Grip
 from twin.simulation.controllers.pivot import FULCRUMS
@@ -322,10 +321,10 @@ class ConsoleFront(Loop):
         self._on(self._haptics, "haptics", self.console.feel)
         self._choices(gui)
         with gui.add_folder("Camera"):
-            drag, at = Drag(), self.console.camera_at
+            limits, at = drag(self.console.table), self.console.camera_at
             self._camera = [
                 gui.add_slider(name, low / unit, high / unit, step, _rounded(x, unit, step))
-                for (name, unit, step), low, high, x in zip(_CAMERA, drag.lower, drag.upper, at, strict=True)
+                for (name, unit, step), low, high, x in zip(_CAMERA, limits.lower, limits.upper, at, strict=True)
             ]
             for k, (slider, (_, unit, _)) in enumerate(zip(self._camera, _CAMERA, strict=True)):
                 self._on(slider, f"aim {k}", lambda client, v, k=k, unit=unit: pens.aim(client, k, v * unit))
