@@ -61,8 +61,10 @@ class Tissues(Block):
         `<organ>.force` (3,): total contact force on the organ in the World in N.
     """
 
-    def __init__(self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD) -> None:
-        """Build the organs; `period`: time in s between two steps, a multiple of the tick.
+    def __init__(
+        self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD, held: str = ""
+    ) -> None:
+        """Build the organs; `period`: time in s between two steps, a multiple of the tick; `held`: see `Organs`.
 
         Raises:
             WorldError: a number is out of range, the period is longer than 20 ms, or a link is inside an organ.
@@ -71,7 +73,7 @@ class Tissues(Block):
         if not period <= SLOWEST:
             raise WorldError(f"organs step every {period * 1e3:g} ms; at most {SLOWEST * 1e3:g} ms is allowed")
         poses = [T for r in robots for T in r.poses()]
-        self.organs = Organs(tissues, [t for r in robots for t in r.tools], poses, period)
+        self.organs = Organs(tissues, [t for r in robots for t in r.tools], poses, period, held)
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
