@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from twin.core.units import MM
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Positive, Walk
+from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.schema import Positive
 
 
 class LiftTable(PhaseTable):

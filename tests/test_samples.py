@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -22,10 +23,10 @@ def planned(protocol, robot):
     return plan(protocol, robot.path_kinematics(), T_tool_frame=robot.mechanism.frame_in_tool(protocol.frame))
 
 
-@pytest.fixture
-def made(tmp_path):
-    """(robot, trajectory of two free phases, protocol file that gives its samples)."""
-    robot = Robot(motorised(9.0))
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    """(robot, trajectory of two free phases, folder with a protocol file that gives its samples)."""
+    robot, tmp_path = Robot(motorised(9.0)), tmp_path_factory.mktemp("samples")
     protocol_of(tmp_path, UP, ASIDE, DOWN, frame="tip")
     text = (tmp_path / "over.toml").read_text(encoding="utf-8")
     straight = text.replace("free", "joints").replace("clearance_mm = 5\n", "")
@@ -39,6 +40,15 @@ def made(tmp_path):
         times = f"from_s = {span.t0}\nto_s = {span.t1}"
         text = text.replace(f"{head}clearance_mm = 5", f'{head}file = "moved.csv"\n{times}')
     (tmp_path / "again.toml").write_text(text, encoding="utf-8")
+    return robot, first, tmp_path
+
+
+@pytest.fixture
+def made(source, tmp_path):
+    """(robot, trajectory, protocol file in an own folder), as `source`."""
+    robot, first, folder = source
+    for name in ("again.toml", "moved.csv"):
+        shutil.copy(folder / name, tmp_path / name)
     return robot, first, tmp_path / "again.toml"
 
 
