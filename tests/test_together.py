@@ -18,6 +18,7 @@ from made.arm import CLEARANCE, LINK, SIZE, arm, space_of
 from made.mechanisms import four_bar
 from twin import api
 from twin.api.together import _Arm
+from twin.cad.build import inputs
 from twin.cli import main
 from twin.cli.commands.plan import EXAMPLES
 from twin.core import spatial
@@ -354,7 +355,7 @@ def test_every_pair_of_a_scene_is_drawn():
     assert len(set(looks)) == len(looks)
 
 
-def test_the_files_of_a_plan_have_different_names(tmp_path, monkeypatch):
+def test_the_files_of_a_plan_have_different_names(tmp_path):
     """A robot may be called as the file of the scene, and the props as a robot; the STEP file may be in a folder."""
     places = [
         f'[[robot]]\nname = "{name}"\nrobot = "arm"\nprotocol = "any"\nport = "here"\nposition_mm = [0, 0, 0]\n'
@@ -365,11 +366,11 @@ def test_the_files_of_a_plan_have_different_names(tmp_path, monkeypatch):
     stand.parent.mkdir()
     stand.write_text(SCENE + "".join(places), encoding="utf-8")
     props = stand.parent / "right.toml"
-    props.write_text('name = "box"\nstep = "parts/box.step"\n', encoding="utf-8")
-    (stand.parent / "parts").mkdir()
-    (stand.parent / "parts/box.step").write_text("ISO-10303-21;", encoding="utf-8")
+    props.write_text(PROPS.replace("MESH", "step/a.obj"), encoding="utf-8")
+    (stand.parent / "step").mkdir()
+    for file in ("a.step", "a.obj"):
+        (stand.parent / "step" / file).write_text("ISO-10303-21;", encoding="utf-8")
     scene = replace(load_scene(stand), props=props)
-    monkeypatch.setattr("twin.cad.description.load", lambda path: SimpleNamespace(step="parts/box.step"))
     rest = Moved(protocol_of(tmp_path, UP, DOWN), [("a", True), ("b", True), ("c", True)], np.zeros((1, 3)))
     folder = tmp_path / "out"
     folder.mkdir()
@@ -378,9 +379,8 @@ def test_the_files_of_a_plan_have_different_names(tmp_path, monkeypatch):
     for robot in table["robot"]:
         assert tomllib.loads((folder / robot["protocol"]).read_text(encoding="utf-8"))["phases"], robot
     copied = tomllib.loads((folder / table["props"]).read_text(encoding="utf-8"))
-    assert copied["name"] == "box"
+    assert copied["name"] == "props"
     assert (folder / copied["step"]).read_text(encoding="utf-8") == "ISO-10303-21;"
-    assert all(path.parent == folder for path in folder.rglob("*"))
 
 
 def test_a_scene_names_the_protocol_file_that_is_missing(stand_file):
@@ -611,3 +611,42 @@ def test_the_example_of_the_help_runs_and_its_folder_is_shown_served_and_exporte
     assert "▲" not in shown, shown
     assert main(["run", "out"]) == 2
     assert "has protocol files, of whose motions there are no built stages" in capsys.readouterr().err
+
+
+PROPS = """name = "props"
+title = "Props"
+source = "test"
+default_protocol = "none"
+base = "a"
+step = "step/a.step"
+joint = []
+frame = {}
+tolerance = { gross_mm = 1, gross_deg = 1, meeting_um = 1, meeting_deg = 1 }
+[body.a]
+[[body.a.meshes]]
+file = "MESH"
+unit = "m"
+"""
+
+
+def written_with_props(folder, mesh):
+    """Write the playable files of a scene whose props have a mesh and a STEP file; return their folder."""
+    own, out = folder / "own", folder / "out"
+    for file, text in (("props.toml", PROPS.replace("MESH", mesh)), ("step/a.step", "s"), (mesh, "m")):
+        (own / file).parent.mkdir(parents=True, exist_ok=True)
+        (own / file).write_text(text)
+    (own / "scene.toml").write_text("robot = []")
+    out.mkdir()
+    scene = SimpleNamespace(file=own / "scene.toml", name="s", source="test", props=own / "props.toml")
+    write_playable(scene, {}, np.zeros(1), 0.0, out)
+    return out
+
+
+def test_all_files_of_the_props_are_copied_to_where_their_toml_names_them(tmp_path):
+    out = written_with_props(tmp_path, "meshes/fine/a.obj")
+    assert [f.read_text() for f in inputs(out / "props.toml")[1:]] == ["s", "m"]
+
+
+def test_a_file_outside_the_folder_of_the_props_is_refused(tmp_path):
+    with pytest.raises(TwinError, match="outside the folder of the props"):
+        written_with_props(tmp_path, "../a.obj")

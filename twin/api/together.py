@@ -127,11 +127,14 @@ def plan_together(
             little clearance, no arm moves in a phase, or no path was found.
         TimingError: no timing within the limits was found.
     """
+    from twin.planning.playable import props_files
     from twin.planning.protocol import avoiding
 
     if not 0 < clearance < float("inf"):
         raise ProtocolError(f"the clearance is {clearance:g} m; give a finite number above 0")
     read = load_scene(scene)
+    if read.props is not None:
+        props_files(read.props)  # now, because a plan that cannot be written would be lost
     found: list[_Arm] = []
     for name, (robot, protocol) in arms.items():
         place = place_of(read, name, {a.name for a in found})

@@ -6,6 +6,7 @@ It has no console and no organs, which are not part of a plan.
 
 from __future__ import annotations
 
+import os
 import shutil
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,8 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from twin.cad import description
+from twin.cad.build import inputs
+from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.scene import Scene
@@ -90,15 +92,28 @@ def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearanc
     }
     if scene.props is not None:
         head["props"] = scene.props.name
-        props = tomlkit.parse(scene.props.read_text(encoding="utf-8"))
-        if step := description.load(scene.props).step:
-            props["step"] = Path(step).name
-            shutil.copyfile(scene.props.parent / step, folder / Path(step).name)
-        (folder / scene.props.name).write_text(tomlkit.dumps(props), encoding="utf-8")
+        for relative, file in props_files(scene.props).items():
+            (folder / relative).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, folder / relative)
     places = [{k: v for k, v in r.items() if k != "start"} for r in table["robot"]]
     places = [{**r, "protocol": protocol_file(r["name"], scene)} for r in places]
     kept = {k: table[k] for k in _KEPT if k in table}
     (folder / SCENE).write_text(tomlkit.dumps({**head, **kept, "robot": places}), encoding="utf-8")
+
+
+def props_files(props: Path) -> dict[Path, Path]:
+    """Return the files of props, by their path relative to the folder of their TOML file `props`.
+
+    Raises:
+        TwinError: the TOML file is malformed, or names a file outside its folder, which cannot be copied with it.
+    """
+    out = {}
+    for file in inputs(props):
+        relative = Path(os.path.relpath(file, props.parent))
+        if relative.parts[0] == "..":
+            raise TwinError(f"{props}: {file} is outside the folder of the props; a plan copies only files inside it")
+        out[relative] = file
+    return out
 
 
 def write_samples(path: Path, joints: Sequence[tuple[str, bool]], t: Array, q: Array) -> None:
