@@ -366,7 +366,7 @@ def test_the_files_of_a_plan_have_different_names(tmp_path):
     stand.parent.mkdir()
     stand.write_text(SCENE + "".join(places), encoding="utf-8")
     props = stand.parent / "right.toml"
-    props.write_text(PROPS.replace("MESH", "step/a.obj"), encoding="utf-8")
+    props.write_text(PROPS.replace("MESH", "step/a.obj").replace('"props"', '"right"'), encoding="utf-8")
     (stand.parent / "step").mkdir()
     for file in ("a.step", "a.obj"):
         (stand.parent / "step" / file).write_text("ISO-10303-21;", encoding="utf-8")
@@ -379,7 +379,7 @@ def test_the_files_of_a_plan_have_different_names(tmp_path):
     for robot in table["robot"]:
         assert tomllib.loads((folder / robot["protocol"]).read_text(encoding="utf-8"))["phases"], robot
     copied = tomllib.loads((folder / table["props"]).read_text(encoding="utf-8"))
-    assert copied["name"] == "props"
+    assert copied["name"] == "right"
     assert (folder / copied["step"]).read_text(encoding="utf-8") == "ISO-10303-21;"
 
 
