@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from pxr import Sdf
 
+from twin.core.spatial import Array
+from twin.core.units import DEG
+
 _NUMBER = re.compile(r"(?<![\w.])-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])")
 
-ABSOLUTE, RELATIVE = 5e-8, 1e-6
-"""Absolute and relative tolerance of numbers, for joint frames and meshes in single precision.
-
-In baked motions, joint angles near 0 differ by up to 1e-8 deg between processors.
-"""
+ABSOLUTE, RELATIVE = 1e-9, 1e-6
+"""Absolute tolerance in m and rad, and relative tolerance, for joint frames and meshes in single precision."""
 
 
 def same_layer(a: Path, b: Path) -> bool:
@@ -25,5 +25,17 @@ def same_layer(a: Path, b: Path) -> bool:
     texts = [Sdf.Layer.OpenAsAnonymous(str(p)).ExportToString() for p in (a, b)]
     if _NUMBER.sub("#", texts[0]) != _NUMBER.sub("#", texts[1]):
         return False
-    first, second = (np.array(_NUMBER.findall(t), float) for t in texts)
-    return bool(np.allclose(first, second, rtol=RELATIVE, atol=ABSOLUTE, equal_nan=True))
+    (first, tolerance), (second, _) = map(_numbers, texts)
+    return bool((np.isclose(first, second, rtol=RELATIVE, atol=tolerance, equal_nan=True)).all())
+
+
+def _numbers(text: str) -> tuple[Array, Array]:
+    """Return the numbers of a layer and the absolute tolerance of each; angles of hinges are in degrees."""
+    numbers, tolerances, unit = [], [], 1.0
+    for line in text.splitlines():
+        if " = " in line:  # an attribute begins; its samples are in the next lines
+            unit = DEG if ":angular:" in line else 1.0
+        found = _NUMBER.findall(line)
+        numbers += found
+        tolerances += [ABSOLUTE / unit] * len(found)
+    return np.array(numbers, float), np.array(tolerances)
