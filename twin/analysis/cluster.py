@@ -60,7 +60,11 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
                 with _started():
                     own = stack.enter_context(LocalCluster(count, **options))
                     client = stack.enter_context(Client(own))
-                yield client
+                try:
+                    yield client
+                finally:
+                    # The local scheduler reports, as critical, each task that is unfinished when the client leaves.
+                    logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
             return
         try:
             client = Client(address, timeout=PATIENCE)
