@@ -22,7 +22,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.model.scene import load_scene
 from twin.reference.clearance import between
-from twin.simulation.scene_play import too_near
+from twin.simulation.scene_play import Actor, play, too_near
 
 ROOT = Path(__file__).parents[1]
 VSRS = ROOT / "cad/vsrs/scene.toml"
@@ -143,6 +143,19 @@ def test_a_start_in_collision_names_the_nearest_free_one():
     start = "start the protocols from their poses at t = 2.0 s, the first time with a clearance of 5 mm"
     assert start in finding.suggestion
     assert "below 150 mm throughout both protocols" in too_near(found, 0, t, 0.15).suggestion
+
+
+def test_motions_shorter_than_the_time_between_two_measured_clearances_are_played(monkeypatch):
+    monkeypatch.setattr("twin.simulation.scene_play._port", lambda actor: [])
+    actors = []
+    for name, x in (("a", 0.0), ("b", 0.3)):
+        motion = SimpleNamespace(q=np.array([[0.0], [0.1]]), duration=0.04, joints=lambda t: 2.5 * t[:, None])
+        place = SimpleNamespace(name=name, T_world_base=spatial.pose(p=[x, 0, 0]))
+        actors.append(Actor(place, cube(name), motion, {}))  # type: ignore[arg-type]
+    scene = SimpleNamespace(clearance=0.005, touching=frozenset())
+    played = play(scene, actors, None)  # type: ignore[arg-type]
+    np.testing.assert_allclose(played.t, [0.0, 0.04])
+    np.testing.assert_allclose(played.by_pair["a", "b"].distance, 0.2, atol=1e-9)
 
 
 def one_robot(tmp_path):

@@ -188,7 +188,7 @@ def play(
 ) -> Played:
     """Play all robots until the last one ends, and check clearances and ports."""
     duration = _duration(actors)
-    ticks = int(duration * RATE)
+    ticks = max(int(duration * RATE), 1)
     moving = world(actors, props, duration / ticks)
     moving.step(ticks + 1)
     recording = moving.recording()
