@@ -346,6 +346,22 @@ def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
     assert desk.edited
 
 
+@pytest.mark.parametrize("failing", ["kinematics", "assembly", "hand"])
+def test_a_robot_that_cannot_be_bound_leaves_the_desk_as_it_was(monkeypatch, failing):
+    desk = Desk(twin.load("hibou"))
+    before = dict(vars(desk))
+
+    def fail(*_: object) -> None:
+        raise TwinError("no")
+
+    robot = twin.load("hibou")
+    where = {"kinematics": "api.Robot.kinematics", "assembly": "reference.ReferenceModel.solve"}
+    monkeypatch.setattr(f"twin.{where.get(failing, 'ui.session.desk.Hand')}", fail)
+    with pytest.raises(TwinError, match="no"):
+        desk.bind(robot)
+    assert all(vars(desk)[name] is value for name, value in before.items())
+
+
 @pytest.mark.parametrize("worst", [0.0, 1e-16, 3e-13, 2e-11, 4e-9, 7e-7, 5e-5, 2e-3, 0.12])
 def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
     """The page labels an axis with three decimals: the unit is chosen so that ten labels of the range differ."""

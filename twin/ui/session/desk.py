@@ -65,22 +65,18 @@ class Desk:
         self.robot = robot
         self.mechanism: Mechanism = robot.mechanism
         self.model: ReferenceModel = robot.reference()
-        self.hand = self._hand()
+        self.hand = _hand(robot, self.model)
         self.kin: Kinematics | None = _equations(robot)
         self.parameters: dict[str, float] = {}
         self.variants: dict[str, str] = {}
         self.lock = threading.RLock()
-        self.assembly: Assembly = self._first()
+        self.assembly: Assembly = _first(self.model)
         self.asked: Array | None = None
         self.moved = Moved(True)
         self._kept: dict[str, Array] = {}
         self._frame, self._axis = self.mechanism.tool, np.array([0.0, 0.0, 1.0])
         if robot.files is not None and robot.files.protocols():
             self.speak_of(robot.protocol())
-
-    def _first(self) -> Assembly:
-        home = self.mechanism.home
-        return self.model.home() if home is None else self.model.solve(home)
 
     def shaft(self) -> tuple[Array, Array]:
         """Return (tip (3,) in m, unit vector (3,) along the shaft towards the tip) in the base frame.
@@ -204,12 +200,17 @@ class Desk:
     # -- changes of the robot -------------------------------------------------------------------------
 
     def bind(self, robot: Robot) -> None:
-        """Replace the robot by the same robot with different trocar positions."""
+        """Replace the robot by the same robot with different trocar positions.
+
+        Raises:
+            TwinError: the mechanism cannot be assembled with these trocars, or the equations do not accept them;
+                nothing is changed.
+        """
         with self.lock:
-            self.robot, self.mechanism, self.model = robot, robot.mechanism, robot.reference()
-            self.kin = self._compiled()
-            self.assembly = self._first()
-            self.hand = self._hand()
+            model, kin = robot.reference(), self._compiled(robot)
+            assembly, hand = _first(model), _hand(robot, model)
+            self.robot, self.mechanism, self.model = robot, robot.mechanism, model
+            self.kin, self.assembly, self.hand = kin, assembly, hand
 
     def change(self, variants: Mapping[str, str] | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Change variants or parameters (SI) of the equations, in addition to earlier changes.
@@ -223,7 +224,7 @@ class Desk:
             self.variants = {n: v for n, v in chosen.items() if v != own.variants.get(n)}
             self.parameters = {n: v for n, v in values.items() if v != own.parameters.get(n)}
             try:
-                self.kin = self._compiled()
+                self.kin = self._compiled(self.robot)
             except TwinError:
                 self.variants, self.parameters = before
                 raise
@@ -237,15 +238,16 @@ class Desk:
         with self.lock:
             model = ReferenceModel(mechanism)
             assembly = model.solve(self.assembly.q)
-            self.mechanism, self.model, self.assembly = mechanism, model, assembly
-            self.hand = self._hand()
+            hand = _hand(self.robot, model)
+            self.mechanism, self.model, self.assembly, self.hand = mechanism, model, assembly, hand
 
-    def _compiled(self) -> Kinematics | None:
-        if _equations(self.robot) is None:
+    def _compiled(self, robot: Robot) -> Kinematics | None:
+        """Return the equations of a robot with the chosen variants and parameters; None if it has no equations."""
+        if _equations(robot) is None:
             return None
         if not self.variants and not self.parameters:
-            return self.robot.kinematics()
-        return self.robot.kinematics(self.variants or None, self.parameters)
+            return robot.kinematics()
+        return robot.kinematics(self.variants or None, self.parameters)
 
     # -- internal functions ---------------------------------------------------------------------------
 
@@ -275,10 +277,6 @@ class Desk:
     def _tool_point(self) -> tuple[str, Array]:
         tool = self.mechanism.frame(self.mechanism.tool)
         return tool.body, tool.T_body_frame[:3, 3]
-
-    def _hand(self) -> Hand:
-        gaps = self.robot.cad.gaps if self.robot.files is not None else ()
-        return Hand(self.mechanism, self.model, gaps)
 
     def _led(self, body: str, p_body: Array, target: Array) -> Moved:
         """Move a point; the result states the remaining distance and the reason if the target was not reached."""
@@ -366,6 +364,16 @@ class Desk:
                 self.assembly, self.asked = found, asked
                 self.moved = Moved(True, "", time.perf_counter() - start)
             return self.moved
+
+
+def _first(model: ReferenceModel) -> Assembly:
+    """Return the state at the home posture."""
+    home = model.mechanism.home
+    return model.home() if home is None else model.solve(home)
+
+
+def _hand(robot: Robot, model: ReferenceModel) -> Hand:
+    return Hand(model.mechanism, model, robot.cad.gaps if robot.files is not None else ())
 
 
 def _equations(robot: Robot) -> Kinematics | None:
