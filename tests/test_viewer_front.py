@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
-from twin.ui.session.timeline import prepare
+from twin.ui.session.timeline import Clock, prepare
+from twin.ui.viewer import recording
 from twin.ui.viewer.front import Actor
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.panels import curves
@@ -100,6 +102,24 @@ def test_a_protocol_is_prepared_elsewhere_and_played(two):
         two.step()
         time.sleep(0.05)
     assert "no_such" in two.panels.why
+
+
+def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were():
+    clock = Clock()
+    clock.duration, clock.playing = 2.0, True
+    clock.seek(0.7)
+    stood, serializer = [], SimpleNamespace()
+
+    def full(passed: float) -> None:
+        raise TwinError("the disk is full")
+
+    front = SimpleNamespace(
+        clock=clock, gizmo=SimpleNamespace(visible=True), stand=lambda: stood.append(clock.time), bend=full,
+        server=SimpleNamespace(get_scene_serializer=lambda: serializer),
+    )  # fmt: skip
+    with pytest.raises(TwinError, match="the disk is full"):
+        recording.page(front)  # type: ignore[arg-type]
+    assert (clock.time, clock.playing, front.gizmo.visible, stood[-1]) == (0.7, True, True, 0.7)
 
 
 def test_curves_have_names_units_and_values():

@@ -62,7 +62,7 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
 
 
 def page(front: Front, progress: Progress = lambda part: None) -> str:
-    """Return an HTML page that plays the planned protocols without a server.
+    """Return an HTML page that plays the planned protocols without a server; clock and gizmo are then as before.
 
     Raises:
         TwinError: no protocol is planned.
@@ -70,22 +70,24 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
     clock = front.clock
     if clock.duration <= 0:
         raise TwinError("no protocol is loaded: choose a protocol in the tab Play first")
-    was, clock.playing = clock.time, False
+    time, playing, clock.playing = clock.time, clock.playing, False
     front.gizmo.visible = False
-    serializer = front.server.get_scene_serializer()
-    for t in np.arange(0.0, clock.duration, 1 / RATE):
-        clock.seek(float(t))
+    try:
+        serializer = front.server.get_scene_serializer()
+        for t in np.arange(0.0, clock.duration, 1 / RATE):
+            clock.seek(float(t))
+            front.stand()
+            front.bend(1 / RATE)
+            front.draw()
+            front.refresh()
+            serializer.insert_sleep(1 / RATE)
+            progress(t / clock.duration)
+        return serializer.as_html()
+    finally:
+        front.gizmo.visible = True
+        clock.playing = playing
+        clock.seek(time)
         front.stand()
-        front.bend(1 / RATE)
-        front.draw()
-        front.refresh()
-        serializer.insert_sleep(1 / RATE)
-        progress(t / clock.duration)
-    html = serializer.as_html()
-    front.gizmo.visible = True
-    clock.seek(was)
-    front.stand()
-    return html
 
 
 def _one(client: viser.ClientHandle | None) -> viser.ClientHandle:
