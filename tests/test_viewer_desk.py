@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -26,6 +27,7 @@ from twin.core.units import MM
 from twin.ui.headset.track import measured
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read
+from twin.ui.session.protocols import protocols_of
 from twin.ui.session.shapes import CREASE, behind, creased, looks
 from twin.ui.session.timeline import Clock, Playback
 from twin.ui.viewer import readout
@@ -344,6 +346,19 @@ def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
     assert not desk.edited
     desk.mechanism = replace(desk.mechanism)
     assert desk.edited
+
+
+def test_a_protocol_file_with_the_name_of_another_protocol_is_refused(tmp_path, capsys, monkeypatch):
+    for opens in ("viewing.show_page", "serving.serve_until_stopped"):
+        monkeypatch.setattr(f"twin.cli.{opens}", lambda *_: pytest.fail("a page opens"))
+    own = twin.load("hibou").files.protocols()["cavity"]
+    other = tmp_path / "other.toml"
+    shutil.copy(own, other)
+    for command in ("view", "serve"):
+        assert main([command, "hibou", str(other), "--no-browser", "--port", "0"]) == 2
+        assert "the robot already has a protocol named 'cavity': rename" in capsys.readouterr().err
+    assert protocols_of(twin.load("hibou"), str(own)) == {"cavity": str(own)}
+    assert protocols_of(twin.load("raven_left"), "around/dome")["dome"] == "around/dome"
 
 
 @pytest.mark.parametrize("failing", ["kinematics", "assembly", "hand"])

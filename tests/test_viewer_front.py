@@ -23,8 +23,8 @@ from twin.ui.viewer.server import serve
 
 
 @contextmanager
-def front_of(*robots):
-    actors = [Actor(r.name, r.name, Desk(r)) for r in robots]
+def front_of(*robots, protocol=None):
+    actors = [Actor(r.name, r.name, Desk(r), protocol=protocol) for r in robots]
     front = open_page("test", actors, None, serve("test", "127.0.0.1", 0))
     try:
         yield front
@@ -102,6 +102,14 @@ def test_a_protocol_is_prepared_elsewhere_and_played(two):
         two.step()
         time.sleep(0.05)
     assert "no_such" in two.panels.why
+
+
+def test_a_protocol_in_a_folder_is_among_those_of_the_page():
+    robot = twin.load("raven_left")
+    with front_of(robot, protocol="around/dome") as front:
+        chosen, options = front.panels._protocol.value, front.panels._protocol.options
+        assert (chosen, options) == ("dome", ("about_port", "reach", "dome"))
+        assert front.panels._chosen(front.hand) == "around/dome"
 
 
 def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were():

@@ -47,6 +47,7 @@ def serve(args: argparse.Namespace) -> int:
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     """Return (title, function that starts the source in the event loop); raise `TwinError` for wrong arguments."""
     from twin.ui.headset import served
+    from twin.ui.session.protocols import protocols_of
 
     plans = args.replay is None
     file = scenes.find(args.robot)
@@ -54,8 +55,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
         text = f"{_OPTION} requires a scene with a console, such as davinci; {args.robot} is a robot"
         _refuse(args, _CONSOLE, text)
         robot = api.load(args.robot)
-        if args.protocol is not None:
-            robot.protocol(args.protocol)
+        protocols_of(robot, args.protocol)
         return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans)
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: its file defines the protocol of each robot; omit the protocol")

@@ -134,10 +134,11 @@ def _what(
     if args.watch is not None and (file is None or args.html is not None):
         raise TwinError("--watch shows the scene of a running `twin serve SCENE`; omit --html and name this scene")
     if file is None:
+        from twin.ui.session.protocols import protocols_of
+
         robot = api.load(args.robot, tool=args.tool)
         show.tool_note(robot, args.quiet)
-        if args.protocol is not None:
-            robot.protocol(args.protocol)
+        protocols_of(robot, args.protocol)
 
         def of_robot(server: viser.ViserServer, more: dict[str, Any]) -> Front:
             from twin.ui.session.desk import Desk

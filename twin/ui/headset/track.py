@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from twin.api import Robot
-from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.ui.headset.protocol import pose_of
 from twin.ui.session.desk import Desk
@@ -75,21 +73,6 @@ def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str
         }
         for t in found
     ]
-
-
-def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
-    """Return the arguments of `Robot.protocol` by protocol name: the robot's protocols, and `given` (name or path).
-
-    Raises:
-        TwinError: the given protocol does not exist, is invalid, or has the name of a protocol of the robot.
-    """
-    own = {} if robot.files is None else {n: n for n in robot.files.protocols()}
-    if given is None:
-        return own
-    name = robot.protocol(given).name
-    if name in own and given != name:
-        raise TwinError(f"{given}: the robot already has a protocol named '{name}': rename the protocol in this file")
-    return {**own, name: given}
 
 
 def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> float | None:

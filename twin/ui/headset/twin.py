@@ -23,12 +23,13 @@ from twin.ui.headset.ghost import Ghost
 from twin.ui.headset.hold import Hold, hold_of, move_of
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.reach import Reach
-from twin.ui.headset.track import Shown, Track, apart, measured, path, protocols_of, trocars
+from twin.ui.headset.track import Shown, Track, apart, measured, path, trocars
 from twin.ui.headset.worker import Worker
 from twin.ui.session import instruments
 from twin.ui.session.desk import Desk, Moved
 from twin.ui.session.instruments import Reading
 from twin.ui.session.planner import Planner
+from twin.ui.session.protocols import protocols_of
 from twin.ui.session.timeline import RATE, Clock, Playback
 from twin.ui.session.trocars import rcm_at
 

@@ -14,6 +14,7 @@ from twin.core.errors import AssemblyError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.ui.session.instruments import Reading
+from twin.ui.session.protocols import protocols_of
 from twin.ui.session.timeline import SPEEDS, Playback
 from twin.ui.viewer import readout
 from twin.ui.viewer.design_panel import DesignPanel
@@ -74,13 +75,12 @@ class Panels:
 
     def _play(self) -> None:
         gui, front = self.gui, self.front
-        files = front.hand.desk.robot.files
-        given = front.hand.protocol or ""
-        self._files = {Path(given).stem: given} if given.endswith(".toml") else {}
-        names = [*self._files, *(files.protocols() if files is not None else [])]
+        robot, given = front.hand.desk.robot, front.hand.protocol or None
+        self._protocols = protocols_of(robot, given)
+        names = list(self._protocols)
         self._protocol = gui.add_dropdown("protocol", names or ["none"], disabled=not names)
-        default = next(iter(self._files), given) or (front.hand.desk.robot.protocol().name if names else "none")
-        self._protocol.value = default if default in names else (names or ["none"])[0]
+        if names:
+            self._protocol.value = robot.protocol(given).name
         self._state = gui.add_markdown("_not planned yet_")
         self._run = gui.add_button("▶ Play", disabled=True)
         self._time: viser.GuiSliderHandle | None = None
@@ -119,7 +119,7 @@ class Panels:
             handle.on_update(lambda _: front.ask("equations", lambda: None))
 
     def _chosen(self, a: Actor) -> str | None:
-        return self._files.get(self._protocol.value, self._protocol.value) if a is self.front.hand else a.protocol
+        return self._protocols.get(self._protocol.value) if a is self.front.hand else a.protocol
 
     def _toggle(self) -> None:
         clock = self.front.clock
