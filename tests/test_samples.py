@@ -120,7 +120,7 @@ def test_a_robot_at_rest_needs_no_waypoint_at_the_end(made, tmp_path):
         ("t_s,q0_deg\n0,1\n0,2\n", "t_s must increase from row to row"),
         ("t_s,q0_deg\n0,1\n", "t_s must increase from row to row, over at least two rows"),
         ("t_s,q0_deg\n0,1\n0.1,2\n", "samples from 0 to 0.1 s, none at"),
-        ("t_s,q0_deg\n2,1\n3,2\n", "moved.csv has no sample at 0.494 s; the nearest ones: 2, 3 s"),
+        ("t_s,q0_deg\n2,1\n3,2\n", "from_s: moved.csv has samples from 2 to 3 s, none at 0 s"),
     ],
 )
 def test_a_wrong_table_is_named_with_the_line_of_the_protocol(made, tmp_path, text, message):
@@ -151,6 +151,16 @@ def test_samples_that_do_not_fit_the_robot_are_named(made, tmp_path, name, q0, m
     whole = replace(protocol, phases=protocol.phases[:1])
     with pytest.raises(ProtocolError, match=rf"over: phase 'to_w1' \(samples\).*{message}"):
         planned(whole, robot)
+
+
+def test_a_table_that_begins_later_is_used_from_its_first_sample(made, tmp_path):
+    robot, first, file = made
+    write_samples(tmp_path / "moved.csv", JOINTS, first.t + 2, first.q)
+    end = first.phases[0].t1
+    text = file.read_text(encoding="utf-8").split("\n[[phases]]\n")
+    one = text[1].replace("from_s = 0.0\n", "").replace(f"to_s = {end}", f"to_s = {end + 2}")
+    file.write_text("\n[[phases]]\n".join([text[0], one]), encoding="utf-8")
+    np.testing.assert_allclose(planned(load_protocol(file), robot).duration, end, atol=1e-9)
 
 
 @pytest.mark.parametrize(("key", "value"), [("from_s", 0.0005), ("to_s", 0.0105)])

@@ -33,7 +33,9 @@ class SamplesTable(PhaseTable):
         ),
     ]
     to: Annotated[Identifier | None, Field(description="the waypoint with joint values at the end of the phase")] = None
-    from_s: Annotated[NotNegative, Field(description="first used time in the file")] = 0.0
+    from_s: Annotated[NotNegative | None, Field(description="first used time in the file; default: the first one")] = (
+        None
+    )
     to_s: Annotated[float | None, Field(gt=0, description="last used time in the file; default: the last one")] = None
 
     rank: ClassVar[int] = 9
@@ -53,19 +55,21 @@ class SamplesTable(PhaseTable):
             raise walk.wrong("file", f"{path.name} is no table of samples: {error}") from error
         except TwinError as error:  # the file is too large
             raise walk.wrong("file", str(error)) from error
-        t, end = rows[:, 0], rows[-1, 0] if self.to_s is None else self.to_s
-        used = (t >= self.from_s - _ROUNDING) & (t <= end + _ROUNDING)
+        t = rows[:, 0]
+        begin = t[0] if self.from_s is None else self.from_s
+        end = t[-1] if self.to_s is None else self.to_s
+        used = (t >= begin - _ROUNDING) & (t <= end + _ROUNDING)
         span = f"{path.name} has samples from {t[0]:g} to {t[-1]:g} s"
-        if end > t[-1] + _ROUNDING:
-            raise walk.wrong("to_s", f"{span}, none at {end:g} s")
-        for key, bound in (("from_s", max(self.from_s, t[0])), ("to_s", end)):
+        for key, bound in (("from_s", begin), ("to_s", end)):
+            if not t[0] - _ROUNDING <= bound <= t[-1] + _ROUNDING:
+                raise walk.wrong(key, f"{span}, none at {bound:g} s")
             if (off := np.abs(t - bound)).min() > _ROUNDING:
                 near = t[np.sort(np.argsort(off)[:2])]
                 raise walk.wrong(
                     key, f"{path.name} has no sample at {bound:g} s; the nearest ones: {near[0]:g}, {near[1]:g} s"
                 )
         if used.sum() < 2:
-            raise walk.wrong("from_s", f"{span}, but fewer than two of them are from {self.from_s:g} to {end:g} s")
+            raise walk.wrong("from_s", f"{span}, but fewer than two of them are from {begin:g} to {end:g} s")
         kept = rows[used]
         joints = tuple(name.rsplit("_", 1)[0] for name in names)
         angles = frozenset(j for j, name in zip(joints, names, strict=True) if name.endswith("_deg"))
