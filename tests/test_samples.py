@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from made import protocols
 from test_together import Robot, motorised, protocol_of
+from twin.analysis.mutation import units
+from twin.core import spatial
 from twin.core.errors import DescriptionError, ProtocolError
 from twin.core.findings import verdict
 from twin.planning.plan import plan
 from twin.planning.playable import write_samples
 from twin.planning.protocol import load_protocol
+from twin.ui.viewer.keep import append_phase
 
 UP, ASIDE, DOWN = (np.array(q) for q in ([0.5, 0.0, 0.0], [0.2, 0.3, 0.1], [-0.3, 0.2, 0.0]))
 JOINTS = [(f"q{i}", True) for i in range(3)]
@@ -174,6 +179,33 @@ def test_a_bound_between_two_samples_is_refused(made, key, value):
         DescriptionError, match=rf"phases\[0\]\.{key}: moved\.csv has no sample at {value} s; the nearest"
     ):
         load_protocol(file)
+
+
+def test_a_phase_is_appended_after_samples_also_back_to_where_they_began(tmp_path):
+    """Only the mechanism knows where samples end, so that this phase may have a length."""
+    (tmp_path / "moved.csv").write_text("t_s,q0_deg\n0,0\n1,20\n", encoding="utf-8")
+    head = {"name": "over", "title": "t", "robot": "arm", "start": "w", "no_patient": "a test"}
+    most = dict.fromkeys(("samples", "positioning"), (300, 900, 90, 300))
+    parts = protocols.waypoint("w", [0, 0, 0], position_mm=[100, 0, 0], label="w"), protocols.phase(
+        type="samples", name="moved", file="moved.csv"
+    )  # fmt: skip
+    file = tmp_path / "over.toml"
+    file.write_text(protocols.text(head, "", most, parts), encoding="utf-8")
+    append_phase(file, "back", spatial.pose(p=[0.1, 0, 0]), np.eye(4))
+    assert [(p.type, p.name) for p in load_protocol(file).phases] == [("samples", "moved"), ("positioning", "back")]
+
+
+def test_unit_faults_of_a_protocol_with_samples_are_read_with_its_table(made, tmp_path):
+    file, folder = made[2], tmp_path / "faulty"
+    folder.mkdir()
+    length = SimpleNamespace(name="l", value=0.1, unit="m")
+    robot = SimpleNamespace(files="", formula=SimpleNamespace(parameters=[length]), parameters={})
+    found = list(units.faults(robot, file, np.random.default_rng(0), 6))  # type: ignore[arg-type]
+    assert {f.kind for f in found} == {"parameter", "speed", "turning"}
+    for read in (f.protocol for f in found if f.protocol is not None):
+        faulty, correct = read(folder), load_protocol(file)
+        assert faulty.limits["samples"] != correct.limits["samples"]
+        assert len(faulty.phases) == len(correct.phases)
 
 
 def test_samples_are_in_the_folder_of_their_protocol(made, tmp_path):

@@ -20,7 +20,17 @@ from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, SI
 from twin.planning import phase_path as paths
-from twin.planning.protocol import Home, Insertion, Pivot, Positioning, Protocol, Retraction, load_protocol, trocar_of
+from twin.planning.protocol import (
+    Home,
+    Insertion,
+    Pivot,
+    Positioning,
+    Protocol,
+    Retraction,
+    Samples,
+    load_protocol,
+    trocar_of,
+)
 from twin.planning.protocol.course import angles_of
 from twin.schema import Identifier, error_at
 from twin.ui.session.session import Session as Session
@@ -111,7 +121,8 @@ def append_phase(protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Ar
 
     def check(fresh: Path) -> None:
         kept = load_protocol(fresh, folder=protocol.parent)
-        if not any(w.joints is not None for w in kept.waypoints.values()):  # else the mechanism would be needed
+        by_joints = any(w.joints is not None for w in kept.waypoints.values())
+        if not by_joints and not any(isinstance(p, Samples) for p in kept.phases):  # else the mechanism would be needed
             paths.build(kept, T_tool_frame)
 
     rewrite(protocol, [("waypoints", name, waypoint), ("phases", None, phase)], check)
