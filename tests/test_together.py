@@ -31,7 +31,7 @@ from twin.model.transmission import Actuator, Transmission
 from twin.planning.apart import Apart, Nearest
 from twin.planning.around import around
 from twin.planning.plan import plan as plan_
-from twin.planning.playable import Moved, write_playable
+from twin.planning.playable import Moved, props_files, protocol_files, write_playable
 from twin.planning.protocol import load_protocol
 from twin.planning.smooth import line
 from twin.planning.timing import time_path
@@ -650,3 +650,20 @@ def test_all_files_of_the_props_are_copied_to_where_their_toml_names_them(tmp_pa
 def test_a_file_outside_the_folder_of_the_props_is_refused(tmp_path):
     with pytest.raises(TwinError, match="outside the folder of the props"):
         written_with_props(tmp_path, "../a.obj")
+
+
+def test_props_with_the_name_of_the_scene_file_of_a_plan_are_refused(tmp_path):
+    props = tmp_path / "props/scene.toml"
+    props.parent.mkdir()
+    text = PROPS.replace('"props"', '"scene"').replace('step = "step/a.step"', "").replace("MESH", "a.obj")
+    props.write_text(text, encoding="utf-8")
+    with pytest.raises(TwinError, match=r"props/scene\.toml: a plan writes its scene to scene\.toml: give"):
+        props_files(props)
+
+
+def test_protocol_files_of_a_plan_have_different_names():
+    scene = SimpleNamespace(props=Path("a_protocol.toml"))
+    robots = ["a", "a_protocol", "scene", "scene_protocol", "a_protocol_protocol"]
+    files = protocol_files(robots, scene)  # type: ignore[arg-type]
+    assert files["a"] == "a.toml"
+    assert len({*files.values(), "scene.toml", "a_protocol.toml"}) == len(robots) + 2

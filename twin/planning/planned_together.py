@@ -14,7 +14,7 @@ from twin.core.units import MM
 from twin.model.scene import Scene
 from twin.planning.apart import Apart, Nearest
 from twin.planning.planned import searches
-from twin.planning.playable import SCENE, Moved, protocol_file, write_playable
+from twin.planning.playable import SCENE, Moved, protocol_files, write_playable
 from twin.planning.proven import clearance
 from twin.planning.rounds import Rounds
 from twin.planning.space import Certificate
@@ -155,7 +155,7 @@ class PlannedTogether(Result):
 
     def files(self) -> list[str]:
         """Return the names of the files that `write` makes, without the props."""
-        own = (file for name in self.robots for file in (f"{name}.csv", protocol_file(name, self.scene)))
+        own = (n for robot, file in protocol_files(self.robots, self.scene).items() for n in (f"{robot}.csv", file))
         return [SCENE, FILE, *own]
 
     def write(self, folder: Path) -> None:

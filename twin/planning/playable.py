@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -61,14 +61,20 @@ class Moved:
     phases: Sequence[Span] = ()
 
 
-def protocol_file(robot: str, scene: Scene) -> str:
-    """Return the name of the protocol file of a robot, which differs from that of the scene and of the props."""
-    taken = {SCENE, "" if scene.props is None else scene.props.name}
-    return f"{robot}_protocol.toml" if f"{robot}.toml" in taken else f"{robot}.toml"
+def protocol_files(robots: Iterable[str], scene: Scene) -> dict[str, str]:
+    """Return the name of the protocol file of each robot; all names differ, also from those of scene and props."""
+    taken, out = {SCENE, "" if scene.props is None else scene.props.name}, {}
+    for robot in robots:
+        stem = robot
+        while f"{stem}.toml" in taken:
+            stem += "_protocol"
+        out[robot] = f"{stem}.toml"
+        taken.add(out[robot])
+    return out
 
 
 def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearance: float, folder: Path) -> None:
-    """Write <robot>.csv and a protocol (`protocol_file`) for each robot, the scene file, and the props.
+    """Write <robot>.csv and a protocol (`protocol_files`) for each robot, the scene file, and the props.
 
     Args:
         scene: the scene of the plan.
@@ -76,12 +82,16 @@ def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearanc
         t: (k,) times in s of the samples.
         clearance: required clearance in m.
         folder: an existing folder.
+
+    Raises:
+        TwinError: the props cannot be copied (`props_files`).
     """
+    files = protocol_files(robots, scene)
     for name, robot in robots.items():
         moving = len(robot.q) > 1
         write_samples(folder / f"{name}.csv", robot.joints, t if moving else t[[0, -1]], robot.q)
         about = _protocol(name, robot, float(t[-1]), scene)
-        (folder / protocol_file(name, scene)).write_text(tomlkit.dumps(about), encoding="utf-8")
+        (folder / files[name]).write_text(tomlkit.dumps(about), encoding="utf-8")
     table = tomllib.loads(scene.file.read_text(encoding="utf-8"))
     moving = [name for name, robot in robots.items() if len(robot.q) > 1]
     head: dict[str, Any] = {
@@ -96,7 +106,7 @@ def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearanc
             (folder / relative).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, folder / relative)
     places = [{k: v for k, v in r.items() if k != "start"} for r in table["robot"]]
-    places = [{**r, "protocol": protocol_file(r["name"], scene)} for r in places]
+    places = [{**r, "protocol": files[r["name"]]} for r in places]
     kept = {k: table[k] for k in _KEPT if k in table}
     (folder / SCENE).write_text(tomlkit.dumps({**head, **kept, "robot": places}), encoding="utf-8")
 
@@ -105,8 +115,11 @@ def props_files(props: Path) -> dict[Path, Path]:
     """Return the files of props, by their path relative to the folder of their TOML file `props`.
 
     Raises:
-        TwinError: the TOML file is malformed, or names a file outside its folder, which cannot be copied with it.
+        TwinError: the TOML file is malformed, has the name of the scene file of a plan, or names a file outside its
+            folder, which cannot be copied with it.
     """
+    if props.name == SCENE:
+        raise TwinError(f"{props}: a plan writes its scene to {SCENE}: give the file of the props another name")
     out = {}
     for file in inputs(props):
         relative = Path(os.path.relpath(file, props.parent))
