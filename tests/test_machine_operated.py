@@ -124,6 +124,8 @@ def test_a_twin_follows_a_machine_process():
         ([], "give either --states HOST:PORT (TCP port of a `twin machine`) or --packets PORT"),
         (["--states", "a:b"], "--states a:b: give HOST:PORT or PORT"),
         (["--states", "\u00b2"], "--states \u00b2: give HOST:PORT or PORT"),  # a superscript is a digit for Python
+        (["--states", 5000 * "9"], f"--states {80 * '9'}: give HOST:PORT or PORT"),
+        (["--packets", 5000 * "9"], f"{80 * '9'} is not a port: give 0 to 65535"),
         (["--states", "a..b:9"], "no machine sends states at a..b:9: "),
         (["--states", "9"], "no machine sends states at 127.0.0.1:9"),
     ],

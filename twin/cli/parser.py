@@ -216,8 +216,8 @@ def _at_least(least: int) -> Callable[[str], int]:
 
 def port_number(text: str) -> int:
     """Convert a text to a port number."""
-    if not re.fullmatch(r"[0-9]+", text) or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"{text} is not a port: give 0 to 65535; 0 chooses a free port")
+    if not re.fullmatch(r"[0-9]{1,9}", text) or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text[:80]} is not a port: give 0 to 65535; 0 chooses a free port")
     return int(text)
 
 

@@ -72,8 +72,8 @@ def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
         print(f"{robot.name}: joint packets to 127.0.0.1:{source.port} (UDP)", flush=True)
         return Mirror(robot, source)
     host, _, port = args.states.rpartition(":")
-    if not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
-        raise TwinError(f"--states {args.states}: give HOST:PORT or PORT, such as 127.0.0.1:36001")
+    if not (port.isascii() and port.isdigit() and len(port) < 10 and 0 < int(port) < 65536):
+        raise TwinError(f"--states {args.states[:80]}: give HOST:PORT or PORT, such as 127.0.0.1:36001")
     return Mirror(robot, StateReader(host or "127.0.0.1", int(port), n))
 
 
