@@ -211,6 +211,13 @@ def test_a_picture_alone_shows_that_its_rectangle_is_not_whole(hole, why):
         upper_side.angle(rgb)
 
 
+def test_a_rectangle_seen_as_a_line_is_named():
+    rgb = np.zeros((720, 960, 3))
+    rgb[np.arange(200, 400), np.arange(300, 500)] = (0.02, 0.5, 0.05)
+    with pytest.raises(upper_side.UnmeasuredError, match="is a line in the picture"):
+        upper_side.angle(rgb)
+
+
 def test_the_nearer_of_two_triangles_is_seen_and_a_mesh_behind_the_lens_is_not(goal):
     """The lens is in the World's origin and looks along z; a large triangle reaches from before it to behind it."""
     square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)

@@ -8,7 +8,7 @@ import pytest
 
 import twin
 from twin.core import spatial
-from twin.core.errors import WorldError
+from twin.core.errors import TwinError, WorldError
 from twin.model.body import Mesh
 from twin.model.movable import Movable
 from twin.simulation.plants.contact import Contact, Gripper, Solid
@@ -68,6 +68,12 @@ def pose(world, name="ring"):
 FLOOR = Solid("floor", [box("floor", (-70, -55, -8), (70, 55, 0))], 0.5)
 T_LEAN = np.radians(0.9)
 WALL_PEG = peg("peg", (0, 40, 50), (0, 40 - 22 * np.cos(T_LEAN), 50 + 22 * np.sin(T_LEAN)), 2.8)
+
+
+def test_a_flat_part_is_named():
+    sheet = box("sheet", (-70, -55, 0), (70, 55, 0))
+    with pytest.raises(TwinError, match=r"board: part 'sheet' is flat.* Draw it with a thickness"):
+        Contact([RING], [Solid("board", [sheet], 0.5)])
 
 
 @pytest.mark.parametrize("sleeps", [True, False])

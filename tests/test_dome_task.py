@@ -333,6 +333,10 @@ def test_a_wrong_wire_or_dome_is_named(scene, props):
         wrong = replace(task, guide=task.guide.model_copy(update={field: value}))
         with pytest.raises(TwinError, match=text):
             contact_scene.course(scene, props, wrong)
+    flat = [replace(m, vertices=m.vertices * (1, 1, 0)) for m in props.body("dome").meshes]
+    bodies = tuple(replace(b, meshes=tuple(flat)) if b.name == "dome" else b for b in props.bodies)
+    with pytest.raises(TwinError, match=r"task 'ring': dome 'dome' is flat.* Draw it with a thickness"):
+        contact_scene.course(scene, replace(props, bodies=bodies), task)
     with pytest.raises(TwinError, match="has no ring to guide"):
         contact_scene.course(scene, props, replace(task, guide=None))
 

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from twin.core import spatial
+from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.model.body import Body, Frame, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
-from twin.reference.clearance import clearance
+from twin.reference.clearance import Shape, clearance
 
 X = spatial.pose(spatial.frame_from_axes([1, 0, 0], [0, 0, -1]))
 """A joint frame whose z is the x of its body."""
@@ -52,6 +53,14 @@ def two_boxes():
 def link_poses(m, q):
     model = ReferenceModel(m)
     return model.link_poses(model.run(np.asarray(q, float)).x)
+
+
+def test_a_flat_body_without_a_hull_is_named():
+    plate = box("plate_box", [0, -0.1, -0.1], [0, 0.1, 0.1])
+    with pytest.raises(
+        TwinError, match=r"m/plate is flat: all its vertices are in one plane.* Draw it with a thickness"
+    ):
+        Shape("m/plate", "m/plate", (plate,)).hull  # noqa: B018
 
 
 def test_the_distance_of_an_approach_is_exact_at_every_sample():

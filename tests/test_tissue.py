@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -395,6 +395,13 @@ def test_state_that_is_not_finite_is_refused():
 def test_link_inside_an_organ_at_the_start_is_refused():
     with pytest.raises(WorldError, match="'tool/rod' is inside 'ball' at the start; start the robot outside"):
         Organs([made.ball()], [Tool("tool", made.rod())], [made.at(0, 0, 0.06)])
+
+
+def test_flat_link_is_named():
+    (rod,) = made.rod().meshes
+    flat = replace(made.rod(), meshes=(replace(rod, vertices=rod.vertices * (1, 0, 1)),))
+    with pytest.raises(TwinError, match=r"tool/rod: part 'rod' is flat.* Draw it with a thickness"):
+        Organs([made.ball()], [Tool("tool", flat)], [made.at(0, 0, 0.2)])
 
 
 def test_link_that_jumps_into_an_organ_touches_nothing_until_it_is_outside():

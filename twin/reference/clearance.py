@@ -14,6 +14,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Mesh
+from twin.model.hull import require_hull
 from twin.model.mechanism import Mechanism
 
 TOUCHING = 0.05 * MM
@@ -60,7 +61,12 @@ class Shape:
 
     @cached_property
     def hull(self) -> coal.Convex:
-        """Convex hull of the mesh."""
+        """Convex hull of the mesh.
+
+        Raises:
+            TwinError: the mesh is flat.
+        """
+        require_hull(self.name, self._vertices)
         return _hull(self._vertices)
 
     def corners_in(self, Ts_base_body: Array) -> Array:

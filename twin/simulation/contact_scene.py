@@ -12,6 +12,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.contact import ContactTable
+from twin.model.hull import require_hull
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.model.task import Task
@@ -88,8 +89,8 @@ def course(scene: Scene, props: Mechanism | None, task: Task) -> Course:
     """Return the parts of a task with a ring to guide, measured on the drawn parts.
 
     Raises:
-        TwinError: wire or dome is not among the solid bodies, the wire has only one part, or the task has no ring to
-            guide.
+        TwinError: wire or dome is not among the solid bodies, the dome is flat, the wire has only one part, or the
+            task has no ring to guide.
     """
     from scipy.spatial import ConvexHull  # imported here, because the import takes a while
 
@@ -115,6 +116,7 @@ def course(scene: Scene, props: Mechanism | None, task: Task) -> Course:
         raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('solid body', task.guide.dome, bodies)}")
     dome = bodies[task.guide.dome]
     corners = np.concatenate([part.vertices for part in dome.parts])
+    require_hull(f"{scene.file.name}: task '{task.name}': dome '{dome.name}'", corners)
     hull = ConvexHull(corners @ dome.T_world_body[:3, :3].T + dome.T_world_body[:3, 3])
     return Course(np.array(line), hull.equations)
 

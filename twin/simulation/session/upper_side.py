@@ -7,7 +7,7 @@ points of the upper side; here, a line is fitted to all columns of the upper sid
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
@@ -94,9 +94,10 @@ def _require_convex(mask: Array) -> None:
         raise UnmeasuredError(
             f"the rectangle has {len(rows)} pixels in the picture (minimum {_SHORTEST}); move the camera nearer"
         )
-    hull = ConvexHull(
-        np.column_stack([columns, rows])
-    )  # hull of the pixels' middles: half a pixel smaller on every side
+    try:  # hull of the pixels' middles: half a pixel smaller on every side
+        hull = ConvexHull(np.column_stack([columns, rows]))
+    except QhullError as error:
+        raise UnmeasuredError("the rectangle is a line in the picture; turn the camera towards its front") from error
     missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
     if missing > _DENT * len(rows) + 0.25 * hull.area:
         raise UnmeasuredError(

@@ -13,6 +13,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.model.body import Mesh
+from twin.model.hull import require_hull
 from twin.model.movable import Movable
 
 RING = 12
@@ -60,8 +61,12 @@ def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Arra
         T_body: (4, 4) pose of the part's frame in the body.
         owner: prefix of the name of the hull.
         more: attributes of the geom.
+
+    Raises:
+        TwinError: the part is flat.
     """
     kinds = mujoco.mjtGeom
+    require_hull(f"{owner}: part '{part.name}'", part.vertices)
     corners, volume, to_box, edges = _hull(np.ascontiguousarray(part.vertices, float).tobytes())
     long = int(np.argmax(edges))
     others = np.delete(edges, long)

@@ -13,6 +13,7 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Body
+from twin.model.hull import require_hull
 from twin.model.surface import inside
 from twin.model.tissue import Tissue
 from twin.simulation.plants.contact.shapes import add_part
@@ -407,6 +408,7 @@ def _samples(tool: Tool) -> Array:
 
     out = [np.zeros((0, 3))]
     for part in tool.body.meshes:
+        require_hull(f"{tool.name}: part '{part.name}'", part.vertices)
         hull = trimesh.convex.convex_hull(part.vertices)
         points = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, SAMPLE, max_iter=20)[0]
         out.append(np.unique(np.rint(points / (SAMPLE / 2)), axis=0) * (SAMPLE / 2))

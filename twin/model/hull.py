@@ -1,0 +1,25 @@
+"""Check that a shape has a convex hull: its vertices are not in one plane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+
+_FLAT = 1e-9
+"""Thickness relative to the size of a shape below which the shape counts as flat."""
+
+
+def require_hull(name: str, vertices: Array) -> None:
+    """Check that vertices (n, 3) have a convex hull; `name` is the name of the shape for the message.
+
+    Raises:
+        TwinError: the vertices are in one plane.
+    """
+    extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    if len(vertices) < 4 or extents[2] <= _FLAT * extents[0]:
+        raise TwinError(
+            f"{name} is flat: all its vertices are in one plane, so that it has no convex hull. Draw it with a "
+            "thickness, or remove its shape"
+        )
