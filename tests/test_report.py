@@ -14,7 +14,7 @@ from twin.core import errors
 from twin.core.findings import Finding
 from twin.core.provenance import Parameter
 from twin.ui.report import render_html, write_report
-from twin.ui.report.html import command, key_figures, reason
+from twin.ui.report.html import _with_commands, command, key_figures, reason
 from twin.validation.result import Report
 
 make_report, PHASES, JOINTS = made.make_report, made.PHASES, made.JOINTS
@@ -180,6 +180,20 @@ def test_command_quotes_and_may_be_given(agree):
     assert command(bare) == "twin validate 'my robot' --protocol table2 --variant eq1=printed"
     assert command(replace(bare, commands={"validate": "twin validate ./mine"})) == "twin validate ./mine"
     assert command(replace(agree, environment={"command": "twin validate x"})) == "twin validate x"
+
+
+@pytest.mark.parametrize(
+    ("commands", "shown"),
+    [
+        (("twin", "twin explain"), "<code>twin explain</code>"),
+        (("twin explain", "twin"), "<code>twin explain</code>"),
+        (("-", "twin"), "<code>twin</code> explain"),
+        ((), "twin explain"),
+    ],
+)
+def test_a_command_in_the_suggestion_is_marked_once(disagree, commands, shown):
+    report = replace(disagree, cure="see twin explain & <b>", commands=dict(enumerate(commands)))
+    assert str(_with_commands(report)) == f"see {shown} &amp; &lt;b&gt;"
 
 
 # ------------------------------------------------------------------------------ files and plots

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -155,9 +156,9 @@ def _with_commands(report: Report) -> Markup:
     """Return the report's suggestion as HTML, with formatted command lines."""
     from markupsafe import Markup, escape
 
-    text = str(escape(report.what_to_do))
-    for line in map(str, map(escape, report.commands.values())):
-        text = text.replace(line, f"<code>{line}</code>")
+    text, lines = str(escape(report.what_to_do)), [str(escape(line)) for line in report.commands.values()]
+    if lines:  # the longest first: a line can be a part of another line
+        text = re.sub("|".join(map(re.escape, sorted(lines, key=len, reverse=True))), r"<code>\g<0></code>", text)
     return Markup(text)
 
 
