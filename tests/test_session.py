@@ -321,6 +321,22 @@ def test_a_damaged_file_is_named_with_its_fault(tmp_path, change, text):
     assert str(path) in str(found.value)
 
 
+def test_a_small_file_that_unpacks_to_a_huge_session_is_refused(tmp_path, monkeypatch):
+    """The duration of a session does not limit the number of its ticks: they can be as short as the file says."""
+    path = tmp_path / "a.session"
+    written(path, 3 * CHUNK)
+    path.write_bytes(with_head(path.read_bytes(), dt=1e-300))
+    row = sum(SIZES.values())
+    monkeypatch.setattr(session_file, "LARGEST", 8 * (2 * CHUNK * row + 3 * sum(WORLD.values())), raising=False)
+    with pytest.raises(WorldError, match=r"a\.session: the session has more than 64,\d{3} unpacked bytes, the limit"):
+        read_session(path)
+    writer = SessionWriter(tmp_path / "b.session", session_file.head("room", DIGEST, 1e-300, SIZES, WORLD))
+    while not writer.full:
+        writer.add(np.zeros((100, sum(WORLD.values()))))
+    writer.close()
+    assert CHUNK <= len(read_session(tmp_path / "b.session").device) < 2 * CHUNK
+
+
 def test_no_file_is_overwritten(tmp_path, capsys):
     path = tmp_path / "a.session"
     written(path, 10)

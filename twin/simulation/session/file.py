@@ -44,6 +44,9 @@ _MAGIC, _END = b"TWNS", b"TWNE"
 _LONGEST_HEAD, _MOST_NUMBERS = 1_000_000, 10_000
 """Maximum length of the first line in bytes; maximum number of values in one row."""
 
+LARGEST = 4_000_000_000
+"""Maximum size of all unpacked chunks in bytes: a session of `LONGEST` with 138 values of the device in each row."""
+
 
 class Head(Table):
     """First line of a `twin-session` file. All values are SI; a row holds the signals at the end of its tick."""
@@ -180,8 +183,10 @@ class SessionWriter:
 
     @property
     def full(self) -> bool:
-        """Whether the maximum duration of a session is reached."""
-        return self.ticks * self._head.dt >= LONGEST
+        """Whether the maximum duration or size of a session is reached."""
+        ticks, m = self.ticks + CHUNK, sum(sizes(self._head.world).values())
+        size = 8 * (ticks * len(self._device) + (ticks // CHUNK + 1) * m)
+        return self.ticks * self._head.dt >= LONGEST or size > LARGEST
 
     def add(self, rows: Array) -> None:
         """Add rows (k, m) of all signals; whole chunks are written at once.
@@ -291,7 +296,7 @@ def _head(path: Path, line: bytes) -> Head:
 def _chunks(path: Path, file: BinaryIO, start: Head) -> tuple[list[Chunk], str]:
     n, m = sum(sizes(start.device).values()), sum(sizes(start.world).values())
     chunks: list[Chunk] = []
-    digests, ticks = hashlib.sha256(), 0
+    digests, ticks, unpacked = hashlib.sha256(), 0, 0
     while True:
         at = f"after {ticks * start.dt:.3f} s"
         mark = file.read(_HEAD.size)
@@ -305,8 +310,11 @@ def _chunks(path: Path, file: BinaryIO, start: Head) -> tuple[list[Chunk], str]:
                 )
             return chunks, ""
         raw = 8 * (count * n + m)
+        unpacked += raw
         if magic != _MAGIC or not 0 < count <= CHUNK or length > raw + raw // 100 + 1000:
             raise WorldError(f"{path}: damaged {at}: there is no valid chunk")
+        if unpacked > LARGEST:
+            raise WorldError(f"{path}: the session has more than {LARGEST:,} unpacked bytes, the limit for a session")
         packed = file.read(length)
         if len(packed) < length:
             return chunks, f"it ends {at}, within a chunk: the recording was interrupted"

@@ -6,7 +6,7 @@ import logging
 from pathlib import Path
 
 from twin.core.errors import TwinError
-from twin.simulation.session.file import LONGEST, Head, SessionWriter
+from twin.simulation.session.file import LARGEST, LONGEST, Head, SessionWriter
 from twin.simulation.session.tape import Tape
 
 
@@ -42,8 +42,8 @@ class Recorder:
                 writer.add(rows)
             if writer.full:
                 writer.close()
-                text = "the recording has reached its maximum of %g s: %s is complete, and nothing more is recorded"
-                logging.getLogger(__name__).warning(text, LONGEST, writer.path)
+                text = "the recording has reached its maximum of %g s or %g GB: %s is complete, and recording has ended"
+                logging.getLogger(__name__).warning(text, LONGEST, LARGEST / 1e9, writer.path)
                 self._writer = None
         except TwinError as error:
             writer.abandon()
