@@ -598,6 +598,21 @@ def test_interrupt(run, monkeypatch):
     assert (text.code, text.err) == (130, "twin: interrupted: nothing was written\n")
 
 
+def test_interrupt_before_the_command_line_is_imported():
+    code = """
+import sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "twin.cli.parser":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+from twin.cli import main
+sys.exit(main(["list"]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "twin: interrupted\n")
+
+
 def test_interrupt_says_how_to_go_on(run, monkeypatch):
     def fail(args):
         raise KeyboardInterrupt("3 sessions are kept")

@@ -5,12 +5,12 @@ The public names are those of `__all__`; they are loaded when first used, so tha
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
 from twin.core.version import __version__
 
+TYPE_CHECKING = False  # as in `typing`, whose import takes longer than that of this package
 if TYPE_CHECKING:
+    from typing import Any
+
     from twin.analysis.search import workspace
     from twin.analysis.sweep import sweep
     from twin.analysis.tolerance import Spread, tolerance
@@ -115,6 +115,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
     for module, held in _HOMES.items():
         if name in held:
             return getattr(import_module(module), name)
