@@ -203,12 +203,14 @@ def test_the_command_writes_page_boxes_and_table(four, tmp_path, capsys):
     ("measure", "expected"),
     [
         ("raven_left_path_mm", "Path of raven_left [mm]"),
-        ("trials_n", "trials n"),
-        ("gap_min", "gap min"),
-        ("success_percent", "success [%]"),
-        ("insertion_depth", "insertion depth"),
-        ("nasa tlx", "nasa tlx"),
+        ("trials_n", "Trials n"),
+        ("gap_min", "Gap min"),
+        ("success_percent", "Success [%]"),
+        ("insertion_depth", "Insertion depth"),
+        ("nasa tlx", "Nasa tlx"),
         ("mm", "mm"),
+        ("time", "Time"),
+        ("pH", "pH"),
     ],
 )
 def test_a_measure_is_labelled_with_its_unit(measure, expected):

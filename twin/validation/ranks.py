@@ -62,6 +62,8 @@ def label(measure: str) -> str:
     name = name if unit else measure
     path, _, what = name.rpartition("_")
     name = f"Path of {path}" if path and what == "path" else name.replace("_", " ")
+    if name == name.lower() and name not in _UNITS:
+        name = name[:1].upper() + name[1:]
     return f"{name} [{unit}]" if unit else name
 
 
