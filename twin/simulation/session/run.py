@@ -197,12 +197,11 @@ def perform(
     """
     device, tape = surgeon(setup, seed, scale, mistake), Tape()
     world = console_scene.world(setup, device, records=False, watch=[tape])
-    writer = SessionWriter(path, head_of(setup, world, device, seed))
     keep, task = Keep(world, kept(world)), setup.task
     assert task is not None, "the surgeon has a task"
     names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)]
     names = names or [*(STEPS if task.guide else ()), task.name]
-    try:
+    with SessionWriter(path, head_of(setup, world, device, seed)) as writer:
         while not world.ended and not writer.full:
             world.step(file.CHUNK)
             rows = tape.take()
@@ -210,9 +209,6 @@ def perform(
             keep.add(rows)
             i = min(max(int(world.signals["surgeon.target"][0]), 0), len(names) - 1)
             progress(names[i], i / len(names))
-        writer.close()
-    finally:
-        writer.abandon()
     return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed), condition=setup.condition)
 
 
