@@ -96,5 +96,4 @@ def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Ra
         )
     procedure = operating_scene.procedure_of(setup.scene, setup.task)
     keep = keep_for(world, procedure, console_scene.ORGANS if by_hand(session) else _SAMPLE)
-    difference = repeat(session, world, tape, keep, progress)
-    return Ran(keep.recording(), keep.ticks, begin.dt, difference)
+    return repeat(session, world, tape, keep, progress)

@@ -263,13 +263,11 @@ def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[st
         raise WorldError(
             f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"
         )
-    keep = Keep(world, kept(world))
-    difference = repeat(session, world, tape, keep, progress)
-    return Ran(keep.recording(), keep.ticks, start.dt, difference, condition=start.condition)
+    return repeat(session, world, tape, Keep(world, kept(world)), progress)
 
 
-def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Progress) -> Difference | None:
-    """Step a World with the recorded device to the end of a session; return the first difference of its signals.
+def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Progress) -> Ran:
+    """Step a World with the recorded device to the end of a session, and compare its signals with the recording.
 
     Args:
         session: the session.
@@ -288,7 +286,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
             difference = _difference(t, t1, rows[-1], chunk.last, world)
         t = t1
         progress("replay", keep.ticks / len(session.device))
-    return difference
+    return Ran(keep.recording(), keep.ticks, session.head.dt, difference, condition=session.head.condition)
 
 
 def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
