@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from made.printed import SLIPS, algorithm1
 from twin.core.errors import ProtocolError
 from twin.planning.costs import acceleration, length, total, weighted
 from twin.planning.fmt import Search, neighbours
-from twin.planning.printed import SLIPS, algorithm1
 
 START, GOAL = np.array([0.1, 0.5]), np.array([0.9, 0.5])
 RADIUS = 0.2

@@ -14,6 +14,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 from obstacles import length, ompls, problem
@@ -21,7 +22,9 @@ from obstacles import length, ompls, problem
 from twin.planning.around import around
 from twin.planning.costs import length as length_of
 from twin.planning.fmt import Search
-from twin.planning.printed import algorithm1
+
+sys.path.append(str(Path(__file__).parents[1]))
+from made.printed import algorithm1
 
 COUNTS = (200, 500, 1000, 2000)
 IMPROVED = (500, 2000)

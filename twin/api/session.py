@@ -170,7 +170,8 @@ def _session(
         more["pegs"] = contact_scene.pegs(setup.scene, setup.props, task)
     if task is not None and task.guide is not None:
         referee = guiding.Referee.of(setup, ran.kept.dt)
-        more |= {"guided": guiding.measure(ran.kept, referee), "wire": referee.course.wire}
+        referee.see_all(ran.kept)
+        more |= {"guided": referee.measures(), "wire": referee.course.wire}
     if task is not None and task.alignment is not None:
         more["aligned"] = _aligned(setup, task.alignment, ran, arms)
     return ConsoleSession(setup.scene, source, seed, task, ran, arms, **more)

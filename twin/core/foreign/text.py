@@ -26,20 +26,20 @@ def read_text(path: Path, kind: str, encoding: str = "utf-8", errors: str = "str
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-def load_json(path: Path, encoding: str = "utf-8") -> Any:
+def load_json(path: Path) -> Any:
     """Return the content of a JSON file as Python objects.
 
     Raises:
         BudgetError: the file is too large, or has too many objects and lists.
         OSError, ValueError, RecursionError: the file cannot be read, or is not valid JSON.
     """
-    return parse_json(path, read_bytes(path, "JSON"), encoding)
+    return parse_json(path, read_bytes(path, "JSON"))
 
 
-def parse_json(path: Path, data: bytes, encoding: str = "utf-8") -> Any:
+def parse_json(path: Path, data: bytes) -> Any:
     """Return JSON text as Python objects; `path` is for error messages. Raises the same errors as `load_json`."""
     count_json(path, data)
-    return json.loads(data.decode(encoding))
+    return json.loads(data.decode())
 
 
 def count_json(path: Path, data: bytes) -> None:

@@ -491,8 +491,8 @@ def _weight(group: Sequence[View]) -> tuple[bool, int, int]:
     return "truth" in families, len(families), -min(map(_trust, group))
 
 
-def _listed(files: Sequence[str], most: int = 3) -> str:
-    shown = list(files[:most]) if len(files) <= most else [*files[: most - 1], f"{len(files) - most + 1} more"]
+def _listed(files: Sequence[str]) -> str:
+    shown = list(files) if len(files) <= 3 else [*files[:2], f"{len(files) - 2} more"]
     return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 

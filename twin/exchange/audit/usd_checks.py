@@ -30,14 +30,14 @@ def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
         text = f.message if f in public or f.message.endswith(".") else f"{f.message}."
         ledger.add(
             f.code,
-            "info" if _is_choice(f, physics) else f.severity,
+            "info" if _is_choice(f) else f.severity,
             text,
             f.where,
             size=Measured(f.size, f.limit, f.unit),
             when=f.when,
             suggestion=f.suggestion,
         )
-    grave = [f for f in kept if f.severity != "info" and not _is_choice(f, physics)]
+    grave = [f for f in kept if f.severity != "info" and not _is_choice(f)]
     ledger.row("stage checks", float(len(grave)), "found", 0.0)
     public = [f for f in public if f.severity != "info"]
     own, ledger.tool, ledger.version = (ledger.tool, ledger.version), "UsdValidation", version()
@@ -65,7 +65,7 @@ def _counts(f: Finding, physics: bool) -> bool:
     return physics or not plain
 
 
-def _is_choice(f: Finding, physics: bool) -> bool:
+def _is_choice(f: Finding) -> bool:
     """Return whether the reported value may be intended by the author; the finding is then reported as a note."""
     authored = f.severity == "warning"  # a missing value has the severity "disagreement"
     return f.code == "stage.empty" or (f.code in ("stage.up_axis", "stage.meters_per_unit") and authored)

@@ -60,7 +60,6 @@ class Names:
 
     def __init__(self, kind: str, names: Iterable[str], findings: Findings) -> None:
         names = list(names)
-        self._kind = kind
         self._known = unique((n, n) for n in names)
         for old, new in self._known.items():
             if old != new:

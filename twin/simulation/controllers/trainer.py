@@ -277,7 +277,7 @@ class Trainer(Block):
         self._why, self._value = Why.NOTHING, 0.0
         self._record: list[Array] = []
         self._start: Array | None = None
-        self._good = self._down = self._led = False
+        self._good = self._led = False
         self._fastest, self._held = 0.0, 0.0
         self._k, self._since, self._heard = 0, 0.0, 0.0
         self.outputs = {
@@ -313,7 +313,7 @@ class Trainer(Block):
             if alone and not full:
                 self._rehearsed(values, s)
         else:
-            self._down = self._led = False
+            self._led = False
         given = np.append(model, float(self._sync))
         return {
             f"{self.robot}.packet": machine,

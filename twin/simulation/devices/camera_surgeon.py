@@ -86,12 +86,8 @@ class CameraSurgeon(SurgeonHands):
     def _near(self, way: Array, turn: float) -> bool:
         """Return whether the surgeon accepts the remaining displacement `way` (3,) in m and rotation `turn` in rad."""
         length = float(np.linalg.norm(self.upper[1] - self.upper[0]))
-        far = self._goal_depth()
+        far = length / (2 * self._half * self.line)  # at this distance, the rectangle appears as long as the line
         return abs(turn) < _TURNED and float(np.abs(way / [length, length, far]).max()) < _ASIDE
-
-    def _goal_depth(self) -> float:
-        """Return the distance in m at which the rectangle appears as long as the line."""
-        return float(np.linalg.norm(self.upper[1] - self.upper[0])) / (2 * self._half * self.line)
 
     def _seen(self) -> tuple[Array, float]:
         """Return the displacement (3,) in m and the angle in rad by which the scene has to move in the picture."""

@@ -96,5 +96,4 @@ class Log:
 
 
 def _line(row: Mapping[str, Any]) -> bytes:
-    """Return a line of the log."""
     return json.dumps(row).encode() + b"\n"

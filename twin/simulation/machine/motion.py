@@ -16,6 +16,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
+from twin.formula import symbolic
 from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 from twin.reference.dynamics import Dynamics
@@ -73,7 +74,7 @@ def motion(mechanism: Mechanism) -> Motion:
         R, r = up.R @ T[:3, :3], up.R @ T[:3, 3]
         z = R[:, 2]
         if joint.is_angle:
-            R = R @ _about_z(x[i])
+            R = R @ symbolic.rotation_z(x[i])
             w, turn = up.w + z * xd[i], up.turn + z * xdd[i] + ca.cross(up.w, z * xd[i])
             a = up.a + _carried(up.turn, up.w, r)
         else:
@@ -109,11 +110,6 @@ def _coordinates(mechanism: Mechanism) -> tuple[Array, Array]:
         np.array(dynamics.configuration(row))[places] for row in np.vstack([np.zeros(dynamics.n), np.eye(dynamics.n)])
     ]
     return at[0], np.round(np.array([row - at[0] for row in at[1:]]).T, 12)
-
-
-def _about_z(angle: Any) -> Any:
-    c, s = ca.cos(angle), ca.sin(angle)
-    return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
 
 
 def _carried(turn: Any, w: Any, r: Any) -> Any:

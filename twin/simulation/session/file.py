@@ -145,6 +145,8 @@ def head(
 class SessionWriter:
     """Writes a session while it runs; until `close`, the file has the suffix `.part`.
 
+    In a `with` statement, the file is closed at the end, and abandoned after an error.
+
     Attributes:
         path: the file.
         ticks: number of ticks so far.
@@ -180,6 +182,16 @@ class SessionWriter:
         except OutputError:
             self.abandon()
             raise
+
+    def __enter__(self) -> SessionWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self.close()
+        finally:
+            self.abandon()
 
     @property
     def full(self) -> bool:

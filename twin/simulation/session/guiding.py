@@ -21,10 +21,9 @@ from twin.model.guide import GuideTable
 from twin.model.movable import Movable
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.contact_scene import Course
-from twin.simulation.session.referee import InstrumentReferee, Runs, signals_of
+from twin.simulation.session.referee import InstrumentReferee, Runs
 from twin.simulation.session.rings import crossing
 from twin.simulation.setup import Setup
-from twin.simulation.world import Recording
 
 STEPS = ("picked up", "handed over", "guided", "released", "retracted")
 """Steps of the task, in order."""
@@ -234,7 +233,7 @@ class Referee(InstrumentReferee):
     def signals(self) -> list[str]:
         """Names of the signals that the referee reads."""
         own = [f"{self._ring.name}.{what}" for what in ("pose", "holder", "rubs")]
-        return [*own, *signals_of(self._names), *(f"{robot}.q" for robot in self._names)]
+        return [*super().signals, *own, *(f"{robot}.q" for robot in self._names)]
 
     @property
     def complete(self) -> bool:
@@ -270,14 +269,6 @@ class Referee(InstrumentReferee):
             "rings": [[self._ring.name, "dropped" if self._fell else state, color]],
             "events": self._told(last),
         }
-
-
-def measure(kept: Recording, referee: Referee) -> GuideMeasures:
-    """Return the measures of a recording; `referee` must be new, and have the period of `kept`."""
-    columns = [(name, kept[name]) for name in referee.signals]
-    for k in range(len(kept.rows)):
-        referee.see({name: column[k] for name, column in columns})
-    return referee.measures()
 
 
 def _tool(T_world_base: Array, kin: Kinematics) -> Callable[[Array], Array]:

@@ -65,9 +65,8 @@ def train(
     device, outbox, tape = Together([trainee, *states.values()]), Outbox(parts), Tape()
     world = console_scene.world(setup, device, records=False, watch=[outbox, tape], parts=parts)
     exchange = Exchange(links, states, outbox)
-    writer = SessionWriter(path, head_of(setup, world, device, seed))
     keep, begin = Keep(world, kept(world)), time.monotonic()
-    try:
+    with SessionWriter(path, head_of(setup, world, device, seed)) as writer:
         while not world.ended and not writer.full:
             wait = begin + world.t - time.monotonic()
             if wait > 0:
@@ -86,9 +85,6 @@ def train(
                     if link.problem:
                         raise DeviceError(f"{name}: {link.problem}")
                 progress(trainee.doing, trainee.done)
-        writer.close()
-    finally:
-        writer.abandon()
     return Ran(keep.recording(), keep.ticks, world.dt, condition=setup.condition)
 
 

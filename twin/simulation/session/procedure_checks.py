@@ -310,7 +310,6 @@ def measure(kept: Recording, setup: Setup) -> ProcedureMeasures:
     """Return the measures of a session; `kept`: the signals that the referee reads. See `ProcedureReferee`."""
     clips = [n for n in sorted(kept.sizes) if n.startswith("clip_") and n.endswith(".on")]
     referee = ProcedureReferee(setup, clips, kept.dt)
-    columns = [(name, kept[name]) for name in kept.sizes]
-    for k, t in enumerate(kept.t.tolist()):
-        referee.see({name: column[k] for name, column in columns}, t)
+    for t, now in zip(kept.t.tolist(), kept.samples(kept.sizes), strict=True):
+        referee.see(now, t)
     return referee.measures()

@@ -105,7 +105,7 @@ class ProcedureGuide(ProcedureReferee):
             "rows": rows,
             "rings": [],
             "stages": [[_TITLES[c.name], _state(c), c.text] for c in checks],
-            "next": self._hint(checks, now),
+            "next": self._hint(checks),
             "events": [[round(e.t, 1), e.tone, e.text] for e in self.events[-5:]],
         }
 
@@ -117,7 +117,7 @@ class ProcedureGuide(ProcedureReferee):
 
     # -- what to do next ---------------------------------------------------------------------------------------
 
-    def _hint(self, checks: Sequence[Check], now: Mapping[str, Array]) -> str:
+    def _hint(self, checks: Sequence[Check]) -> str:
         """Return the step that the first open stage needs now."""
         p, states = self.procedure, {c.name: _state(c) for c in checks}
         holder = next((n for n in self.robots if self._holds[n] == 0), None)

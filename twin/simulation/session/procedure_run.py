@@ -54,9 +54,8 @@ def perform(setup: Setup, path: Path, *, seed: int = 0, mistake: Mistake = "", p
     """
     device, tape = ProcedureSurgeon(setup, seed, mistake), Tape()
     world = procedure_scene.world(setup, device, records=False, watch=[tape])
-    writer = SessionWriter(path, head_of(setup, world, device, seed, procedure_scene.identity(setup)))
     keep = keep_for(world, operating_scene.procedure_of(setup.scene, setup.task))
-    try:
+    with SessionWriter(path, head_of(setup, world, device, seed, procedure_scene.identity(setup))) as writer:
         while not world.ended and not writer.full:
             world.step(file.CHUNK // 4)
             rows = tape.take()
@@ -64,9 +63,6 @@ def perform(setup: Setup, path: Path, *, seed: int = 0, mistake: Mistake = "", p
             keep.add(rows)
             stage = int(world.signals["surgeon.stage"][0])
             progress(_STAGES[stage], stage / len(_STAGES))
-        writer.close()
-    finally:
-        writer.abandon()
     return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed))
 
 
@@ -100,5 +96,4 @@ def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Ra
         )
     procedure = operating_scene.procedure_of(setup.scene, setup.task)
     keep = keep_for(world, procedure, console_scene.ORGANS if by_hand(session) else _SAMPLE)
-    difference = repeat(session, world, tape, keep, progress)
-    return Ran(keep.recording(), keep.ticks, begin.dt, difference)
+    return repeat(session, world, tape, keep, progress)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from twin.core.spatial import Array
-from twin.simulation.world import Block, Signals
+from twin.simulation.world import Block, Recording, Signals
 
 Tone = Literal["good", "plain", "bad"]
 
@@ -77,6 +77,16 @@ class InstrumentReferee(Block):
         self.see(signals.now)
         return {}
 
+    @property
+    def signals(self) -> list[str]:
+        """Names of the signals that the referee reads."""
+        return [f"{name}.{what}" for name in self._names for what in ("touches", "meets", "follows")]
+
+    def see_all(self, kept: Recording) -> None:
+        """Judge all samples of a recording; the referee must be new, and have the period of `kept`."""
+        for now in kept.samples(self.signals):
+            self.see(now)
+
     def see(self, now: Mapping[str, Array]) -> None:
         """Judge one sample, `period` after the sample before."""
         k = self._samples
@@ -113,8 +123,3 @@ class InstrumentReferee(Block):
     def _told(self, last: int) -> list[list]:
         """Return the `last` events as plain data."""
         return [[round(e.t, 1), e.tone, e.text] for e in self.events[-last:]]
-
-
-def signals_of(robots: Sequence[str]) -> list[str]:
-    """Return the names of the signals that an `InstrumentReferee` reads."""
-    return [f"{robot}.{what}" for robot in robots for what in ("touches", "meets", "follows")]

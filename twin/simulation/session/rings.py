@@ -16,7 +16,7 @@ from twin.core.units import MM, hex_digits
 from twin.model.movable import Movable
 from twin.model.task import Task
 from twin.simulation.contact_scene import Peg
-from twin.simulation.session.referee import InstrumentReferee, Tone, signals_of
+from twin.simulation.session.referee import InstrumentReferee, Tone
 from twin.simulation.world import Recording
 
 _FALL = 10 * MM
@@ -114,6 +114,11 @@ class Referee(InstrumentReferee):
                 self._tell(k, news[0], news[1] + count)
 
     @property
+    def signals(self) -> list[str]:
+        """Names of the signals that the referee reads."""
+        return [*super().signals, *(f"{ring.name}.{what}" for ring in self._rings for what in ("pose", "holder"))]
+
+    @property
     def complete(self) -> bool:
         """Whether all rings lie around their pegs, and no hand has held a ring for some time."""
         return all(ring.settled for ring in self._rings)
@@ -140,11 +145,7 @@ def measure(
 ) -> BoardMeasures:
     """Return the measures of a task with transfers from recorded signals; for the other arguments, see `Referee`."""
     referee = Referee(task, objects, pegs, robots, kept.dt)
-    names = [f"{t.ring}.{what}" for t in task.transfers for what in ("pose", "holder")]
-    names += signals_of(robots)
-    columns = [(name, kept[name]) for name in names]
-    for k in range(len(kept.rows)):
-        referee.see({name: column[k] for name, column in columns})
+    referee.see_all(kept)
     return referee.measures()
 
 

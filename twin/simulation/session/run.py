@@ -197,12 +197,11 @@ def perform(
     """
     device, tape = surgeon(setup, seed, scale, mistake), Tape()
     world = console_scene.world(setup, device, records=False, watch=[tape])
-    writer = SessionWriter(path, head_of(setup, world, device, seed))
     keep, task = Keep(world, kept(world)), setup.task
     assert task is not None, "the surgeon has a task"
     names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)]
     names = names or [*(STEPS if task.guide else ()), task.name]
-    try:
+    with SessionWriter(path, head_of(setup, world, device, seed)) as writer:
         while not world.ended and not writer.full:
             world.step(file.CHUNK)
             rows = tape.take()
@@ -210,9 +209,6 @@ def perform(
             keep.add(rows)
             i = min(max(int(world.signals["surgeon.target"][0]), 0), len(names) - 1)
             progress(names[i], i / len(names))
-        writer.close()
-    finally:
-        writer.abandon()
     return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed), condition=setup.condition)
 
 
@@ -267,13 +263,11 @@ def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[st
         raise WorldError(
             f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"
         )
-    keep = Keep(world, kept(world))
-    difference = repeat(session, world, tape, keep, progress)
-    return Ran(keep.recording(), keep.ticks, start.dt, difference, condition=start.condition)
+    return repeat(session, world, tape, Keep(world, kept(world)), progress)
 
 
-def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Progress) -> Difference | None:
-    """Step a World with the recorded device to the end of a session; return the first difference of its signals.
+def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Progress) -> Ran:
+    """Step a World with the recorded device to the end of a session, and compare its signals with the recording.
 
     Args:
         session: the session.
@@ -292,7 +286,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
             difference = _difference(t, t1, rows[-1], chunk.last, world)
         t = t1
         progress("replay", keep.ticks / len(session.device))
-    return difference
+    return Ran(keep.recording(), keep.ticks, session.head.dt, difference, condition=session.head.condition)
 
 
 def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:

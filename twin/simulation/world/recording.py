@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -76,6 +76,11 @@ class Recording:
         if name not in self.sizes:
             raise WorldError(unknown("signal", name, self.sizes))
         return self.rows[:, columns(self.sizes)[name]]
+
+    def samples(self, names: Iterable[str]) -> Iterator[dict[str, Array]]:
+        """Yield the values (n,) of signals, by name, of each row in order."""
+        columns = [(name, self[name]) for name in names]
+        return ({name: column[k] for name, column in columns} for k in range(len(self.rows)))
 
     def to_bytes(self) -> bytes:
         """Return the content of the file."""

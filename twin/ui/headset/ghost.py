@@ -6,7 +6,6 @@ import time
 
 import numpy as np
 
-from twin.api import Robot
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
@@ -29,9 +28,9 @@ class Ghost:
         name: name of the variant; None: no ghost.
     """
 
-    def __init__(self, robot: Robot, desk: Desk) -> None:
+    def __init__(self, desk: Desk) -> None:
         self.name: str | None = None
-        self._robot, self._desk = robot, desk
+        self._desk = desk
         self._kin = None
         self._chosen: str | None = None
         self._playback: Playback | None = None

@@ -13,10 +13,7 @@ from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.headset.twin import Twin
 from twin.ui.session.feed import Feed
-from twin.ui.session.timeline import RATE, Clock
-
-HEARTBEAT = 6
-"""Number of ticks after which a frame is sent even if nothing has moved."""
+from twin.ui.session.timeline import HEARTBEAT, RATE, Clock
 
 
 class Live:

@@ -9,11 +9,12 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
-from twin.ui.headset.operation import DEVIATIONS, HEARTBEAT
+from twin.ui.headset.operation import DEVIATIONS
 from twin.ui.headset.posed import Posed
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.mirror import Mirror
+from twin.ui.session.timeline import HEARTBEAT
 
 
 class Mirrored:

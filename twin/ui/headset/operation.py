@@ -35,7 +35,7 @@ from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.loaded_scene import LoadedScene
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import HEARTBEAT, RATE
 
 REPORT = "/report-{}.html"
 """URL path of the report of an attempt at a task, by the number of the attempt."""
@@ -45,9 +45,6 @@ _PAPER = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri
 
 DEVIATIONS = RATE / 20
 """Number of ticks between two documents `deviations`."""
-
-HEARTBEAT = 6
-"""Number of ticks after which a frame is sent even if nothing has moved."""
 
 
 class Operation(LiveConsole):

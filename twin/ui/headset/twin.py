@@ -74,7 +74,7 @@ class Twin:
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
         self.clock = Clock() if clock is None else clock
         self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
-        self._ghost, self._reach = Ghost(robot, self.desk), Reach(self.desk, source)
+        self._ghost, self._reach = Ghost(self.desk), Reach(self.desk, source)
         self._hold: Hold | None = None
         self._protocols = protocols_of(robot, protocol)
         self._planner: Planner | None = None

@@ -58,6 +58,8 @@ def figure(found: ConsoleSession) -> Figure:
             _paths(ax, found, arms, title, x, y)
         else:
             (_picture if i == 0 else _angle)(ax, found, found.aligned, found.task.alignment)
+        ax.grid(True, color=GRID)
+        ax.tick_params(length=2.5)
     for i, (hand, name) in enumerate(arms):
         out.text(0.012 + 0.14 * i, 1 - 0.5 / height, f"{hand}: {name}", color=PALETTE[i], fontsize=9, va="center")
     for color, (_, name) in zip(PALETTE, arms, strict=False):
@@ -85,8 +87,6 @@ def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alig
     ax.set_xlim(-1.3, 1.3)
     ax.set_ylim(-1, 1)
     ax.set_title("picture: thick = target line; thin = upper side at start (dashed), end", loc="left", fontsize=9)
-    ax.grid(True, color=GRID)
-    ax.tick_params(length=2.5)
 
 
 def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
@@ -96,8 +96,6 @@ def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignm
     ax.axhspan(-goal.tolerance / DEG, goal.tolerance / DEG, color=NEAR, alpha=0.4, lw=0)
     ax.set_title("AlignErr [deg] over time [s]; band = tolerance", loc="left", fontsize=9)
     ax.yaxis.tick_right()
-    ax.grid(True, color=GRID)
-    ax.tick_params(length=2.5)
 
 
 def _deviation(ax: Axes, found: ConsoleSession) -> None:
@@ -113,8 +111,6 @@ def _deviation(ax: Axes, found: ConsoleSession) -> None:
     ax.set_xlabel("time [s]")
     ax.set_title("deviation from model [mm]; grey: rehearsal, yellow: replay", loc="left", fontsize=9)
     ax.yaxis.tick_right()
-    ax.grid(True, color=GRID)
-    ax.tick_params(length=2.5)
 
 
 def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: str, x: int, y: int) -> None:
@@ -146,8 +142,6 @@ def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: 
     ax.set_title(f"{title}: circle = start{legend}", loc="left", fontsize=8)
     ax.set_xlabel(f"{'xyz'[x]} [mm]")
     ax.set_ylabel(f"{'xyz'[y]} [mm]")
-    ax.grid(True, color=GRID)
-    ax.tick_params(length=2.5)
 
 
 def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:

@@ -132,7 +132,8 @@ class Desk:
             if out.good or not weak or not spatial.is_pose(T_base_tool, 1e-6):
                 return out
             # The orientation is not reached, so `asked` must not be set: it is used in comparisons.
-            return self._led(*self._tool_point(), T_base_tool[:3, 3])
+            tool = self.mechanism.frame(self.mechanism.tool)
+            return self._led(tool.body, tool.T_body_frame[:3, 3], T_base_tool[:3, 3])
 
     def move_joint(self, joint: int, value: float) -> Moved:
         """Move an active joint towards a value in m or rad; if it stops earlier, the result states the reason."""
@@ -273,10 +274,6 @@ class Desk:
                 least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM
                 raise KinematicsError(f"{upper} - {lower} = {left:.3f} mm is below its minimum of {least:.3f} mm")
         return self.model.solve(q, self.assembly)
-
-    def _tool_point(self) -> tuple[str, Array]:
-        tool = self.mechanism.frame(self.mechanism.tool)
-        return tool.body, tool.T_body_frame[:3, 3]
 
     def _led(self, body: str, p_body: Array, target: Array) -> Moved:
         """Move a point; the result states the remaining distance and the reason if the target was not reached."""

@@ -11,6 +11,9 @@ from twin.core.spatial import Array
 RATE = 60.0
 """Samples per second of a playback."""
 
+HEARTBEAT = 6
+"""Number of ticks after which a stream sends a frame even if nothing has moved."""
+
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Available playback speeds."""
 

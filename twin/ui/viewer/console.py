@@ -287,7 +287,7 @@ class ConsoleFront(Loop):
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(350)
-        self._status, self._said = gui.add_html(""), ""
+        self._status = gui.add_html("")
         self._score = None
         if self.console.referee is not None:
             self._score = ScorePanel(
@@ -428,8 +428,7 @@ class ConsoleFront(Loop):
             f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
             for tone, text in (status(self.console.reading, planned), *hands, *self._felt())
         )
-        if said != self._said:
-            self._said = self._status.content = said
+        self._status.content = said
         self._planning.show(self.now)
         if self._trainer is not None:
             self._trainer.show(self.console.world.t)

@@ -41,7 +41,7 @@ class MirrorFront(Loop):
         server.initial_camera.position = middle + 1.3 * size * next(iter(OUTSIDE.values()))
         server.initial_camera.look_at = middle
         server.gui.set_panel_label(title)
-        self._status, self._said = server.gui.add_html(""), ""
+        self._status = server.gui.add_html("")
         self._curve, self._begin = DeviationCurve(server.gui, ["deviation of the tips [mm]"]), self.now
 
     def frame(self, passed: float, wished: bool) -> None:
@@ -63,8 +63,7 @@ class MirrorFront(Loop):
             *([mirror.problem] if mirror.problem else []),
         ]
         said = "".join(f"<div style='padding:0 1em .4em'>{escape(line)}</div>" for line in lines)
-        if said != self._said:
-            self._said = self._status.content = said
+        self._status.content = said
 
     def close(self) -> None:
         """End the connection, and release the port."""

@@ -28,7 +28,7 @@ class ScorePanel:
         """Add the controls to the panel of the page; `end` and `restart` take the name of the client."""
         self._server, self._console = server, console
         gui = server.gui
-        self._html, self._shown = gui.add_html(""), ""
+        self._html = gui.add_html("")
         self._end, self._again = gui.add_button("End the task"), gui.add_button("Restart")
         self._end_task, self._restart = end, restart
         self._end.on_click(_asking(end))
@@ -45,8 +45,7 @@ class ScorePanel:
         """Show the scoreboard, which is the value "task" of the console's state."""
         said = f"<div style='{_BOX}'><b>{escape(task['title'])}</b>{_rows(task['rows'])}{_rings(task['rings'])}"
         said += f"{_events(task['events'])}</div>"
-        if said != self._shown:
-            self._shown = self._html.content = said
+        self._html.content = said
         if self._end.disabled != bool(task["over"]):
             self._end.disabled = bool(task["over"])
         made = task["report"]

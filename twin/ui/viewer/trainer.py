@@ -36,7 +36,7 @@ class TrainerPanel:
         on_click: Callable[[viser.GuiButtonHandle, str, Callable[[str], object]], None],
     ) -> None:
         """Add the controls; `on_click` connects a button to a request with the name of the client."""
-        self._console, self._pens, self._said = console, pens, ""
+        self._console, self._pens = console, pens
         table = console.scene.trainer
         assert table is not None
         self._names = table.robots
@@ -76,8 +76,7 @@ class TrainerPanel:
             )
             lines += [(f";color:{_BAD}", text) for text in (r["problem"], r["why"]) if text]
         said = "".join(f"<div style='padding:0 1em .4em{tone}'>{escape(text)}</div>" for tone, text in lines)
-        if said != self._said:
-            self._said = self._html.content = said
+        self._html.content = said
 
     def _train(self, client: str, mode: Mode) -> None:
         if mode == Mode.REPLAY:

@@ -104,7 +104,7 @@ class WatchFront(Loop):
         away = next(iter(OUTSIDE.values()))
         server.initial_camera.position, server.initial_camera.look_at = middle + AWAY * size * away, middle
         server.gui.set_panel_label(title)
-        self._status, self._said = server.gui.add_html(""), ""
+        self._status = server.gui.add_html("")
 
     def frame(self, passed: float, wished: bool) -> None:
         """Show the newest frame and the state."""
@@ -116,8 +116,7 @@ class WatchFront(Loop):
             lines += [status(reading)[1], *(hand_text(reading, hand)[1] for hand in reading["hands"])]
             lines += [f"Tool of {h['robot']}: {h['tool']}" for h in reading["hands"].values() if "tool" in h]
         said = "".join(f"<div style='padding:0 1em .4em'>{escape(line)}</div>" for line in lines)
-        if said != self._said:
-            self._said = self._status.content = said
+        self._status.content = said
 
     def close(self) -> None:
         """End the connection, and release the port."""

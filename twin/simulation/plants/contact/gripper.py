@@ -77,8 +77,7 @@ class Gripper:
             raise WorldError(f"'{robot}': the torque of a jaw is {effort:g} N m; it must be above 0")
         self.robot, self.effort = robot, effort
         tool = mechanism.frame(mechanism.tool)
-        self._T_tool_hand, self.T_hand_tool = spatial.inverse(tool.T_body_frame), tool.T_body_frame
-        self.hand = mechanism.body(tool.body)
+        self.hand, self.T_hand_tool = mechanism.body(tool.body), tool.T_body_frame
         names = [j.name for j in mechanism.active]
         inward = _inward(robot, mechanism, tool.body)
         self.links = (self.hand, *(mechanism.body(j.parent) for j in inward))
