@@ -209,6 +209,23 @@ def test_every_button_can_be_read_under_the_mouse(desk):
     assert {name: value for name, value in looked.items() if value < 4.5} == {}
 
 
+CUT = """[...document.querySelectorAll('.side .tab')].filter((tab) => {
+  const { right } = tab.getBoundingClientRect(), edge = document.querySelector('.side').getBoundingClientRect().right;
+  return tab.scrollWidth > tab.clientWidth || right > edge;
+}).map((tab) => tab.textContent)"""
+"""Headings of the controls that are cut off."""
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (844, 390), (390, 844)])
+def test_all_headings_of_the_controls_are_whole_folded_or_not(desk, size):
+    desk.page.set_viewport_size({"width": size[0], "height": size[1]})
+    assert desk(CUT) == []
+    desk.id("fold").click()
+    assert desk(CUT) == []
+    desk.id("fold").click()
+    assert desk.id("fold").get_attribute("aria-expanded") == "true"
+
+
 def test_a_joint_is_led_by_its_slider_and_by_its_link(desk, robot):
     desk.tab("Interaction")
     q = headset.agrees(desk, robot)
