@@ -148,7 +148,7 @@ def test_killed_while_files_are_moved(place):
     """The journal is there, so everything is completed by whatever twin does next."""
     out, old, new, _, _ = place
     moved = sum(1 for k in new if new[k] != old.get(k))
-    count = max(2, -(-KILLS // 8))
+    count = max(1, KILLS // 8)
     for n in random.Random(17).sample(range(moved), min(moved, count)):
         out.reset()
         assert out.run(moves=n) == -signal.SIGKILL
@@ -160,7 +160,7 @@ def test_killed_at_random(place):
     """Also in what comes before and after the moves."""
     out, old, new, seconds, _ = place
     rng, ends = random.Random(8), []
-    for _ in range(max(2, KILLS // 4)):
+    for _ in range(max(1, KILLS // 4)):
         out.reset()
         process = out.start(out.program, out.arguments)
         try:
@@ -178,7 +178,7 @@ def test_stopped_by_ctrl_c_at_random(place):
     """What Ctrl-C leaves is whole at once, without another start of twin, and no process of its own goes on."""
     out, old, new, seconds, _ = place
     rng = random.Random(9)
-    for _ in range(max(2, KILLS // 4)):
+    for _ in range(max(1, KILLS // 4)):
         out.reset()
         code, said, left = _interrupted(
             out.start(COMMAND, out.arguments, err=subprocess.PIPE), rng.uniform(0.3, seconds)

@@ -451,8 +451,8 @@ def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
     process = subprocess.Popen(
         [sys.executable, "-c", code, *SWEEP, "--out", str(tmp_path / "a")], start_new_session=True
     )
-    end = time.monotonic() + 120
-    while time.monotonic() < end and not (rows.is_file() and len(rows.read_bytes().splitlines()) >= 2):
+    while not (rows.is_file() and len(rows.read_bytes().splitlines()) >= 2):
+        assert process.poll() is None  # a slow machine takes as long as it takes
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
