@@ -7,6 +7,7 @@ import hashlib
 import os
 import pickle
 import re
+import signal
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,9 @@ import pytest
 # As the command line does: a second thread only waits for the first one, and the processors have work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
+
+# A shell without a terminal lets its jobs in the background ignore Ctrl-C, and their programs inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SILS = Path(__file__).parents[1] / "cad/sils/sils.toml"
 
