@@ -164,6 +164,8 @@ class SessionWriter:
             raise OutputError(f"{self.path} exists; sessions are not overwritten: choose another name")
         found, at = columns(sizes(head.world)), [s.name for s in head.device]
         self._device = np.concatenate([np.arange(found[n].start, found[n].stop) for n in at])
+        chunk = 8 * (CHUNK * len(self._device) + sum(sizes(head.world).values()))
+        self._most = LARGEST // chunk * CHUNK
         self._rows: list[Array] = []
         self._held = 0
         self._digests = hashlib.sha256()
@@ -196,9 +198,7 @@ class SessionWriter:
     @property
     def full(self) -> bool:
         """Whether the maximum duration or size of a session is reached."""
-        ticks, m = self.ticks + CHUNK, sum(sizes(self._head.world).values())
-        size = 8 * (ticks * len(self._device) + (ticks // CHUNK + 1) * m)
-        return self.ticks * self._head.dt >= LONGEST or size > LARGEST
+        return self.ticks * self._head.dt >= LONGEST or self.ticks + CHUNK > self._most
 
     def add(self, rows: Array) -> None:
         """Add rows (k, m) of all signals; whole chunks are written at once.
