@@ -148,7 +148,10 @@ class Page:
 
     def until(self, expression, what, seconds=WAIT):
         # playwright's own wait uses eval, which the page's policy forbids
-        return until(lambda: self.page.evaluate(expression), what, seconds)
+        try:
+            return until(lambda: self.page.evaluate(expression), what, seconds)
+        except AssertionError as error:
+            raise AssertionError(f"{error}; the page says: {self.page.inner_text('body')}") from None
 
     def draws(self, on):
         """Let the page draw, or only update its matrices, because drawing is slow without a graphics card."""
