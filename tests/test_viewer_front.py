@@ -70,7 +70,10 @@ def test_another_robot_is_taken_in_hand(two):
     assert two.hand.name == "lapbot"
     assert len(two.panels._joint) == 6
     assert len(two.after_frame) == ticks  # what watched the other one is gone
+    assert list(two.panels._protocol.options) == list(twin.load("lapbot").files.protocols())
+    assert not two.planning, "a list that is shown loads no protocol"
     two.take("hibou")
+    assert list(two.panels._protocol.options) == list(twin.load("hibou").files.protocols())
 
 
 def test_size_and_place_are_of_the_picture_alone(two):
@@ -109,7 +112,7 @@ def test_a_protocol_in_a_folder_is_among_those_of_the_page():
     with front_of(robot, protocol="around/dome") as front:
         chosen, options = front.panels._protocol.value, front.panels._protocol.options
         assert (chosen, options) == ("dome", ("about_port", "reach", "dome"))
-        assert front.panels._chosen(front.hand) == "around/dome"
+        assert front.panels._chosen() == "around/dome"
 
 
 def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were():

@@ -75,12 +75,9 @@ class Panels:
 
     def _play(self) -> None:
         gui, front = self.gui, self.front
-        robot, given = front.hand.desk.robot, front.hand.protocol or None
-        self._protocols = protocols_of(robot, given)
-        names = list(self._protocols)
-        self._protocol = gui.add_dropdown("protocol", names or ["none"], disabled=not names)
-        if names:
-            self._protocol.value = robot.protocol(given).name
+        self._protocols = {a.name: protocols_of(a.desk.robot, a.protocol or None) for a in front.actors}
+        self._protocol = gui.add_dropdown("protocol", ["none"])
+        self._list_protocols()
         self._state = gui.add_markdown("_not planned yet_")
         self._run = gui.add_button("▶ Play", disabled=True)
         self._time: viser.GuiSliderHandle | None = None
@@ -106,8 +103,11 @@ class Panels:
             hint="Factor by which the errors of the points of the equations are drawn larger",
         )  # fmt: skip
 
-        def planned(_: object) -> None:
-            front.ask("load", lambda: [front.load(a, self._chosen(a)) for a in front.actors])
+        def planned(event: viser.GuiEvent) -> None:
+            if event.client is None:  # the list of another robot is shown
+                return
+            a, protocol = front.hand, self._chosen()
+            front.ask("load", lambda: front.load(a, protocol))
 
         self._protocol.on_update(planned)
         self._run.on_click(lambda _: front.ask("run", self._toggle))
@@ -118,8 +118,18 @@ class Panels:
         for handle in (self._equations, self._times):
             handle.on_update(lambda _: front.ask("equations", lambda: None))
 
-    def _chosen(self, a: Actor) -> str | None:
-        return self._protocols.get(self._protocol.value) if a is self.front.hand else a.protocol
+    def _list_protocols(self) -> None:
+        """List the protocols of the active robot, and select the one that was loaded last."""
+        a = self.front.hand
+        listed, files = self._protocols[a.name], a.desk.robot.files
+        loaded = a.protocol or (files and a.desk.robot.source.description.default_protocol)
+        self._protocol.options = list(listed) or ["none"]
+        self._protocol.disabled = not listed
+        self._protocol.value = next((n for n, p in listed.items() if p == loaded), self._protocol.options[0])
+
+    def _chosen(self) -> str | None:
+        """Return the argument of `Robot.protocol` for the protocol that is selected."""
+        return self._protocols[self.front.hand.name].get(self._protocol.value)
 
     def _toggle(self) -> None:
         clock = self.front.clock
@@ -175,6 +185,7 @@ class Panels:
 
     def rebuild(self) -> None:
         """Rebuild the panels for another active robot."""
+        self._list_protocols()
         self._move()
         self.design.rebuild()
         if self.front.hand.playback is not None:
