@@ -9,7 +9,7 @@
 //     move <x y z>        move the hand
 //     value <v>           move the joint
 //     end                 release what is held
-// It ends with its input.
+// It ends with its input; its last line says that the client has closed.
 using System;
 using System.Collections.Generic;
 using System.Globalization;
@@ -77,6 +77,8 @@ public static class Listen
         }
 
         client.Disconnect();
+        Console.WriteLine("{\"what\":\"end\"}");
+        Console.Out.Flush();
     }
 
     private static void Obey(string[] words)

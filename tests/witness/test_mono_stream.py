@@ -79,8 +79,11 @@ async def listening(folder: Path, address: str, links, robot: str = ""):
     try:
         yield listener
         process.stdin.close()  # its thread that reads orders ends, which otherwise can delay the end of the program
-        await asyncio.wait_for(process.wait(), 30)
-        assert process.returncode == 0, await process.stderr.read()
+        try:
+            await asyncio.wait_for(process.wait(), 30)
+            assert process.returncode == 0, await process.stderr.read()
+        except TimeoutError:  # Mono sometimes does not end after its program has; the client must have closed by then
+            assert listener.said[-1]["what"] == "end", listener.said[-3:]
     finally:
         if process.returncode is None:
             process.kill()
