@@ -45,7 +45,7 @@ class Carrier(Interface):
         ...
 
     def follow(self, Ts: Array, directions: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
-        """Return states, driven joint values (k, n) and T_base_tool (k, 4, 4) along given poses `Ts`.
+        """Return states, values (k, n) of the driven joints, and tool poses T_base_tool (k, 4, 4) along the poses `Ts`.
 
         The tool follows the poses only in the directions whose entry in the mask `directions` (6,) is true:
         translations along x, y, z of base, then rotations about them. `p_tool` (3,) in m is the point of the tool that

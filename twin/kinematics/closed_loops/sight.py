@@ -1,4 +1,4 @@
-"""Evaluate a closed mechanism: a point of a body, the tool, and their Jacobians."""
+"""Evaluate a closed mechanism: the position of a point of a body, the tool pose, and the Jacobians of both."""
 
 from __future__ import annotations
 

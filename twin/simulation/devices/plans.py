@@ -61,7 +61,7 @@ class Plans(Block):
     """
 
     def __init__(self, device: str, arms: Mapping[str, PlannedArm]) -> None:
-        """Prepare for arms by the names of their places; `device`: name of the device of the pedals."""
+        """Connect to the arms, which are given by place name, and to `device`, the device of the pedals."""
         self._arms, self._silent, self._heard = dict(arms), f"{device}.silent", 0.0
         self.robot, self.state, self.why, self.arrived, self.off = "", OFF, "", False, 0.0
         self._Ts, self._k, self._since = np.zeros((0, 4, 4)), 0, 0.0

@@ -16,7 +16,7 @@ FORMATS = ("html", "json", "png")
 
 
 def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS) -> dict[str, Path]:
-    """Write report.html, report.json and plots/*.png into a folder, or those of them whose formats are given.
+    """Write a report into a folder in the given formats: report.html, report.json and plots/*.png.
 
     For an atomic write, use `twin.core.assets.atomic_folder`.
 

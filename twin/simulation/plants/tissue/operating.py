@@ -204,7 +204,7 @@ class Operating(Tissues):
         return weights
 
     def _surface_point(self, p: Array, nodes: Array) -> tuple[Array, Array]:
-        """Return the point (3,) of the organ's surface nearest to p (3,), and its weights (k,) of the nodes."""
+        """Return the point (3,) on the organ's surface nearest to p (3,), and the weights (k,) of its nodes."""
         organ = self._organ
         point, triangle, shares = nearest(p, organ.weights @ nodes, organ.surface.triangles)
         return point, shares @ organ.weights[organ.surface.triangles[triangle]]
