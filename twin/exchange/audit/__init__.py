@@ -7,8 +7,8 @@ physics     mechanism data of a file, in a common form for all formats; physics_
 sense       find physically impossible data in one file
 compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
-claims      check what files state about themselves: errors between keys, assumptions, README.txt
-unity, proof                       check the other contents of a bundle
+claims      check statements in the files: interpolation errors, assumed numbers, README.txt
+unity, proof                       check the Unity package and proof.json of a bundle
 diagnose    find a common mistake that explains a difference
 scene       audit an exported scene: the folder of each robot, then the scene's stages against these folders
 """
@@ -88,7 +88,7 @@ def audit(
 def _audited(
     path: Path, truth: Truth, mechanism: Mechanism | None, tell: Progress
 ) -> tuple[list[Content], list[Ledger]]:
-    """Read one robot's files and compare them with each other; return (their contents, their checks and findings)."""
+    """Read one robot's files and compare them with each other; return (contents, ledgers with checks and findings)."""
     found = find(path)
     contents: list[Content] = []
     ledgers: list[Ledger] = []

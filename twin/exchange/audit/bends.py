@@ -63,7 +63,7 @@ def audit_bends(folder: Path) -> list[Ledger]:
 
 
 class _Played:
-    """Meshes with morph targets of a glTF file, and the first animation of their weights."""
+    """The meshes with morph targets in a glTF file, and the first animation of the morph weights."""
 
     def __init__(self, file: Gltf) -> None:
         self._file = file
@@ -91,7 +91,7 @@ class _Played:
         return self._file.accessor(self._primitive(name)["indices"]).astype(int).reshape(-1, 3)
 
     def vertices(self, name: str, t: float) -> Array:
-        """Return the vertices (n, 3) of the mesh `name` at time t in s, in m with z up."""
+        """Return the vertices (n, 3) in m, z up, of the mesh `name` at time t in s."""
         primitive = self._primitive(name)
         v = self._file.accessor(primitive["attributes"]["POSITION"]).copy()
         targets = primitive.get("targets", [])

@@ -18,11 +18,13 @@ from twin.exchange.audit.poses import Array
 
 
 def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> tuple[float, float, float] | None:
-    """Remove every second key, and return the maximum interpolation errors at these keys; None if there are too few.
+    """Remove every second key, and return the maximum interpolation errors at the removed keys.
 
-    The errors are: position of any point of a link in m, rotation of a link in rad, joint gap in m.
+    The result is (position error of a link's points in m, rotation error of a link in rad, gap of a joint in m). It is
+    None if fewer than three keys can be removed.
 
-    Position errors are measured at the corners of each link's bounding box in `shapes`, else at the link's origin.
+    Position errors are measured at the corners of the link's bounding box; for a link that `shapes` lacks, at the
+    link's origin.
     """
     t = clip.times
     inner = np.arange(1, len(t) - 1, 2)

@@ -1,4 +1,4 @@
-"""Check what files state in addition to poses: errors between keys, header entries, assumptions, README.txt."""
+"""Check the statements of files that are not poses: interpolation errors, header entries, assumptions, README.txt."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _short(value: Any) -> str:
 
 
 def _check_same_robot(tracks: Sequence[Content]) -> None:
-    """Report names and types of the robot's joints, frames and tool that differ from the first track."""
+    """Report names and types of joints, frames and tool that differ between a track and the first track."""
     if not tracks:
         return
     first = tracks[0]
@@ -112,7 +112,7 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
 
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
-    """Report tracks whose list of assumed numbers lacks a number that a stage states with provenance ASSUMED."""
+    """Report numbers that are ASSUMED in a stage, but missing in a track's list of assumed numbers."""
     known = next((c for c in contents if c.extra.get("assumed")), None)
     names: Mapping[str, str] = {} if known is None else known.extra["assumed"]
     for content in tracks:
@@ -189,7 +189,7 @@ def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> Non
 
 def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: Ledger) -> None:
     rows = re.findall(r"^(\S+?)(?:, (\.\w+))?  +(.*)$", _section(raw, "What is where"), re.MULTILINE)
-    # The motion of a stage has no name of its own; a clip of a stage is called after its file.
+    # A stage does not state the name of its motion; the clip has the name of the file.
     clips = {clip.name for c in contents if c.format in ("glb", "tracks") for clip in c.clips}
     for name, also, what in rows:
         for file in (name, *([str(Path(name).with_suffix(also))] if also else [])):
@@ -264,7 +264,7 @@ def _section(text: str, title: str) -> str:
 
 
 def check_proof_clips(proof: Mapping[str, Any], contents: Iterable[Content], ledger: Ledger) -> None:
-    """Compare the motions in the content of a proof.json with the tracks."""
+    """Compare the motions that a proof.json lists with the tracks; `proof` is the content of the file."""
     rows = proof.get("clips")
     tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
     for row in rows if isinstance(rows, list) else ():

@@ -51,7 +51,7 @@ def surface_area(vertices: Array, triangles: Array) -> float:
 def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
     """Return the fraction (0..1) of a link's surface area that has different colours in two files.
 
-    `one` and `other` have, for each file, the fraction of the link's area by linear colour.
+    `one` and `other` contain the fraction of the link's area by linear colour, one mapping for each file.
     """
     left = dict(other)
     matched = 0.0

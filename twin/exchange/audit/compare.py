@@ -166,7 +166,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
 
 
 def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
-    """Return a text on keys that only one of the two clips has; if the durations differ, a text on the durations."""
+    """Return a message that states the different durations or, if they are equal, the keys that only one clip has."""
     if abs(clip.duration - ref.clip.duration) > TIME_TOL:
         ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
         here, there = told_apart(clip.duration, ref.clip.duration)
@@ -286,7 +286,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
 
 
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report clips that are missing in a glTF file, or that no file of another format contains."""
+    """Report clips missing in a glTF file, and clips missing in all USD stages, all JSON tracks or all CSV tracks."""
     for content in contents:
         if content.format in ("glb", "gltf") and content.clips and content.declared:
             for name in sorted(set(refs) - {c.name for c in content.clips}):
@@ -360,7 +360,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
 
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
-    """Report files whose model hash differs from the hash in proof.json or, without a proof, in most other files."""
+    """Report files whose model hash differs from the hash in proof.json; without it, from the most common hash."""
     said: dict[str, dict[str, str]] = {}
     for c in contents:
         if c.model_hash:

@@ -25,7 +25,7 @@ TRUTH = "the mechanism"
 
 _TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
 _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
-"""Common name, by format, of formats that are written from the same data and count as one source."""
+"""Name of the source, by format; formats that are written from the same data count as one source."""
 
 
 _ZERO = 1e-6
@@ -85,7 +85,7 @@ def _place(a: Array, b: Array) -> float:
 
 
 def _surface(a: Array, b: Array) -> float:
-    """Return the maximum distance in m of a point of either mesh from the nearest point of the other mesh.
+    """Return the Hausdorff distance in m between the points of two meshes.
 
     Return 0 if fewer than 70 % of the points of a mesh coincide with points of the other mesh: the meshes then have
     different triangles, and only `compare_shapes` compares them, by bounding box and volume.
@@ -212,7 +212,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     for view in views:
         _state(view, canonical, known, movable)
         if view.format == "mjcf" and any(view.file.startswith(f"{s}_") for s in stems):
-            # The file is for one motion with its own trocars; the computed motion shows whether its loops are closed.
+            # The file is for a single motion, with its own trocars; `Mjcf.play` checks whether the loops close.
             held = tuple(f" on '{n}'" for n in view.physics.held or ())
             view.said = {k: v for k, v in view.said.items() if k[1] != "place" or not k[0].endswith(held)}
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
@@ -241,7 +241,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
 
 
 def _known_links(views: Sequence[View]) -> set[str]:
-    """Return the links that the mechanism, else the tracks, USD or GLB state; else the links of all files.
+    """Return the links of the first source that has links: mechanism, tracks, USD or GLB; else the links of all files.
 
     MJCF and URDF may have auxiliary links, for example between the hinges of a ball joint.
     """
@@ -253,7 +253,7 @@ def _known_links(views: Sequence[View]) -> set[str]:
 
 
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
-    """Return the joints between known links by name; all files are compared with the first file that has the joint."""
+    """Return the reference joints between known links, by name; the first file that has a joint is its reference."""
     out: dict[str, Joint] = {}
     elsewhere = [(_stem(j), j.kind) for v in views if v.family != "tracks" for j in v.physics.reduced(known) if j.names]
     several = tuple(f"{name}_" for name, kind in elsewhere if kind not in ("", "fixed", "revolute", "prismatic"))

@@ -69,7 +69,7 @@ class Script:
     """The static methods of a source file.
 
     Raises:
-        CSharpError: a method has no closing brace. Unsupported code in a method raises it only when `call` runs it.
+        CSharpError: a method has no closing brace. Unsupported code causes an error only when `call` runs the method.
     """
 
     def __init__(self, source: str) -> None:

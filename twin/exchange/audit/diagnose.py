@@ -23,7 +23,7 @@ _LOOKS = 20
 
 
 def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
-    """Return a text that names the mistake which explains wrong poses; "" if no known mistake explains the poses.
+    """Return a description of the mistake that causes wrong poses; "" if no known mistake explains the poses.
 
     `found` has the poses (k, 4, 4) of each link in the file; `meant` has the expected poses.
     """

@@ -19,7 +19,7 @@ _TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".
 """File name suffixes of text formats."""
 
 _LISTS = {".glb": "gltf", ".gltf": "gltf", ".usdz": "usdz", ".urdf": "urdf", **dict.fromkeys(STAGES, "stages")}
-"""List of `Found` by file name suffix, for suffixes that only one format has."""
+"""Name of the list in `Found`, by file name suffix, for suffixes that belong to a single format."""
 
 _SUBLAYER = re.compile(r"@([^@\0]+\.usd[ac]?)@")
 

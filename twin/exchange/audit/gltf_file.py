@@ -134,7 +134,7 @@ class Gltf:
         return out
 
     def _check_bounds(self, index: int, spec: dict[str, Any], values: Array) -> None:
-        """Compare an accessor's min and max with its numbers; viewers use them for framing, culling and timing."""
+        """Compare an accessor's numbers with its min and max, which viewers use for framing, culling and timing."""
         name = f"accessor {index}"
         if not np.all(np.isfinite(values)):
             self.ledger.wrong("gltf.finite", f"{name} contains numbers that are not finite.", name)

@@ -23,7 +23,7 @@ def check_mesh(
 ) -> Shape | None:
     """Report the faults of a mesh, and return the shape of the mesh; None if the triangles are invalid.
 
-    Vertices are (n, 3) in m, triangles (m, 3); `normals` has a unit normal for each corner of a triangle (3 m, 3), or
+    Vertices are (n, 3) in m, triangles (m, 3). `normals` (3 m, 3) contains a unit normal for each triangle corner, or
     is None. `code` is the first part of the codes of the findings.
     """
     if not len(vertices) or not len(triangles):

@@ -26,7 +26,7 @@ LIMIT_TOL = 1e-5
 """Maximum relative difference between limits that is taken as a rounding error: MuJoCo saves six digits."""
 
 KEY_GAP = 1e-4
-"""Maximum residual in m or rad of an equality constraint at a keyframe, from which simulations start."""
+"""Maximum residual in m or rad of an equality constraint at a keyframe; simulations start from keyframes."""
 
 
 class Mjcf:
@@ -113,7 +113,7 @@ class Mjcf:
     def _chain(self, body: int, joints: range, clip: Clip) -> Iterator[tuple[Link, Array | None, int]]:
         """Yield (step, values, joint) of the chain from a body's parent to the body.
 
-        The values (k,) are None if unknown; the joint is MuJoCo's number, -1 for a step without a joint.
+        `values` (k,) is None if unknown; `joint` is MuJoCo's joint number, or -1 for a step without a joint.
         """
         m = self.model
         yield Link(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body])), None, -1

@@ -20,7 +20,7 @@ UNIT_TOL = 1e-4
 """Maximum difference of a quaternion's length from 1 that is taken as a rounding error of single precision."""
 
 MAX_STEP = np.radians(120)
-"""Maximum rotation in rad between two keys: players turn the shorter way, which may be the wrong way."""
+"""Maximum rotation in rad between two keys: players use the shorter rotation, which may be the wrong one."""
 
 START_TOL = 1e-9
 """Maximum start time in s of a clip: if a clip starts later, players show the rest pose first."""
@@ -86,7 +86,7 @@ class Content:
         shapes: meshes by link.
         colors: for each link, the fraction of its area by colour (linear rgba).
         physics: masses, joints and frames in the file; None: the file has no such data.
-        model_hash: hash, stated in the file, of the mechanism that the file was made from; "" if not stated.
+        model_hash: hash of the source mechanism, as stated in the file; "" if not stated.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...
         known: names of the links that at least one file in the folder marks; None if no file marks links.
         extra: data of the file that only one check needs, such as limits or phases.
@@ -243,7 +243,7 @@ def check_quaternions(
 
 
 def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
-    """Report poses that are not finite, and links far from the origin, which suggests lengths in mm."""
+    """Report poses that are not finite, and links so far from the origin that lengths are probably in mm."""
     for name, T in clip.links.items():
         if not np.all(np.isfinite(T)):
             ledger.wrong(f"{code}.finite", f"clip '{clip.name}': the pose of link '{name}' is not finite.", name)

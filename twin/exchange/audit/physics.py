@@ -125,9 +125,9 @@ class Joint:
         T: pose T_parent_child (4, 4) at zero coordinates; None if not stated.
         motions: lines along or about which the joint moves, in the parent's frame, from the parent outwards.
         drive: limits and drive of the joint.
-        tied: (point in the parent's frame, same point in the child's frame), both (3,) in m, of each tie, if the file
-            states only ties (MJCF connect).
-        kind_said: the kind of joint, if the file states the kind without the axis (tracks, GLB); else "".
+        tied: for each tie, (point in the parent's frame, same point in the child's frame), both (3,) in m; empty
+            unless the file states the joint by ties only (MJCF connect).
+        kind_said: kind of the joint if the file states it without an axis (tracks, GLB); else "".
     """
 
     names: tuple[str, ...]
@@ -194,12 +194,12 @@ class Physics:
     Attributes:
         links: names of all links.
         masses: mass properties by link.
-        assumed: links of unknown mass, whose mass properties are assumed because the format requires them.
+        assumed: links whose stated mass is only an assumption, made because the format requires a mass.
         frames: named frames, by name.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
         held: links that are fixed to the world; None if the format cannot state this.
         tool: name of the frame that protocols move; "" if not stated.
-        trocars: names of the trocars, joints whose position depends on the protocol.
+        trocars: names of the trocar joints; the protocol determines their positions.
         couplings: by name, (factors by joint, constant): the sum of factor times joint coordinate is the constant.
             None if the format cannot state couplings.
         motors: motors with transmissions, by name; None if not stated.

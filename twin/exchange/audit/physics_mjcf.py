@@ -24,7 +24,7 @@ _CONNECT, _WELD, _COUPLE, _TENDON = range(4)
 def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
     """Return the mechanism data of a compiled model.
 
-    `bodies` has the number of the body of each link, by link name; the world may be one of the links.
+    `bodies` contains MuJoCo's body number of each link, by link name; the world may be one of the links.
     """
     m = model
     out = Physics(tuple(bodies), complete=True, gravity=np.array(m.opt.gravity), couplings=_couplings(m))

@@ -24,7 +24,7 @@ BESIDE = 1e-4
 """Maximum distance in m of a stated RCM from the point in which all shaft axes meet."""
 
 SPREAD = 1e-4
-"""Minimum mean squared sine of the angles between lines and their mean direction; below it, they determine no point."""
+"""Minimum mean squared sine of the angles between lines and their mean direction; parallel lines have no centre."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class _Stay:
 def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> None:
     """Report shaft axes that miss the RCM of their phase, and RCMs that are not the centre of rotation of the shaft.
 
-    `local` is the list (7 n,) of the poses of the track's n named frames in their links: x y z in m, quaternion x y z
-    w of each frame.
+    `local` (7 n,) contains the poses of the track's n named frames, each in the frame of its link: x y z in m, then the
+    quaternion x y z w.
     """
     stays = _stays(data, clip, local, ledger)
     if stays is None:

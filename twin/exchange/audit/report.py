@@ -77,7 +77,7 @@ class AuditReport(Result):
         return {"path": self.path, "files": self.files, "checks": [c.as_dict() for c in self.checks]}
 
     def text(self, everything: bool = False) -> Iterator[Part]:
-        """Yield the parts of the report: files, the worst check of each kind, findings without notes.
+        """Yield the parts of the report: files, the worst check of each kind, all findings except notes.
 
         If `everything` is True, all checks and all findings are included.
         """
@@ -173,7 +173,7 @@ ADVICE: Mapping[str, str] = {
 
 
 class ReadError(Exception):
-    """A fault because of which a file cannot be read further; `code` is the finding's code ("": the default code)."""
+    """A fault that prevents further reading of a file; `code` is the finding's code ("": the default code)."""
 
     def __init__(self, message: str, code: str = "") -> None:
         super().__init__(message)

@@ -46,9 +46,9 @@ class Shown:
 
 
 def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
-    """Return (contents of the robots' files, ledgers of these files and of the scene's stages) of an exported scene.
+    """Audit an exported scene; return (contents of the robots' files, ledgers of these files and of the stages).
 
-    `audited` audits the folder of one robot; the name of the robot is added before its file names.
+    `audited` audits the folder of one robot. In the ledgers, file names begin with the name of the robot.
     """
     contents: list[Content] = []
     ledger = Ledger(FILE, "twin.exchange.audit scene", "1")

@@ -139,7 +139,7 @@ def _evaluating() -> Iterator[None]:
 
 
 def _reason(error: Exception) -> str:
-    """Return the first reason that USD gives, without the position in its source."""
+    """Return the first reason in an error of USD, without the location in the source code of USD."""
     text = str(error)
     if found := _SAID.search(text):
         return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", found[1].strip())[:200]
@@ -193,7 +193,7 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
 def _shapes(
     prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledger
 ) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
-    """Check the normals of every mesh; return (shapes, colours) by link name, with shapes in their link's frame."""
+    """Check the normals of every mesh; return (shapes in the frames of the links, colours), both by link name."""
     palette = Palette()
     found: dict[str, list[Shape]] = {}
     for prim in prims:

@@ -32,10 +32,12 @@ _IN = 1e-6
 def close(imported: Imported) -> Imported:
     """Close the loops at the rest pose (posture `home`), and add a drive to each driven joint that has none.
 
-    For each loop that cannot be closed, a finding states the gap. If the gap remains when all other loops are cut, and
-    all elements of the file are supported, the finding calls the gap a defect of the model. If the rest pose of the
-    file is singular or has open loops, `home` is a key frame of the file. If no key frame is suitable, `home` is the
-    least singular nearby state within the joint limits.
+    For each loop that cannot be closed, a finding states the gap. The finding calls the gap a defect of the model if
+    all elements of the file are supported and the gap remains when all other loops are cut.
+
+    If the loops cannot be closed near the rest pose of the file, or the closed state is singular, `home` is the first
+    suitable key frame of the file. Without a suitable key frame, a singular state is replaced by the least singular
+    nearby state within the joint limits.
     """
     mechanism, findings = imported.mechanism, Findings(imported.findings)
     findings += _authored_open(imported)

@@ -4,8 +4,8 @@ closed_loop: [[frame_a, frame_b], ...]
 type: [6d, ...]              6d: welded; 3d: the origins coincide, as in a ball joint
 name_mot: [joint, ...]
 joint_name: [joint, ...]     joints of the URDF whose type is replaced, because a URDF joint has only one axis
-joint_type: [SPHERICAL, ...] their new types: SPHERICAL (ball), UJOINT_XY (hinges about x, then y, of the joint's
-                             frame), FIXED (fixed at zero)
+joint_type: [SPHERICAL, ...] new types of these joints: SPHERICAL (ball), FIXED (fixed at zero), UJOINT_XY (hinges
+                             about x, then y, of the joint's frame)
 """
 
 from __future__ import annotations

@@ -16,10 +16,10 @@ from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
 
 FREQUENCY = 5.0
-"""Natural frequency in Hz that the gains of an assumed drive give; the drive is critically damped."""
+"""Natural frequency in Hz of assumed drives, which are critically damped; it determines their gains."""
 
 NOTE = f"the file has no gains; these give {FREQUENCY:g} Hz and critical damping for the inertia moved at rest"
-"""Note about an assumed drive in the description of the robot."""
+"""Note on each assumed drive, written to the description of the robot."""
 
 _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
 """Assumed inertia in kg m2 (revolute) or mass in kg (prismatic) that a joint moves, if the file has no masses."""
@@ -87,7 +87,7 @@ def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings
 
 
 def _carried(m: Mechanism, joint: Joint) -> float:
-    """Return the inertia in kg m2 of all bodies that a joint moves, about its axis; for a slide, their mass in kg."""
+    """Return the inertia in kg m2, about a joint's axis, of all bodies that it moves; for a slide, their mass in kg."""
     beyond = {next(j.child for j in m.tree if j.name == joint.name)}
     for j in m.tree:
         if j.parent in beyond and j.name != joint.name:

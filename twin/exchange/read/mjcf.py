@@ -325,10 +325,10 @@ class _Mjcf:
 def _without_missing(spec, path: Path, findings: Findings) -> set[str]:
     """Remove meshes and textures with missing files, and geoms that use them, from a MuJoCo specification.
 
-    `spec` is parsed and not yet compiled. Each missing file is a warning.
+    `spec` is parsed, but not compiled. Each missing file is reported as a warning.
 
     Returns:
-        Names of bodies without a stated inertia from which a geom was removed; MuJoCo's masses for them are invalid.
+        Names of bodies that lost a geom and have no stated inertia; the masses that MuJoCo computes for them are wrong.
     """
     lost: dict[str, str] = {}
     for mesh in list(spec.meshes):

@@ -110,7 +110,7 @@ def _built(m, found, pulls: dict[int, int], joints: Sequence[str], name: Name, f
 def _grouped(
     m, tendons: list[int], over: list[int], pulls: dict[int, int], name: Name
 ) -> tuple[str, list[int], list[int]]:
-    """Return (name, tendons, joints) of a group, in the order of its <tuple> in the file, else in file order."""
+    """Return (name, tendons, joints) of a group, ordered as in its <tuple>; without a <tuple>, in file order."""
     import mujoco
 
     by_actuator = {pulls[t]: t for t in tendons}

@@ -9,7 +9,7 @@ from twin.core.errors import SourceError, unknown
 from twin.exchange.read.source import Findings, note, warning
 
 WORLD = "world"
-"""Value of `root` with which all robots of the file are read as one mechanism."""
+"""Value of `root` that selects all robots of the file; they are then read as one mechanism."""
 
 
 def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], findings: Findings) -> list[int]:

@@ -159,7 +159,7 @@ def _rounds(parts: Mapping[str, Sequence[Part]], kind: str) -> Iterator[Round]:
 
 
 def _reach(part: Part, face: Face) -> tuple[float, float]:
-    """Return the interval in m along the axis, from `face.point`, of the part's vertices on the cylinder."""
+    """Return (start, end) of the cylinder along its axis, in m from `face.point`; measured at the part's vertices."""
     offset = part.vertices - face.point
     along = offset @ face.direction
     radius = np.linalg.norm(offset - along[:, None] * face.direction, axis=1)

@@ -37,7 +37,7 @@ _RAIL = 2.0
 
 @dataclass(frozen=True)
 class Side:
-    """The frame of a joint on one body, and the features that the frame names, as values of inline TOML tables."""
+    """Inline TOML tables of a joint's frame on one body, and of the features to which the frame refers by name."""
 
     frame: dict[str, Any]
     features: dict[str, dict[str, Any]]
@@ -103,9 +103,9 @@ def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: st
 
 
 def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]], list[Pair]]:
-    """Return ((type, fit, evidence) of each joint, remaining fits) for the fits between two bodies.
+    """Return (joints, unused fits) for the fits between two bodies; a joint is (type, fit, evidence).
 
-    The joint is at the position of its fit. The type is None if it depends on stops along the axis.
+    The fit determines the position of the joint. The type is None if only stops along the axis can determine the type.
     """
     balls = [p for p in pairs if p.kind == "concentric"]
     axes = sorted((p for p in pairs if p.kind == "coaxial"), key=lambda p: (p.near, p.clearance, -p.overlap))

@@ -54,7 +54,7 @@ _HARMLESS |= {"specular", "emissive", "lighting", "laser_retro", "meta", "must_b
 """Elements that affect only simulation or lighting: reported as notes."""
 
 _EMPTY = ("0", "0.0", "-1", "inf", "1e+16", "1e16", "")
-"""Texts of elements that have no effect, so that no finding reports the element."""
+"""Texts with which an unread element has no effect; such elements are not reported."""
 
 
 def read_sdf(path: Path, root: str | None = None) -> Imported:
@@ -103,7 +103,7 @@ class _Sdf:
         return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
 
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
-        """Return the joints, with the driven ones marked as active.
+        """Return the joints with `active` set for the driven joints.
 
         Plug-ins name the driven joints; without plug-ins, all joints are driven except followers (`mimic`) and joints
         that close a loop.

@@ -75,7 +75,7 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
 
 
 def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
-    """Replace the includes of a model by their models; `taken` holds the files of all includes so far."""
+    """Replace each include in a model by the included model; `taken` contains the files included so far."""
     if depth > _DEEPEST:
         raise SourceError(
             f"{xml.path}: models are nested in more than {_DEEPEST} levels; check that no model includes itself"
@@ -112,7 +112,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
     if len(models) != 1:
         raise SourceError(f"{file}: included by {xml.path.name}: expected one model, found {len(models)}")
     model = copy.deepcopy(models[0])
-    for address in model.iter("uri"):  # files of an included model are searched in the folder of its file
+    for address in model.iter("uri"):  # resolve mesh files relative to the folder of the included file
         place = find((address.text or "").strip(), file.parent)
         address.text = str(place.resolve()) if place is not None else address.text
     _resolve(other, model, depth, taken)
@@ -127,9 +127,9 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
 
 
 def _file(uri: str, beside: Path) -> Path | None:
-    """Return the SDF file of an address: the file itself, or model.sdf in the folder of that name; None if missing.
+    """Return the SDF file for a URI: the file with this name, or model.sdf in the folder with this name; else None.
 
-    The folder is searched in the folder `beside` and in up to four folders above it.
+    The search includes the folder `beside` and up to four of its parent folders.
     """
     if uri.startswith(("http://", "https://")):
         uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded; search a local copy instead

@@ -72,7 +72,7 @@ def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array
 def find(uri: str, beside: Path) -> Path | None:
     """Return the file for a `package://`, `model://` or `file://` address or a path; None if there is no such file.
 
-    A package is searched in the folder `beside` and in up to four folders above it; environment variables are not used.
+    The search for a package includes `beside` and up to four of its parent folders; environment variables are not used.
     """
     scheme, mark, rest = uri.partition("://")
     rest = rest if mark else scheme

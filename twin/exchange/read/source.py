@@ -44,7 +44,7 @@ class Imported:
         efforts: maximum effort in N or N m of joints without gains in the file.
         assumed: joints and actuators whose drives are ASSUMED.
         posed: whether the file states rest poses; a URDF does not.
-        keys: key frames of the file by name; each has values in m or rad by joint of the tree, active or passive.
+        keys: key frames of the file, by name; each maps active and passive tree joints to values in m or rad.
     """
 
     mechanism: Mechanism

@@ -51,7 +51,7 @@ _LIGHT = 1e-6
 
 
 def read_urdf(path: Path, closures: Path | None = None) -> Imported:
-    """Read a URDF and its closure YAML; None: the URDF has no closure YAML.
+    """Read a URDF and its closure YAML; `closures` is the path of the YAML, or None if there is no YAML.
 
     Raises:
         SourceError: the file is invalid or unsupported; the message names file, element and fault.
@@ -170,7 +170,7 @@ class _Urdf:
     def _marks(
         self, links: dict[str, Element], joints: dict[str, Element], ends: dict[str, tuple[str, str]], base: str
     ) -> dict[str, str]:
-        """Return the links that become named frames, each with its fixed joint."""
+        """Return the fixed joint of each link that becomes a named frame, by link name."""
         out = {}
         for joint, (_, child) in ends.items():
             element = links[child]
@@ -204,7 +204,7 @@ class _Urdf:
             self.findings.warn("closures", text, ends[0])
 
     def _retyped(self, joints: dict[str, Element]) -> dict[str, str]:
-        """Return the joints whose type the closure YAML replaces, with the new type."""
+        """Return the joint types that the closure YAML replaces: the new type by joint name."""
         retyped = self.closures.retyped if self.closures else {}
         leaders = {m.get("joint"): n for n, j in joints.items() if (m := j.find("mimic")) is not None}
         for name in retyped:
@@ -303,7 +303,7 @@ class _Urdf:
     def _retype(
         self, name: str, names: Names, joint: Element, ends: tuple[str, str], driven: set[str]
     ) -> Iterator[Joint]:
-        """Yield the joints that replace a URDF joint, as the closure YAML states, with axes of that joint's frame."""
+        """Yield the joints with which the closure YAML replaces a URDF joint; they use the frame of that joint."""
         kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
         T = T @ _origin(self.xml, joint, where)
         child = self.home[ends[1]][0]

@@ -26,13 +26,13 @@ _READ = (
 """Applied API schemas whose content is read."""
 
 _WITHOUT = ("friction", "armature", "breakforce", "breaktorque", "damping", "stiffness", "solver", "actuator")
-"""Parts of the names of joint properties that a mechanism cannot hold."""
+"""Words in the names of joint properties; a mechanism cannot hold properties with these words in their names."""
 
 
 def read_usd(path: Path, root: str | None) -> Imported:
     """Read a stage. A tool frame is added if the stage has none.
 
-    If no joint of the stage has a drive, all joints of the tree with one coordinate become driven joints. `root` is the
+    If no joint of the stage has a drive, all tree joints with one coordinate become driven joints. `root` is the
     prim path of the robot; None: the only robot of the stage.
 
     Raises:

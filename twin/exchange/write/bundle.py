@@ -48,8 +48,8 @@ class Audit(Protocol):
 class Bundle(Result):
     """Result of an export.
 
-    `files` are paths relative to the folder; `findings` are those on the robot, of the writers and of the audit;
-    `checks` are the measurements in proof.json.
+    `files` are paths relative to the folder; `findings` come from the robot, the writers and the audit; `checks` are
+    the measurements in proof.json.
     """
 
     folder: Path
@@ -149,8 +149,8 @@ def write_bundle(
         order: the data to write.
         folder: the export folder; it is unchanged if an error occurs.
         formats: see `chosen_formats`.
-        audit: function (folder, truth, mechanism) that reads the files independently and returns its result; `truth`:
-            for each clip (times (k,) in s, T_world_link (k, 4, 4) by link) of the reference model.
+        audit: function (folder, truth, mechanism) that reads the files independently and returns its result. `truth`
+            is the motion of the reference model by clip: (times (k,) in s, T_world_link (k, 4, 4) by link).
         progress: see `twin.api.Progress`.
 
     Raises:
@@ -309,7 +309,7 @@ def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
 def _proof(
     order: Order, work: Path, files: Sequence[Path], checks: Sequence[dict[str, Any]], findings: Sequence[Finding]
 ) -> dict[str, Any]:
-    """Return the content of proof.json: sources and results of every check; it does not depend on the date."""
+    """Return the content of proof.json: sources and results of all checks. The content does not depend on the date."""
     return {
         "schema": "twin-proof",
         "version": 1,
@@ -367,7 +367,7 @@ def _sha256(path: Path) -> str:
 
 
 def _written_before(folder: Path) -> list[str]:
-    """Return the files of an earlier export in the folder that still have the hashes in its proof.json."""
+    """Return the unchanged files of an earlier export: their hashes equal the hashes in the folder's proof.json."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         proof = json.loads((folder / PROOF).read_text(encoding="utf-8"))
         if proof["schema"] == "twin-proof":

@@ -34,7 +34,7 @@ _LOOKS = 4
 _GRIDS = (120, 240, 480)
 """Sample rates in Hz at which interpolation errors are computed.
 
-For a key rate, this is the lowest sample rate that is a multiple of the key rate and at least `_LOOKS` times as high.
+Each key rate uses the lowest sample rate that is a multiple of the key rate and at least `_LOOKS` times as high.
 """
 
 

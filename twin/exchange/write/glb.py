@@ -230,8 +230,7 @@ class _Document:
     def keys(self, times: Array, values: Array, kind: str) -> dict[str, Any]:
         """Return a linear sampler of an animation with the accessor type `kind`.
 
-        `times` (k,) are in s. `values` has a row for each number or vector: usually one row for each key, for morph
-        targets one row for each key and target.
+        `times` (k,) are in s. `values` has one row for each key; for morph targets, one row for each key and target.
         """
         at = self._add("keys", times.astype("<f4").reshape(-1, 1), "SCALAR", _FLOAT, bounds=True)
         output = self._add("keys", values.astype("<f4") + np.float32(0), kind, _FLOAT)

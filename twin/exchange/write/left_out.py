@@ -13,7 +13,7 @@ _WORDS |= {"soft_limits": "soft limits", "cone": "cones"}
 
 
 def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each of the given fields of `Joint` that has a value in at least one joint.
+    """Yield a finding for each of `fields`, names of fields of `Joint`, that at least one joint uses.
 
     The format cannot hold these fields; `file` is the file's name in the findings.
     """
@@ -23,7 +23,7 @@ def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]
 
 
 def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each of the given fields of `Actuator` that has a value in at least one actuator.
+    """Yield a finding for each of `fields`, names of fields of `Actuator`, that at least one actuator uses.
 
     The format cannot hold these fields; `file` is the file's name in the findings.
     """

@@ -30,7 +30,7 @@ def inertia_of(body: Body) -> Inertia:
 
 
 def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:
-    """Yield findings on bodies without a known mass, for which `inertia_of` assumes one; the base needs none."""
+    """Yield findings on bodies without a stated mass, except the base; `inertia_of` assumes masses for these bodies."""
     unknown = [b for b in mechanism.bodies if b.inertia is None and b.name != mechanism.base]
     for names, given in (
         ([b.name for b in unknown if b.meshes], "its bounding box filled with water"),

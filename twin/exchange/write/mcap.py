@@ -1,9 +1,9 @@
-"""Write .mcap: link poses and joint values over time, with the messages of Foxglove, as JSON with their schemas.
+"""Write .mcap: link poses and joint values over time, as Foxglove messages in JSON, with their JSON Schemas.
 
-Every link's pose is given in "world", so that a viewer needs no kinematics. Messages and their names are from
-Foxglove's documentation (docs.foxglove.dev/docs/sdk/schemas): /tf holds foxglove.FrameTransforms, /joint_states
-foxglove.JointStates, and /console the numbers given for the surgeon's console. Times are counted from the start of the
-session.
+The pose of every link is relative to the frame "world", so that a viewer needs no kinematics. Messages and their names
+are from Foxglove's documentation (docs.foxglove.dev/docs/sdk/schemas): /tf contains foxglove.FrameTransforms, and
+/joint_states contains foxglove.JointStates. /console contains numbers of the surgeon's console. Time 0 is the start of
+the session.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from twin.core.version import __version__
 from twin.exchange.write.clip import quaternions_xyzw
 
 WORLD = "world"
-"""Name of the frame in which the poses are given."""
+"""Name of the frame to which the poses are relative."""
 
 _NANO = 1_000_000_000
 
@@ -53,7 +53,7 @@ def write_mcap(
     """Write a recorded session as .mcap and return the path; the same input gives the same bytes.
 
     `t` has the times (k,) in s, from 0; `links` has T_world_link (k, 4, 4) by link; `joints` has the values (k,) in m
-    or rad by joint, with names such as "psm1/yaw"; `console` has more numbers (k,), by name.
+    or rad by joint, with names such as "psm1/yaw"; `console` has the numbers (k,) for /console, by name.
 
     Raises:
         TwinError: the package `mcap` is not installed.

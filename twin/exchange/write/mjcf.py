@@ -3,8 +3,8 @@
 Bodies are placed at home, and the `ref` of a joint is its coordinate at home, so that a simulation starts with closed
 loops; all joint coordinates are equal to the coordinates of the mechanism. A control is the displacement of a drive
 from home: the initial value zero holds the robot at home. A ball joint has no scalar coordinate; its quaternion is
-relative to home. Because loops are closed at `ref`, one anchor point is sufficient for both bodies; Drake reads no
-other form:
+relative to home. A <connect> has a single anchor point for both bodies, which is sufficient because loops are closed at
+`ref`; Drake reads no other form. Loops and couplings are written as follows:
 
     spherical       one connect at the ball
     revolute        two connects, at two points of the pin
@@ -181,7 +181,7 @@ class _Writer:
         self.qpos += [1.0, 0.0, 0.0, 0.0]
 
     def _moves(self, element: ET.Element, joint: Joint, T_body_joint: Array) -> None:
-        """Write a slide, a hinge, or both, along z of a frame on the moving body."""
+        """Write the slide, the hinge, or both, of a joint; the axis is z of the joint's frame on the moving body."""
         T = self._motion(joint)
         for kind, axis, value in (
             ("slide", 2, T[2, 3]),

@@ -22,7 +22,7 @@ from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 
 _KINDS = {".toml": "TOML", ".step": "STEP", ".stp": "STEP", ".py": "text"}
-"""Format of a source file by its suffix, for files whose bytes the reader of a robot keeps (not mesh files)."""
+"""Format of a source file, by suffix, for the files whose bytes the robot's reader keeps (mesh files: not kept)."""
 
 _DRAWN = "drawing."
 """Prefix of the names of lengths that affect only the appearance of parts."""
@@ -33,12 +33,12 @@ Plan = Callable[..., Trajectory]
 
 
 Robot = Any
-"""A `twin.api.Robot`, whose type this room cannot import."""
+"""A `twin.api.Robot`; this package cannot import the type."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A clip, and the mechanism, whose trocars have the positions stated by the clip's protocol."""
+    """A clip, and the mechanism with the trocar positions of the clip's protocol."""
 
     clip: Clip
     mechanism: Mechanism
@@ -93,8 +93,8 @@ def order(
 
     Args:
         robot: a robot from CAD, or from a USD stage; a stage has no protocols, but may contain a motion.
-        trajectory: a planned motion, which is then the only exported motion; it belongs to the first protocol of
-            `protocols`, else to the protocol that the trajectory names. None: plan the protocols.
+        trajectory: a planned motion; no other motion is then exported. It belongs to the first protocol in `protocols`
+            or, without `protocols`, to the protocol that the trajectory names. None: plan the protocols.
         protocols: names or paths; None: all protocols of the robot.
         budget: maximum errors of each clip; None: `Budget()`. Ignored for a stage, whose samples are the keys.
         plan: function that plans a protocol.
@@ -203,7 +203,7 @@ def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]
 
 
 def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
-    """Return "name = value: reason" for each assumed parameter; for parameters of appearance, only their number."""
+    """Return "name = value: reason" for each assumed parameter; parameters of appearance are only counted."""
     assumed = [p for p in parameters if p.provenance == "ASSUMED"]
     lines = [f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in assumed if not p.name.startswith(_DRAWN)]
     if drawn := sum(p.name.startswith(_DRAWN) for p in assumed):

@@ -14,7 +14,7 @@ _WIDTH = 100
 
 
 def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> str:
-    """Return the text of README.txt for the given formats; `findings` are those on the robot and of the writers."""
+    """Return the text of README.txt for the given formats; `findings` come from the robot and the writers."""
     head = f"{order.mechanism.name}: {order.title}"
     lines = [head, "=" * len(head), "", f"Written by twin {__version__} from: {order.source}", ""]
     for title, body in (

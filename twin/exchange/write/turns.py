@@ -1,7 +1,8 @@
 """Compute the coordinates of ball joints and cylindrical joints, which a URDF player needs as joint values.
 
-A ball joint s has the coordinates s_x, s_y, s_z: rotations about x, then y, then z of its frame on the child at home.
-A cylindrical joint c has the coordinates c_slide and c: displacement along z and rotation about z.
+A ball joint s has the coordinates s_x, s_y, s_z: rotations from home about the x axis, then the y axis, then the z axis
+of the joint's frame on the child. A cylindrical joint c has the coordinates c_slide and c: displacement along z and
+rotation about z.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Write a robot with its motions as layered USD, for simulators (Isaac Sim, Newton, PhysX) and editors.
 
-physics.usda, geometry.usdc          the robot at home with closed loops, the initial state of simulations
+physics.usda, geometry.usdc          the robot at home with closed loops: the initial state of simulations
 motion/<protocol>.usdc               baked poses and joint values at the key times of the clip
 <robot>_<protocol>.usda              root layer of the motion; open this file to play the motion
 """
@@ -36,7 +36,7 @@ Measured sag of the tool of SHER under gravity: 0.1 mm at 240 steps per second, 
 def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list[Path]:
     """Write the stage of a mechanism, and one motion for each clip.
 
-    The mechanism has masses if the stage is for simulators. The times of clips, in s, become time codes at 60 per
+    A stage for simulators requires a mechanism with masses. The times of clips, in s, become time codes at 60 per
     second.
 
     Returns:
@@ -83,7 +83,7 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
 
 
 def write_simulated(name: str, folder: Path) -> Path:
-    """Write <name>_sim.usda: the layer <name>.usda of the same folder, and a physics scene.
+    """Write <name>_sim.usda, which adds a physics scene to the layer <name>.usda of the same folder.
 
     The physics scene is outside the default prim, so that a stage that references the robot does not get a second
     physics scene.
@@ -121,7 +121,7 @@ def _add_scene(layer: Sdf.Layer) -> None:
 def fresh_stage(stage: Path, source: str, weighed: Callable[[], Mechanism]) -> Iterator[Path]:
     """Yield the path of a robot's USD stage: `stage` if it is up to date, else a new stage in a temporary folder.
 
-    `source` is the current `Mechanism.source` of the robot: its description and the hash of its CAD. `weighed` returns
+    `source` is the current `Mechanism.source` of the robot: description and hash of the CAD. `weighed` returns
     the mechanism with masses; it is called only if a new stage is written.
     """
     if stage.is_file():
