@@ -30,7 +30,7 @@ def same_layer(a: Path, b: Path) -> bool:
 
 
 def _numbers(text: str) -> tuple[Array, Array]:
-    """Return the numbers of a layer and the absolute tolerance of each; angles of hinges are in degrees."""
+    """Return (numbers of a layer file, absolute tolerance of each number); drive and state angles are in degrees."""
     numbers, tolerances, unit = [], [], 1.0
     for line in text.splitlines():
         if " = " in line:  # an attribute begins; its samples are in the next lines

@@ -31,7 +31,7 @@ SYMMETRIC = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
 """Cyclic rotation (3, 3): x to y, y to z, z to x."""
 
 TURNS = {"X": SYMMETRIC, "Y": SYMMETRIC @ SYMMETRIC, "Z": np.eye(3)}
-"""Rotation (3, 3) of the joint frame after which z is the joint's axis, by axis token (X, Y, Z)."""
+"""Rotation (3, 3) of the joint frame that makes z the axis of the joint, by axis token (X, Y, Z)."""
 
 
 SCALE_TOL = 1e-5
@@ -87,7 +87,7 @@ class RawJoint:
 
     @property
     def fault(self) -> str:
-        """Why the joint connects no two bodies in a known way; "" if it does."""
+        """Reason why the joint is invalid: unknown type, invalid side, or both sides on one body; "" if valid."""
         problem = self.problem or next((e.problem for e in self.ends if e.problem), "")
         if problem or self.ends[0].body != self.ends[1].body:
             return problem
@@ -295,7 +295,7 @@ _REASON = re.compile(r"Error in '[^']*' at line \d+ in file \S+ : '(.*?)'\s*(?=E
 
 
 def said(error: object) -> str:
-    """Return the first reason in an error of USD, without its source lines; a fixed text if the error is not UTF-8."""
+    """Return the first reason in an error of USD, without source code lines; a fixed text if the error is not UTF-8."""
     try:
         text = str(error).strip()
     except UnicodeDecodeError:

@@ -37,8 +37,8 @@ _UNCHECKED = Kind("stage.unchecked", "error", "repair the transform ops first")
 def check_stage(path: str | Path) -> list[Finding]:
     """Return the findings on a stage, the most severe first.
 
-    A finding has a code "stage.<name>", the prim path in `where`, the time code in `when`, and, if it is about a
-    measured value, the value, its unit and its limit.
+    A finding has a code "stage.<name>", the prim path in `where` and the time code in `when`. A finding on a measured
+    value also has the value, the limit and their unit.
 
     Raises:
         StageError: the file is missing or not USD, or one of its layers cannot be found.

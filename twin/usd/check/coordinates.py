@@ -64,8 +64,8 @@ def coordinate(joint: RawJoint, A: Array) -> Array:
 def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -> Iterator[Finding]:
     """Yield findings on a revolute or prismatic joint.
 
-    `q` (k + 1,) is the joint's coordinate at rest and at the k samples of the timeline, in degrees or metres. The
-    limits are checked only if `ordered` is True: the lower limit is at most the upper limit.
+    `q` (k + 1,) is the joint's coordinate at rest and at the k samples of the timeline, in degrees or metres.
+    `ordered` states whether the lower limit is at most the upper limit; if False, the limits are not checked.
     """
     if joint.limits and ordered:
         yield from _check_limits(joint, line, q)
@@ -75,7 +75,7 @@ def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -
 
 
 def _unit(joint: RawJoint) -> tuple[str, float]:
-    """Return (unit for messages, factor from the unit of `coordinate` to this unit)."""
+    """Return (unit in messages, factor that converts results of `coordinate` to this unit)."""
     return ("deg", 1.0) if joint.is_angle else ("mm", 1 / MM)
 
 
@@ -86,7 +86,7 @@ def _radians(joint: RawJoint, text: str, size: float) -> Finding:
 def _breach(q: Array, low: float, high: float, wraps: bool) -> Array:
     """Return the distances (k,) of q (k,) from the range low..high.
 
-    If `wraps`, up to three full turns may be added to or subtracted from all samples, to minimise the distances.
+    If `wraps`, the same number of full turns, -3 to 3, is added to all samples, so that the distances are minimal.
     """
     turns = 360.0 * np.arange(-3, 4) if wraps else np.zeros(1)
     each = [np.maximum(np.maximum(low - (q + t), q + t - high), 0) for t in turns]

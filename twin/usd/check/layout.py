@@ -34,7 +34,7 @@ LAYER_FIELDS = {
     "kilogramsPerUnit": "stage.layer_units",
     "timeCodesPerSecond": "stage.frame_rate",
 }
-"""Metadata that all layers must state with the same value, and the code of the finding on different values."""
+"""Metadata that must be equal in all layers, each with the code of the finding on unequal values."""
 
 
 _DEFAULT_PRIM = Kind("stage.default_prim", "disagreement", "set defaultPrim to the root prim of the robot")

@@ -15,7 +15,7 @@ from twin.usd.check.bodies import QUATERNION_TOL, non_unit
 from twin.usd.scan import Scene
 
 MAX_STEP = 90 * DEG
-"""Maximum rotation in rad between two samples. Players take the shorter way, which is wrong above 180 deg."""
+"""Maximum rotation in rad between two samples. Players use the shorter rotation, which is wrong above 180 deg."""
 
 
 _QUATERNION_SIGN = Kind(

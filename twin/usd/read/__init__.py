@@ -53,7 +53,7 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     """Return (mechanism of a stage, findings on renamed, guessed and omitted data).
 
     Every up axis and unit is converted to z up, metres and kilograms. Joint frames with axis X or Y are rotated so that
-    z is the axis. Bodies may be nested. A side of a joint that names no body, or a prim that is not a body, is on the
+    z is the axis. Bodies may be nested. A joint side whose target is missing or not a body is attached to the
     world. Joints excluded from the articulation come last, so that they close the loops; in a stage written by twin,
     the order of joints is unchanged. Rest poses are those at the default time, relative to the base; positions have
     double precision, rotations the precision of the orient op.

@@ -18,9 +18,9 @@ def identifier(name: str) -> str:
 
 
 def unique(wanted: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return a unique identifier for each key; equal ones get numbers in the order of `wanted` (arm, arm_2, ...).
+    """Return a unique identifier for each key; equal ones are numbered in the order of `wanted` (arm, arm_2, ...).
 
-    `wanted` has (key, name) of each object; no two objects have the same key, for instance a prim path.
+    `wanted` has (key, name) of each object; all keys, such as prim paths, must be different.
     """
     out: dict[str, str] = {}
     taken: set[str] = set()

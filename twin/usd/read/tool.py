@@ -18,7 +18,7 @@ def with_tool(m: Mechanism, name: str | None = None) -> tuple[Mechanism, str]:
     """Return (mechanism with a tool frame, text on the choice or "" if the tool is named).
 
     The tool is the frame or body `name`; else the tool of the file; else the frame "tool"; else the only frame; else a
-    frame added on the last link of the longest chain, the leaf body with the most joints between it and the base.
+    frame that is added to the leaf body with the most joints between this body and the base.
 
     Raises:
         MechanismError: there is no frame or body of that name.

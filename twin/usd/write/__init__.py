@@ -1,4 +1,4 @@
-"""Write a mechanism as USD: `<robot>.usda` with the sublayers physics.usda and geometry.usdc, and motions.
+"""Write a mechanism as USD: `<robot>.usda` with the sublayers physics.usda and geometry.usdc; and baked motions.
 
     layers     metadata of every layer, unique leaf names
     geometry   geometry.usdc: rest poses, meshes, materials, named frames and points

@@ -1,4 +1,4 @@
-"""Write the layer of the deformables: for each deformable a mesh, whose points have time samples."""
+"""Write the layer of the deformables: one mesh for each deformable, with time samples of its points."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.usd.write.layers import TIME_CODES_PER_SECOND, describe, new_layer, sa
 def write_bends(name: str, bends: Sequence[Bend], path: Path) -> Path:
     """Write the motions of deformables below the prim `name` and return the path of the layer.
 
-    If a deformable does not move for some time, only the first and the last sample of this time are written.
+    While a deformable does not move, only the first and the last sample of this interval are written.
     """
     layer = new_layer(path)
     describe(layer, name, max(float(b.times[-1]) for b in bends) * TIME_CODES_PER_SECOND)

@@ -19,7 +19,7 @@ from twin.usd.write.layers import TIME_CODES_PER_SECOND, describe, new_layer, ro
 from twin.usd.write.physics import drive_kind
 
 MAX_STEP = 90 * DEG
-"""Maximum rotation in rad between two samples. Players take the shorter way, which is wrong above 180 deg."""
+"""Maximum rotation in rad between two samples. Players use the shorter rotation, which is wrong above 180 deg."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Motion:
         times_s: times (k,) in s, increasing from 0.
         link_poses: T_world_body (k, 4, 4) by body; bodies not listed stay at rest.
         joint_values: coordinate (k,) in m or rad of joints with one coordinate; joints not listed get no samples.
-        trocars: positions (3,) of trocars during the motion in m, in the base frame, by name; trocars not listed are as
-            in the CAD.
+        trocars: positions (3,) in m, relative to the base frame, of trocars during the motion, by name; trocars not
+            listed are as in the CAD.
     """
 
     name: str

@@ -322,7 +322,7 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, li
 def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> float:
     """Return the inertia in kg or kg m2 of all bodies beyond a joint with one coordinate.
 
-    It is infinite if the joint is part of a loop, because bodies outside of its branch of the tree then also move.
+    The result is infinite if the joint is part of a loop, because bodies outside the joint's branch then also move.
     """
     beyond, joints = {joint.child}, spanning(mechanism)
     for other in joints.tree:
