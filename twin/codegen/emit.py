@@ -6,7 +6,7 @@ branches, and the other functions are replaced as in `lower`. NaN and infinity f
 poses remain NaN. A product and a sum may be fused, which avoids a rounding.
 
 An exact kernel has one lane and fuses no operations. It rounds after each operation and calls the functions of the C
-library, so that its numbers are those of CasADi's interpreter to the last bit.
+library, so that its results equal those of CasADi's interpreter bit for bit.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ class Stage:
         function: CasADi function with dense arguments and results.
         takes: names of its arguments: inputs of the kernel, or results of earlier stages.
         gives: names of its results.
-        repeat: maximum number of calls. If above 1, a result with the name of an argument is that argument in the next
-            call. The calls end when the result `error` is at most `tolerance` (or NaN) in every lane.
+        repeat: maximum number of calls. If above 1, a result with the name of an argument becomes that argument in
+            the next call. The calls end when the result `error` is at most `tolerance` (or NaN) in every lane.
         tolerance: see `repeat`.
         reciprocals: whether several divisions by the same number are replaced by multiplications with its reciprocal.
             This adds a rounding error, which iterations correct in the next step.
@@ -278,10 +278,10 @@ def emit(
         inputs: count of numbers per sample, by name of the input; each number has a separate array.
         outputs: names of the stored results.
         width: number of samples in a vector; `end - begin` must be a multiple of `width`.
-        carried: count of numbers, by name, of arguments that are results of the previous sample. `carry` contains
-            their initial values and, after the call, their final values.
+        carried: count of numbers of each carried argument, by name. A carried argument is a result of the previous
+            sample. `carry` contains the initial values of these arguments and, after the call, the final values.
         backwards: whether the loop runs from the last sample to the first sample.
-        exact: whether the numbers are those of CasADi to the last bit; for a width of 1.
+        exact: whether the results equal those of CasADi bit for bit; requires a width of 1.
 
     Returns:
         (text, count of numbers per sample of each output, by name).

@@ -65,8 +65,8 @@ class Kernel:
             carried: arguments that are results of the previous sample (see `emit`); samples are then processed in
                 sequence, without threads.
             backwards: with `carried`, whether to process from the last sample to the first sample.
-            exact: with `single`, whether the numbers are those of CasADi to the last bit; this is slower, and still
-                three times as fast as CasADi.
+            exact: whether the results equal those of CasADi bit for bit; requires `single`. An exact kernel is slower,
+                but still three times as fast as CasADi.
 
         Raises:
             ValueError: a CasADi operation is not supported.
@@ -213,8 +213,8 @@ class Kernel:
         self._call(*left.popleft(), ins, outs, None)
         each = time.perf_counter() - first
 
-        # ctypes releases Python's lock, so that threads run in parallel. After a Ctrl-C in this thread, another one
-        # still computes its chunk: it keeps the arrays.
+        # ctypes releases Python's lock, so that threads run in parallel. After a Ctrl-C in this thread, other
+        # threads still compute their chunks; `_alive` keeps the arrays in memory until then.
         def work(_alive: object = (given, results)) -> None:
             try:
                 while True:

@@ -27,7 +27,7 @@ _BELOW = (
     1.945506571482613964425e2,
 )
 _STEEP, _MIDDLE = 2.41421356237309504880, 0.66
-"""Arguments above which the arc tangent is computed relative to pi/2 and relative to pi/4."""
+"""Arguments above which the arc tangent is computed relative to pi/2 (`_STEEP`) or to pi/4 (`_MIDDLE`)."""
 
 _LOST = 6.123233995736765886130e-17
 """Difference between pi/2 and its nearest double."""
@@ -35,7 +35,7 @@ _LOST = 6.123233995736765886130e-17
 
 @cache
 def lowered() -> dict[int, ca.Function]:
-    """Return the replacements: a function of the same arguments for each CasADi operation without an instruction."""
+    """Return the replacement function, with the same arguments, of each CasADi operation without an instruction."""
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     other = ca.sqrt((1 - a) * (1 + a))  # NaN for |a| > 1, as required
     return {
