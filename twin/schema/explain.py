@@ -35,7 +35,7 @@ def explain_syntax(text: str, name: str, error: Exception) -> str:
 
 
 def first_mistake(error: ValidationError) -> tuple[str, str]:
-    """Return (keys of the first mistake, joined by dots; "" for the whole input, what is wrong there)."""
+    """Return (location, message) of the first mistake; the location is keys joined by dots, "" for the whole input."""
     first = error.errors(include_url=False, include_input=False, include_context=False)[0]
     return ".".join(map(str, first["loc"])), first["msg"]
 

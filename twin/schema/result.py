@@ -42,11 +42,11 @@ Kind = Literal[
     "twin/trends/1",
     "twin/workspace/1",
 ]
-"""Schemas of results, by the command or its variant. Every command may print an error instead of its result."""
+"""Schema names of results, by command or variant. Every command may print an error instead of its result."""
 
 
 class FindingTable(Table):
-    """One finding of a check, as `twin.core.findings.Finding`."""
+    """One finding of a check, with the fields of `twin.core.findings.Finding`."""
 
     code: Annotated[str, Field(description="dotted, constant identifier for scripts")]
     severity: Annotated[Severity, Field(description="disagreement: two values differ; error: could not be checked")]
@@ -61,7 +61,7 @@ class FindingTable(Table):
 
 
 class ResultTable(BaseModel):
-    """The keys that the JSON of all commands has; each kind of result has further keys."""
+    """Keys that the JSON results of all commands have in common; each kind of result has further keys."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True, allow_inf_nan=False)
 
