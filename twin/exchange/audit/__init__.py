@@ -214,8 +214,8 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
 def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
     """Return whether the joint values of a clip are applied to a model file (MJCF or URDF) with the name `stem`.
 
-    A model named <robot>_<clip> is used only for the clip of that name, and this clip uses no other model. All other
-    clips use the models without a clip in their names.
+    A model named <robot>_<clip> is used only for this clip, and the clip uses no other model. All other clips use the
+    models whose names contain no clip.
     """
     own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
     return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
@@ -224,8 +224,8 @@ def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
 def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[str]) -> Content | None:
     """Read an MJCF or URDF file, and compute its link poses for the joint values of every track.
 
-    `models` has the names, without suffix, of all models of this format. A model may be for a single clip, because
-    trocars can have different positions in each clip.
+    `models` has the names, without suffix, of all models of this format. Some models are valid for a single clip,
+    because trocars can have different positions in each clip.
     """
     admit(path)
     if path.suffix.lower() == ".urdf":

@@ -23,7 +23,7 @@ The ratio 4 is normal for a stage, whose stated error is measured with every sec
 """
 
 _FLOOR = (1e-6, 1e-6, 1e-6)
-"""Estimated errors (position in m, rotation in rad, joint gap in m) up to which the cause may be rounded numbers."""
+"""Maximum estimated errors that rounded numbers can cause: position in m, rotation in rad, joint gap in m."""
 
 _STATED = (
     ("between_position", "any point of a link between keys", "m"),

@@ -360,7 +360,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
 
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
-    """Report files whose model hash differs from the hash in proof.json; without it, from the most common hash."""
+    """Report files whose model hash differs from the hash in proof.json; without a proof, from the most common."""
     said: dict[str, dict[str, str]] = {}
     for c in contents:
         if c.model_hash:

@@ -253,7 +253,7 @@ def _known_links(views: Sequence[View]) -> set[str]:
 
 
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
-    """Return the reference joints between known links, by name; the first file that has a joint is its reference."""
+    """Return the reference joints between known links, by name, each from the first file that has the joint."""
     out: dict[str, Joint] = {}
     elsewhere = [(_stem(j), j.kind) for v in views if v.family != "tracks" for j in v.physics.reduced(known) if j.names]
     several = tuple(f"{name}_" for name, kind in elsewhere if kind not in ("", "fixed", "revolute", "prismatic"))

@@ -44,7 +44,7 @@ class Channel:
     outgoing: Array | None = None
 
     def at(self, t: Array) -> Array:
-        """Return the values (j, n) at times t (j,) in s; the first and last values also hold outside of the keys."""
+        """Return the values (j, n) at times t (j,) in s; times outside of the keys get the first or last value."""
         x = np.clip(t, self.times[0], self.times[-1])
         i = np.clip(np.searchsorted(self.times, x, side="right") - 1, 0, max(len(self.times) - 2, 0))
         if len(self.times) == 1:

@@ -98,7 +98,7 @@ def weld(vertices: Array, triangles: Array) -> Array:
 
 
 def edges(triangles: Array) -> tuple[bool, bool]:
-    """Return whether a mesh is (closed and consistently oriented, closed and inconsistently oriented).
+    """Return two flags of a mesh: (closed and consistently oriented, closed and inconsistently oriented).
 
     The orientation is consistent if each directed edge occurs as often as its opposite. Both values are False for an
     open mesh. Triangles that are degenerate after welding are ignored.

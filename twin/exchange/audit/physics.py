@@ -1,7 +1,7 @@
 """Mechanism data of a file (links, joints, frames, gravity) in a common form for all formats.
 
-A joint has the pose of its child in its parent at zero coordinates, and lines in the parent's frame: the child moves
-along these lines or rotates about them. Some formats split a joint into parts: a ball into three hinges with auxiliary
+A joint has a pose and lines, both in the parent's frame: the pose of the child at zero coordinates, and the lines along
+or about which the child moves. Some formats split a joint into parts: a ball into three hinges with auxiliary
 links, or a loop closure into two ties. A tie is a pair of coinciding points. `reduced` joins the parts, so that joints
 of different formats can be compared.
 """

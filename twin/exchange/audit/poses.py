@@ -45,7 +45,7 @@ def about(axis: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
-    """Return poses (..., 4, 4) from R (..., 3, 3), None: no rotation, and p (..., 3), None: the origin."""
+    """Return poses (..., 4, 4) of rotations R (..., 3, 3) and positions p (..., 3); None: R = identity, p = 0."""
     R = np.eye(3) if R is None else np.asarray(R, float)
     p = np.zeros(3) if p is None else np.asarray(p, float)
     shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])

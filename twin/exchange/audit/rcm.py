@@ -24,7 +24,7 @@ BESIDE = 1e-4
 """Maximum distance in m of a stated RCM from the point in which all shaft axes meet."""
 
 SPREAD = 1e-4
-"""Minimum mean squared sine of the angles between lines and their mean direction; parallel lines have no centre."""
+"""Minimum mean squared sine of the angles between lines and their mean direction; below, no centre is computed."""
 
 
 @dataclass(frozen=True)

@@ -303,7 +303,7 @@ def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> A
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """Return a value with its unit as text, such as "1.5 mm"; a unit is chosen that suits the value."""
+    """Return a value with its unit as text, such as "1.5 mm"; values in m are converted to um, mm or m."""
     if unit == "m" and math.isfinite(value):
         factor, unit = next((f, u) for most, f, u in _LENGTHS if abs(value) < most)
         value *= factor

@@ -1,6 +1,6 @@
 """Read tracks and report their faults: JSON of flat arrays (schema "twin-track"), and CSV.
 
-The mechanism data of a track are joints with one coordinate, limits, driven joints and named frames.
+A track contains these mechanism data: joints with one coordinate and their limits, driven joints, and named frames.
 """
 
 from __future__ import annotations

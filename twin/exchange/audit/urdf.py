@@ -1,6 +1,6 @@
 """Read a URDF: compute link poses from the joint values of a track, and check limits and mesh files.
 
-Its mechanism data are tree, inertias and limits; URDF cannot hold loops, frames and gravity.
+A URDF contains the tree, inertias and limits of a mechanism; it cannot contain loops, named frames or gravity.
 """
 
 from __future__ import annotations

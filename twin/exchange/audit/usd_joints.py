@@ -27,7 +27,7 @@ class _World(Protocol):
 
 
 def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> Iterator[tuple[str, Array]]:
-    """Yield (path, gap) of each joint; the gap (k,) is the distance in m of its two frames in the locked directions.
+    """Yield (path, gap) of each joint; gap (k,) is the distance in m between the two frames in the locked directions.
 
     `placed` has T_world_body (k, 4, 4) by prim path.
     """

@@ -1,7 +1,7 @@
 """Write a mechanism as a robot folder: description, meshes, formula, initial protocol, notes.
 
-All frames are given as numbers in the base frame at the rest pose, with the loops closed. Lengths are printed with all
-digits of a double, so that the loops of the written mechanism close as well as the loops of the imported mechanism.
+All frames are written as numbers, relative to the base frame, at the rest pose with closed loops. Lengths are printed
+with all digits of a double, so that the loops of the written mechanism close as well as the imported loops.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ _ONE_AXIS = (0.1 * MM, 0.1 * DEG)
 """Distance in m and angle in rad below which the axes of two faces of one body coincide."""
 
 
-@dataclass(frozen=True, eq=False)  # arrays have no single truth value of ==
+@dataclass(frozen=True, eq=False)  # == of arrays has no single truth value
 class Round:
     """A cylindrical or spherical face of a body.
 

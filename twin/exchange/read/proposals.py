@@ -1,8 +1,8 @@
 """Propose joints from fitting faces: type, bodies, and frames measured on the faces of each body.
 
 Directions and positions that faces determine are measured on both bodies, so that differences are found when the robot
-is built. Faces do not determine the position of a slide along its axis or the rotation of a round pin: these are given
-as numbers, on one or both bodies.
+is built. Faces do not determine the position of a slide along its axis or the rotation of a round pin: these are
+written as numbers, on one or both bodies.
 """
 
 from __future__ import annotations
@@ -204,8 +204,9 @@ def _along_axis(
 ) -> tuple[JointType, list[_Frame], str]:
     """Return (type, frames, evidence) of a joint about or along the common axis of two faces.
 
-    The origins are on the axis. If two plane faces perpendicular to the axis touch, one of each body, the origins are
-    on these faces. Without such faces, a number offsets the child's frame along its axis to the origin on the parent.
+    The origins of both frames are on the axis. If the bodies touch at plane faces perpendicular to the axis, the
+    origins are on these faces. Otherwise, a number shifts the child's frame along the axis to the origin of the
+    parent's frame.
     """
     low, high = shared(p, c)
     middle = p.face.point + 0.5 * (low + high) * p.face.direction
@@ -259,9 +260,9 @@ def _along_axis(
 
 
 def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) -> list[tuple[Part, Face]] | None:
-    """Return the most parallel pair of plane faces that are parallel to the axes, one of each body.
+    """Return two plane faces parallel to the axes, one of each body, with the smallest angle between them.
 
-    Return None if there is no such pair, or if the angle between its faces is at least `within` rad.
+    Return None if a body has no such face, or if the angle is at least `within` rad.
     """
     planes = [
         [(part, f) for part in own for f in part.faces if f.kind == "plane" and abs(float(f.direction @ z)) < 1e-4]

@@ -20,7 +20,7 @@ ORIGIN = "__model__"
 """Name of a model's own frame in SDF; the frame of a nested model `hand` becomes `hand::__model__`."""
 
 _DEEPEST = 8
-"""Maximum number of nested levels of models, so that a model that includes itself is an error."""
+"""Maximum nesting depth of models; a model that includes itself exceeds this depth and causes an error."""
 
 
 def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:

@@ -94,11 +94,11 @@ class Clip:
         budget: the error budget for which the rate was chosen; None if the keys are the samples of a file.
         frame: name of the frame that the protocol moves.
         shaft_axis: (3,) unit vector along the shaft in `frame`.
-        phase_rcm: for each phase the RCM (3,) in the base frame in m, or None.
-        phase_rcm_enforced: for each phase whether the shaft must go through its RCM; otherwise the RCM is only
+        phase_rcm: for each phase the RCM (3,) in m, relative to the base frame, or None.
+        phase_rcm_enforced: for each phase whether the shaft must pass through the RCM; if False, the RCM is only
             monitored.
         assumed: one text "name: reason" for each assumed number of the protocol.
-        trocars: positions (3,) of the mechanism's trocars in the base frame in m, by name.
+        trocars: positions (3,) in m of the mechanism's trocars, relative to the base frame, by name.
     """
 
     name: str
@@ -120,7 +120,7 @@ class Clip:
 
     @property
     def rcm(self) -> Array | None:
-        """RCM (3,) of the first phase that has one, in m in the base frame; None if no phase has an RCM."""
+        """RCM (3,) in m, relative to the base frame, of the first phase with an RCM; None if no phase has an RCM."""
         return next((p for p in self.phase_rcm if p is not None), None)
 
 
@@ -221,7 +221,7 @@ def measure_between(
         times: times (k,) of the samples in s.
         links: exact T_world_body (k, 4, 4) by body.
         keys: indices of the keys among the samples.
-        reaches: points (n, 3) of each body in m, from `extremes`; position errors are measured at these points.
+        reaches: points (n, 3) in m of each body, from `extremes`; position errors are measured at these points.
     """
     still = {n for n, Ts in links.items() if np.all(Ts == Ts[0])}
     true = {j.name: _apart(j, links) for j in mechanism.joints}

@@ -1,7 +1,8 @@
 """Write <robot>.glb: glTF 2.0 in one file, written without a library so that the file is reproducible byte by byte.
 
-glTF is y up. The root node rotates the robot to y up. Link nodes are children of the root node. Their poses are given
-in the robot's base frame (z up), so that link poses from a track or a stream can be assigned to the nodes unchanged.
+glTF is y up. The root node rotates the robot to y up. Link nodes are children of the root node. Their poses are
+relative to the robot's base frame (z up), so that link poses from a track or a stream can be assigned to the nodes
+unchanged.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _STILL = 1e-10
-"""Maximum change of a pose (in m, and in entries of the rotation matrix) that is not animated."""
+"""Change of a pose (in m, and in entries of the rotation matrix) up to which the pose is not animated."""
 
 _MOST_UINT16 = 65535
 """Maximum number of vertices with 16-bit indices; glTF reserves the highest index."""

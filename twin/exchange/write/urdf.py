@@ -38,7 +38,7 @@ SIMPLE = "transmission_interface/SimpleTransmission"
 """Transmission type of one motor and one joint: motor value = mechanicalReduction * joint value."""
 
 COUPLED = "twin/LinearTransmission"
-"""Transmission type of several motors and joints; URDF cannot hold its matrix."""
+"""Transmission type of several motors and joints; URDF cannot contain the transmission matrix."""
 
 FAR = 1e3
 """Limit in m of a slide without limits, because URDF requires a limit."""

@@ -1,8 +1,8 @@
 """Write one .usdz for AR Quick Look and other viewers: shape and motion, no physics.
 
 The archive has one flattened .usdc, y up, in metres. The robot's root prim rotates z up to y up; poses of links are
-given in the robot's base frame, as in the tracks and in the GLB. Only links that move have samples. Viewers repeat the
-motion; if the last pose differs from the first, the last pose is held for `HOLD` seconds before the motion repeats.
+relative to the robot's base frame, as in the tracks and in the GLB. Only links that move have samples. Viewers repeat
+the motion; if the last pose differs from the first, the last pose is held for `HOLD` seconds before the motion repeats.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ HOLD = 1.0
 """Time in s for which the last pose is held before the motion repeats."""
 
 STILL = 1e-9
-"""Maximum change of a link's pose (in m, and in entries of its rotation matrix) that is not sampled."""
+"""Change of a link's pose (in m, and in entries of the rotation matrix) up to which the pose is not sampled."""
 
 _ALIGNMENT = 64
 """Alignment in bytes of files in the archive (USDZ specification), so that readers can map the files into memory."""
