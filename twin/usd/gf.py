@@ -1,8 +1,9 @@
 """Conversions between numpy and the types Gf and Vt of OpenUSD.
 
-Only this module handles three differences. Gf matrices act on row vectors, so numpy poses must be transposed (otherwise
-the translation is lost and no error is raised). The constructor of `Gf.Quat*` expects w first, but
-`Vt.Quat*Array` uses x, y, z, w in conversions from and to numpy. Gf types require Python floats, not numpy scalars.
+Three differences between numpy and OpenUSD are handled only in this module. Gf matrices act on row vectors, so numpy
+poses must be transposed (otherwise the translation is lost and no error is raised). The constructor of `Gf.Quat*`
+expects w first, but `Vt.Quat*Array` uses x, y, z, w in conversions from and to numpy. Gf types require Python floats,
+not numpy scalars.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
     structure    loops, articulation root, self collision
     timeline     poses of all bodies, at rest and at every time sample
     joints       coincidence of the two frames of each joint, along the whole timeline
-    coordinates  limits, states, drives and speeds along the whole timeline; values in radians instead of degrees
+    coordinates  limits, states, drives and speeds along the whole timeline; also finds angles in radians
     bodies       masses, inertias, nesting, meshes
     samples      time range, quaternion signs, steps
     validators   the validators that come with OpenUSD

@@ -11,7 +11,7 @@ from twin.core.atomic import FULL
 from twin.core.errors import StageError
 
 TIME_CODES_PER_SECOND = 60.0
-"""Time codes per second and frames per second of every layer; equal, because viewers use one or the other."""
+"""Time codes per second and frames per second of every layer; both are equal, because viewers use either rate."""
 
 
 def new_layer(path: Path) -> Sdf.Layer:
