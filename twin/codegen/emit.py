@@ -53,7 +53,7 @@ _COSINE = (
 """Polynomial coefficients of sine and cosine from FreeBSD's msun (k_sin.c, k_cos.c), highest power first."""
 
 _ROUND = 1.5 * 2.0**52
-"""Constant that, added to a number, gives a double with the nearest integer in its lowest bits."""
+"""Adding this constant to a number yields a double whose lowest bits contain the nearest integer."""
 
 _AHEAD = 4
 """Number of vectors by which memory prefetches are ahead of the computation."""

@@ -23,7 +23,7 @@ _CHUNK, _PIECES = 4096, 64
 _BLOCK = 1024
 """Number of samples that are transposed at once; two blocks of 20 numbers fit into the cache of a core."""
 _WORTH = 2e-4
-"""Computing time in s above which threads are used."""
+"""Minimum computing time in s per thread."""
 
 
 @cache
@@ -122,10 +122,11 @@ class Kernel:
         return results
 
     def rows(self, Z: Array) -> Array:
-        """Return the outputs side by side, one row per sample, for samples Z (k, n) of the only input; uses threads.
+        """Return all outputs as one array (k, m), one row per sample, for samples Z (k, n) of the only input.
 
-        Samples and results are transposed in blocks that fit into the processor's cache: transposing all samples at
-        once takes five times as long as the arithmetic of a closed-form inverse.
+        Several threads are used if the computing time is long enough. Samples and results are transposed in blocks that
+        fit into the processor's cache: transposing all samples at once takes five times as long as the arithmetic of a
+        closed-form inverse.
         """
         (count,), size, k = self.inputs.values(), sum(self.outputs.values()), len(Z)
         if Z.shape != (k, count):
