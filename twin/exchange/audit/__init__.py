@@ -66,8 +66,8 @@ def audit(
         path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with any of them, or an exported scene.
         truth: poses of the reference model by clip; None: poses are compared with the poses in the tracks. Not used for
             a scene.
-        mechanism: the expected mechanism; masses, joints, drives and frames of the files are compared with it. None:
-            these data are compared only between the files. Not used for a scene.
+        mechanism: the expected mechanism, with which masses, joints, drives and frames of the files are compared. None:
+            the files are compared only with each other. Not used for a scene.
         progress: see `Progress`.
 
     Returns:

@@ -42,7 +42,7 @@ class Link:
     name: str = ""
 
     def poses(self, q: Array | None) -> Array:
-        """Return the poses in the frame of the previous step: (k, 4, 4) for joint values q (k,), else (4, 4)."""
+        """Return the poses in the frame of the previous step: (k, 4, 4) for joint values q (k,), (4, 4) for None."""
         if self.kind == "fixed" or q is None or self.axis is None:
             return self.fixed
         if self.kind == "turn":
@@ -51,9 +51,9 @@ class Link:
 
 
 def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array:
-    """Return the poses (k, 4, 4) of the end of a chain in the frame of its start.
+    """Return the poses (k, 4, 4) of the end of a chain relative to the start of the chain.
 
-    `q` has for each step the joint values (k,) in rad or m, or None if the step has no joint; `count` is k.
+    `q` contains the joint values (k,) in rad or m of each step, None for a step without a joint; `count` is k.
     """
     T = np.broadcast_to(np.eye(4), (count, 4, 4))
     for link, value in zip(links, q, strict=True):
@@ -62,7 +62,7 @@ def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array
 
 
 def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
-    """Return, for each joint, the values (k,) in rad or m with which the end of a chain has the poses `goal` (k, 4, 4).
+    """Return the values (k,) in rad or m of each joint that move the end of a chain to the poses `goal` (k, 4, 4).
 
     Joint values that are None in `given` are computed with Gauss-Newton for all keys at once. Keys that do not
     converge are restarted from the solution of a neighbouring key. If a goal cannot be reached, the best result is

@@ -20,7 +20,7 @@ _SAME = 1e-5
 """Tolerance, in m and in components of unit vectors, for coinciding lines and for lines that meet in a point."""
 
 TOOL = "(tool)"
-"""Name under which the tool frame of every format is compared, because tracks do not state the name of the frame."""
+"""Common name of the tool frame in all formats, because tracks do not state the name of this frame."""
 
 
 @dataclass(frozen=True)

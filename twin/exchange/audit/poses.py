@@ -16,7 +16,7 @@ R_Z_UP_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def rotation(xyzw: ArrayLike) -> Array:
-    """Return rotations (..., 3, 3) of quaternions (..., 4), normalised first; a zero quaternion gives the identity."""
+    """Return rotations (..., 3, 3) of quaternions (..., 4) of any length; a zero quaternion gives the identity."""
     q = np.asarray(xyzw, float)
     n = np.sum(q * q, axis=-1, keepdims=True)
     usable = np.isfinite(n) & (n > 1e-24)

@@ -38,7 +38,7 @@ class Check:
         unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
         verdict: "agree", "disagree" or "unchecked".
-        where: link or other place of `worst`.
+        where: link, or other object, with the deviation `worst`.
         when: time of `worst`.
     """
 

@@ -336,7 +336,7 @@ def _tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterabl
 def _motors(root: ET.Element) -> dict[str, Motor]:
     """Return the motors of <transmission> elements with one joint.
 
-    A motor with the same name as its joint is omitted, because it is the drive of the joint.
+    A motor that has the name of its joint is omitted: it represents the drive of the joint.
     """
     out = {}
     for t in root.findall("transmission"):

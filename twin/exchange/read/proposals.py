@@ -82,7 +82,7 @@ class Proposal:
 def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: str) -> tuple[list[Proposal], list[Pair]]:
     """Return (proposed joints from the base outwards, fits that are not used for a joint).
 
-    Each ball between two bodies gives a spherical joint. Without balls, all fits of the two bodies give one joint.
+    Each ball fit between two bodies becomes a spherical joint. Without balls, all fits of two bodies form one joint.
     """
     fits: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:

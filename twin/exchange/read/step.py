@@ -177,7 +177,7 @@ def write_skeleton(
     """Write the robot folder of a STEP assembly; for the arguments see `folder.write_robot`.
 
     Returns:
-        (files, mechanism): the written files, the description first; the mechanism, whose bodies are all fixed.
+        (files, mechanism): the written files, with the description first; the mechanism with all bodies fixed.
     """
     made: list[Mechanism] = []
 

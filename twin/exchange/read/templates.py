@@ -85,10 +85,10 @@ name = "back"
 
 
 def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str]:
-    """Return (joint values at home, joint values nearby, text on the difference) of the driven joints.
+    """Return (values at home, values near home, description of the difference) for the driven joints.
 
-    The joint values are by TOML key, which is the joint's name with its unit. The moved joint is the first driven joint
-    that can move the tool within the joint limits; without such a joint, the first that can move at all.
+    Keys of the values are TOML keys: the name of a joint and its unit. Only one joint differs: the first driven joint
+    that can move the tool within the joint limits or, without such a joint, the first that can be moved at all.
     """
     model = ReferenceModel(mechanism)
     home = model.home()

@@ -83,7 +83,8 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
 def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
     """Return a .glb file of moving deformables, such as organs; each deformable is a mesh with morph targets.
 
-    The only animation is `motion`. The meshes are in the World frame (z up), below a root node that rotates to y up.
+    The only animation is `motion`. The meshes are relative to the World frame (z up); their root node rotates them to y
+    up.
     """
     out = _Document()
     nodes: list[dict[str, Any]] = [{"name": name, "rotation": list(UP_XYZW), "children": []}]

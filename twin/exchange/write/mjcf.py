@@ -74,7 +74,7 @@ MOTORS = (
 def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.xml, or <name>.xml, and the mesh files that it uses; return the path of the .xml file.
 
-    The mechanism has masses; missing masses are assumed (see `mjcf_findings`). `name` is the file name without suffix,
+    Masses that the mechanism lacks are assumed (see `mjcf_findings`). `name` is the file name without suffix,
     if a robot has several files (one for each trocar position).
 
     Raises:

@@ -54,9 +54,9 @@ _LOOPS = Kind("export.urdf_loops", "warning", "use MJCF or USD if loops must clo
 def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.urdf, or <name>.urdf, and the mesh files that it uses; return the path of the .urdf file.
 
-    `urdf_findings` lists the data that the file cannot hold. The mechanism has masses; `spanning` chooses the joints at
-    which loops are cut. `name` is the file name without suffix, if a robot has several files (one for each trocar
-    position).
+    `urdf_findings` lists the data that the file cannot hold. Masses that the mechanism lacks are assumed. `spanning`
+    chooses the joints at which loops are cut. `name` is the file name without suffix, if a robot has several files (one
+    for each trocar position).
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
