@@ -58,7 +58,7 @@ class RawJoint:
     """A joint prim.
 
     Attributes:
-        type: joint type of the mechanism; "" if none matches.
+        type: matching joint type of a mechanism; "" if no type matches.
         ends: sides of the joint on body0 and body1.
         instance: instance name of the joint's drive and state ("angular", "linear", "rotX", ...); "" if the joint does
             not have one coordinate.

@@ -56,7 +56,7 @@ _JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:coll
 def deviation(kind: str, A: Array) -> tuple[Array, Array]:
     """Return (distances (k,) in m, angles (k,) in rad) between the two frames of a joint in its locked directions.
 
-    A (k, 4, 4) has the pose of one frame in the other; `kind` is the joint type.
+    A (k, 4, 4) is the pose of the frame on body1 relative to the frame on body0; `kind` is the joint type.
     """
     p = A[:, :3, 3]
     offset = np.linalg.norm(p, axis=1)

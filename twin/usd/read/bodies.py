@@ -73,7 +73,7 @@ def original_name(prim: Usd.Prim) -> str:
 
 
 def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list[Finding]) -> tuple[Mesh, ...]:
-    """Return the visible meshes of a body, triangulated, in metres in the body's frame.
+    """Return the visible meshes of a body, triangulated; vertices are in m, relative to the body's frame.
 
     `names` has identifiers by prim path; `notes` receives findings on omitted shapes.
 

@@ -35,7 +35,7 @@ def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
 def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Array]) -> Path:
     """Write the geometry layer: an Xform for each body, directly below the robot's prim, with the body's meshes.
 
-    `link_poses` has T_world_body (4, 4) of every body, which is written in double precision.
+    `link_poses` has T_world_body (4, 4) of every body; poses are written in double precision.
     """
     layer = new_layer(path)
     describe(layer, mechanism.name)

@@ -1,7 +1,8 @@
 """Write physics.usda: overs with masses, colliders, joints, limits, drives and joint states.
 
 UsdPhysics uses degrees for limits, cones, drives (per degree), joint states and speeds, and single precision for joint
-frames; no frames in double precision are added. Data that UsdPhysics cannot hold are `twin:` attributes in SI units.
+frames; no frames in double precision are added. Data that UsdPhysics cannot hold are stored in `twin:` attributes in SI
+units.
 """
 
 from __future__ import annotations
@@ -199,7 +200,7 @@ def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -
     """Fix the base to the robot's root prim.
 
     Parsers treat the root prim as the static world, because it is not a rigid body. If a scene references the robot at
-    another place, the anchor moves with the root prim; with an empty target it would not move.
+    another pose, the anchor moves with the root prim. A joint with an empty target would not move with the robot.
     """
     name = Leaves({j.name for j in mechanism.joints}).take("root_joint", "world")
     joint = UsdPhysics.FixedJoint.Define(stage, f"/{mechanism.name}/joints/{name}")
@@ -255,9 +256,9 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
     """Rotate the child frame of a ball joint in the tree so that its two frames coincide at the written poses.
 
     Simulators start the ball joints of an articulation at zero and ignore their joint states (in PhysX, SILS started
-    with a gap of 21 mm, SHER with 0.28 m). The original frame is stored in an attribute. A cone is measured from the
-    original axes, which UsdPhysics cannot express. The axis is X, because PhysX's tensor interface accepts no other
-    axis for ball joints.
+    with a gap of 21 mm, SHER with 0.28 m). The original frame is stored in an attribute. A cone is relative to the
+    original axes; UsdPhysics cannot express such a cone. The axis is X, because PhysX's tensor interface accepts no
+    other axis for ball joints.
     """
     out = UsdPhysics.SphericalJoint(stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}"))
     prim = out.GetPrim()
