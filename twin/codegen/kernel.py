@@ -151,7 +151,7 @@ class Kernel:
         return result
 
     def single(self) -> Callable[..., Array]:
-        """Return a function of one vector for each input, which returns all results as one vector.
+        """Return a function that takes one vector for each input and returns all results as one vector.
 
         The function allocates its buffers once; the overhead of a call is one microsecond.
         """
