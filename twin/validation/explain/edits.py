@@ -1,7 +1,7 @@
 """Generate small edits of a row: names, functions, signs, operators, numbers, indices, parentheses, terms.
 
-An edit replaces text of the file. Edits after which the text is not valid Python, or cannot be evaluated, are dropped
-when they are tried.
+An edit replaces text of the file. An edit that results in invalid Python, or in code that cannot be evaluated, is
+dropped when it is tried.
 """
 
 from __future__ import annotations
