@@ -44,7 +44,7 @@ def wrist_angles(T_base_tool, q1, q2):
 
 
 def ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip):
-    """Return the RCM, the wrist's pitch axis, its yaw axis (fulcrum) and the tip of the jaws in base, each (3,)."""
+    """Return points (3,) in base: RCM, pitch axis of the wrist, yaw axis of the wrist (fulcrum), tip of the jaws."""
     p = T_base_tool[0:3, 3]
     at_wrist = (q3 + shaft_long - origin) * shaft_frame(q1, q2)[0:3, 2]
     return vertcat(0, 0, 0), at_wrist, p, p + tip * T_base_tool[0:3, 2]
