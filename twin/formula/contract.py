@@ -139,8 +139,8 @@ class Formula:
         branches: function of (q, parameters, variants) that returns the poses (4, 4) of all assemblies; or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
         motion: published equations of motion of some joints; or None.
-        numbers: function of a pose and the parameters that returns, as text, the line of the file that evaluates to NaN
-            or infinity at this pose; "" if there is no such line.
+        numbers: function of a pose and the parameters. It returns, as text, the first line of the file with the result
+            NaN or infinity at this pose; "" if there is no such line.
     """
 
     name: str

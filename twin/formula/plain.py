@@ -232,7 +232,7 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
 
 
 def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) -> int:
-    """Return the line of a module's variable or function, or of one key of its dictionary."""
+    """Return the line of a module's variable or function; with `key`, the line of this key in a dictionary variable."""
     for node in ast.parse(text_of(path, vars(module))).body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
         if getattr(node, "name", None) == name or any(getattr(t, "id", None) == name for t in targets):

@@ -117,7 +117,7 @@ class Program:
 
     @cached_property
     def newton(self) -> Evaluator:
-        """Newton's method: function of q (n) and start pose (16,) that returns pose (16,), joint error, travel, aspects.
+        """Newton's method: function of q (n) and start pose (16,) giving pose (16,), joint error, travel, aspects.
 
         The joint error is a norm in m or rad. The travel is the norm of the motion from the start pose: its translation
         divided by the characteristic length, and its rotation in rad. One call returns all results, because separate

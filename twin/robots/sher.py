@@ -8,7 +8,7 @@ Frame {b} is the base: z is up along the slides, and the origin is the centre of
 {p} is at the centre of the platform joint circle and never rotates. Frame {r} is on the roll axis, with x along this
 axis. Frame {a} is at pin A, with the linkage in its x-y plane. Frame {t} is the tool frame: it is at P, the intended
 RCM, and y points along the tool towards its handle, so the tool points along -y. Five joints control five degrees of
-freedom: the position of P and the direction of the tool. These five determine the rotation about the tool.
+freedom: the position of P and the direction of the tool. They determine the rotation about the tool axis.
 """
 
 from __future__ import annotations

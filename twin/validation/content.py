@@ -72,7 +72,7 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
 
 
 def _common(ours: Iterable[Any], theirs: Iterable[Any]) -> list[tuple[Any, Any]]:
-    """Return the pairs of items of both collections that have the same name."""
+    """Return pairs (item of `ours`, item of `theirs`) with the same name."""
     by_name = {x.name: x for x in theirs}
     return [(x, by_name[x.name]) for x in ours if x.name in by_name]
 

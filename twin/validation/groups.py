@@ -48,7 +48,7 @@ class Pair(Table):
 class Outcome(Table):
     """Printed mean and standard deviation of one measure, per group.
 
-    `items` is the number of integers whose mean is a user's value; 0 if values do not come from integers.
+    The value of a user is the mean of `items` integers; `items` is 0 if values do not come from integers.
     """
 
     name: str
@@ -96,7 +96,7 @@ class Chain(Table):
 
 
 class Above(Table):
-    """A sentence of the paper that claims that the means of the listed outcomes are above a number."""
+    """A sentence of the paper with the claim that the means of the listed outcomes are above a number."""
 
     text: str
     outcomes: list[str]
@@ -104,7 +104,7 @@ class Above(Table):
 
 
 class Twice(Table):
-    """Numbers that the paper prints in several places, which must be equal: one list of values for each place."""
+    """Numbers that the paper prints in several places: one list of values for each place. The lists must be equal."""
 
     name: str
     where: list[str]

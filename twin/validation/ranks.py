@@ -133,7 +133,7 @@ class Comparison:
         measure, groups: names of the measure and of the two groups.
         counts, medians: number of users or sessions, and median, of each group.
         u: Mann-Whitney U of the first group.
-        exact: whether p is exact; with ties, it is the normal approximation with correction for ties and continuity.
+        exact: whether p is exact; with ties, p is a normal approximation with correction for ties and continuity.
         p: two-sided p-value.
         holm: p-value with Holm's correction for all comparisons.
         effect: rank-biserial correlation; 1 if every value of the first group is above every value of the second.

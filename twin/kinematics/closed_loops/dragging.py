@@ -92,7 +92,7 @@ class Dragged:
     Attributes:
         q, u: active joints (n,) and loop unknowns (m,) after the motion; see `Closed.states`.
         stops: bounds that block the motion.
-        singular: name of the part that is singular, such as "loop r13" or "tool"; "" if there is none.
+        singular: what is singular, a loop (such as "loop r13") or "tool"; "" if the motion meets no singularity.
         more: whether the motion stopped only because its processor time was used up.
     """
 
@@ -190,7 +190,7 @@ class Dragger:
     # -- one step -------------------------------------------------------------------------------------
 
     def _moved(self, look: Look, dq: Array, held: tuple[str, Array], tool: bool = True) -> tuple[Look | None, str]:
-        """Return (state, "") after a step dq (n,) in the same assembly, or (None, name of the singular part)."""
+        """Return (state, "") after a step dq (n,) in the same assembly, or (None, what is singular)."""
         du = look.answers @ dq
         if np.abs(np.where(self._turns, LENGTH_SCALE, 1.0) * du).max(initial=0.0) > 10 * _STRIDE:
             return None, ""
@@ -251,7 +251,7 @@ class Dragger:
 
 
 class Grip:
-    """A grabbed point. If all targets are on one line, the point's final position does not depend on their number."""
+    """A grabbed point. For targets on one line, the number of targets does not change the point's final position."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self._walk, self._hand = _Walk(dragger, look, held), look.p
@@ -388,7 +388,7 @@ class _Walk:
 
 
 def _against(bounds: np.ndarray, G: Array, y: Array) -> np.ndarray:
-    """Return (b,) bool: whether step y (n,) moves towards each marked bound; G (b, n): gradients of the bounds."""
+    """Return (b,) bool: whether step y (n,) moves towards each bound selected by `bounds`; G (b, n): gradients."""
     return bounds & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
 
 

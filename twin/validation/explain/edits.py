@@ -134,7 +134,7 @@ class _Writer:
         return self.source.text(*self.source.span(node))
 
     def need(self, name: str) -> tuple[str, str] | None:
-        """Return the definition (name, expression) that a name requires; None if it needs none."""
+        """Return the definition (name, expression) that a new name requires; None if no definition is required."""
         if name in self.pool.aliases:
             return name, self.pool.aliases[name]
         return None if name in self.pool.arguments else (name, "")

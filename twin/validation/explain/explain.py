@@ -335,7 +335,7 @@ def _means(judge: Judge, symbol: str) -> str:
 
 
 def _term(c: Candidate) -> str:
-    """Return the summand, with its sign, in which an edit changes a row; "" if there is none."""
+    """Return the summand of a row, with its sign, that an edit changes; "" if there is none."""
     source, e = c.step.source, c.edits[0]
     if e.function != source.name:
         return ""

@@ -37,7 +37,7 @@ class Truth:
 
     Attributes:
         symbols: values in SI: floats (parameters), arrays (k,) or matrices.
-        kinds: kind of each symbol that the mechanism has, without parameters.
+        kinds: kind ("length", "angle" or "pose") of each symbol with a value in the mechanism, except parameters.
         k: number of samples.
         Ts: (k, 4, 4) tool poses in base.
         run: states of the mechanism; None if there are none.
