@@ -1,6 +1,6 @@
 """Contract of a formula file: plain functions of symbols, and the names, units and sources of the symbols.
 
-A formula is a flow of named symbols: each equation computes symbols from earlier ones. The flow starts with the
+A formula is a flow of named symbols: each equation computes symbols from earlier symbols. The flow starts with the
 parameters and the pose coordinates (or the joints, for a forward formula). Every equation is a Python function. Its
 argument names are its input symbols, and it returns its output symbols in order. All other entries of `Formula` only
 name symbols of the flow. Files in `twin/robots/` and a user's `formula.py` follow the same contract: both define a
@@ -50,7 +50,7 @@ class Equation:
         stage: see `Stage`.
         outputs: symbols that the function returns, in order.
         variants: functions of the variants (readings) of the equation, by name ("printed", "corrected", ...).
-        reasons: for each variant, its difference from the printed rows, and why.
+        reasons: difference of each variant from the printed rows, and the reason, by name of the variant.
         default: name of the default variant.
     """
 
@@ -73,7 +73,7 @@ class Coordinates:
         units: "m" or "rad" for each symbol.
         to_pose: function from the coordinates (in order) to the pose SX (4, 4).
         from_pose: function from the pose SX (4, 4) to the tuple of coordinates. With fewer than six coordinates,
-            `to_pose` returns the same pose only if the coordinates can describe it.
+            `to_pose` returns the same pose only if the coordinates can describe this pose.
 
     """
 
@@ -85,7 +85,7 @@ class Coordinates:
 
 @dataclass(frozen=True)
 class ActiveJoint:
-    """An active joint; its name is its symbol. Its coordinate is in m or rad."""
+    """An active joint; its name is also the symbol of its coordinate, which is in m or rad."""
 
     name: str
     kind: Literal["prismatic", "revolute"]
@@ -128,9 +128,10 @@ class Formula:
         parameters: numbers with provenance; each name is a symbol.
         joints: active joints, in the order of q.
         coordinates: pose coordinates of the published equations.
-        equations: in the order of evaluation, helpers last.
+        equations: the equations in the order of evaluation, helpers last.
         characteristic_length: function of parameters, in m; a rotation by 1 rad counts as a translation by this value.
-        points: symbols of the named points, in base in m; for each point one symbol (3,) or three scalar symbols.
+        points: symbols of the named points, by name: one symbol (3,) or three scalar symbols for each point. The
+            coordinates are in m, in the base frame.
         passive: symbols of the passive joints, in rad or m, with zero and sign as in the CAD description.
         reach: symbol of each reach margin in m, by name of the margin (>= 0: within reach).
         measures: numbers that are 0 at singularities.
@@ -138,8 +139,8 @@ class Formula:
         branches: function of (q, parameters, variants) that returns the poses (4, 4) of all assemblies; or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
         motion: published equations of motion of some joints; or None.
-        numbers: function of a pose and the parameters. If a line of the file gives NaN or infinity at this pose, it
-            returns a text that names the line, otherwise "".
+        numbers: function of a pose and the parameters. It returns, as text, the first line of the file with the result
+            NaN or infinity at this pose; "" if there is no such line.
     """
 
     name: str

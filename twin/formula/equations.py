@@ -89,17 +89,17 @@ class Equations:
 
         A row is one assignment. Each row of the variant replaces the row of `of` that assigns the same symbols. If the
         symbols are arguments of `of`, the row is inserted at the beginning. Any other row of the variant is inserted
-        before its next changed row. The arguments of the decorated function are symbols of the flow, or names that `of`
-        assigns. It returns the changed symbols.
+        before the next changed row of the variant. The arguments of the decorated function are symbols of the flow, or
+        names that `of` assigns. The decorated function returns the changed symbols.
 
         Args:
             name: name of the variant.
-            of: the function to change, of the equation or of another variant.
+            of: the function to change: that of the equation, or that of another variant.
             why: the change in this variant, and its reason.
 
         Raises:
-            KinematicsError: `of` is not an equation of this file. The file is parsed when the variant is first used;
-                only then is an error with file and line raised for a row that does not exist in `of`.
+            KinematicsError: `of` is not an equation of this file. The file is parsed when the variant is first used; a
+                row that does not exist in `of` raises an error, with file and line, only at that time.
         """
         found = [i for i, e in enumerate(self._made) if any(f is of for f in e.variants.values())]
         if not found:
@@ -124,7 +124,7 @@ class Variant:
         self.base, self.change = base, change
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """Return the outputs of the changed rows, in the form of `base`."""
+        """Return the outputs of `base`, computed with the changed rows."""
         return self.__wrapped__(*args, **kwargs)
 
     @cached_property

@@ -29,7 +29,7 @@ _MANY = 20_000
 """Number of rows from which a compiled kernel is used."""
 
 _REGULAR, _ROUNDING = 1e8, 1e-15
-"""(condition number below which numeric matrices are inverted, size below which entries are rounded to zero)."""
+"""Maximum condition number at which numeric matrices are inverted; size below which entries are rounded to zero."""
 
 _BLOCK = 32
 """Number of samples in one mapped call; larger blocks are no faster, and are slower for small batches."""
@@ -208,7 +208,7 @@ def attach(function: ca.Function, *arguments: Array) -> tuple[Array, Callable[[]
     """Return (array, procedure): each call of the procedure (no arguments) writes the function's value to the array.
 
     The procedure reads the current numbers of the arguments (contiguous arrays) from their memory. Nothing is copied or
-    checked; this makes it fast enough for control loops.
+    checked, so that the procedure is fast enough for control loops.
     """
     out = np.zeros(function.size1_out(0))
     buffer, trigger = function.buffer()

@@ -135,7 +135,7 @@ def _whole(f: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _filled_later(f: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """Return a version of `zeros`, `ones` or a similar function, whose arrays accept symbols as entries."""
+    """Return a version of `zeros`, `ones` or a similar function that makes arrays to which symbols can be assigned."""
 
     def call(*args: Any, **kwargs: Any) -> np.ndarray:
         made = f(*map(_numbers, args), **kwargs)

@@ -47,8 +47,8 @@ def plain_formula(
 ) -> Formula:
     """Return the formula of a module with plain functions.
 
-    `joints` has (name, whether an angle) of each active joint, in the order of the robot's TOML file. `home` is the
-    start of the solvers: a tool pose (4, 4) that the robot can reach, and its q (n,) or None.
+    `joints` contains (name, whether it is an angle) of each active joint, in the order of the robot's TOML file. `home`
+    is the start of the solvers: a tool pose (4, 4) that the robot can reach, and q (n,) at this pose or None.
 
     Raises:
         KinematicsError: at the first fault, with file and line.
@@ -130,7 +130,7 @@ class _Rows(PlainRows):
         return tuple(self._leave(p, n) for p, n in zip(parts, self.outputs, strict=True))
 
     def on_symbols(self, symbols: Mapping[str, Any]) -> Any:
-        """Return the result of the function for CasADi symbols, by name."""
+        """Return the result of the function for CasADi symbols {name: symbol}."""
         if self.casadi:
             return self.run(self.arguments(symbols, lambda x: x, lambda *q: ca.vertcat(*q)))
         return self.run(self.arguments(symbols, from_sx, lambda *q: np.array([from_sx(x) for x in q], object)))
@@ -232,7 +232,7 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
 
 
 def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) -> int:
-    """Return the line of a module's variable or function, or of one key of its dictionary."""
+    """Return the line of a module's variable or function; with `key`, the line of this key in a dictionary variable."""
     for node in ast.parse(text_of(path, vars(module))).body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
         if getattr(node, "name", None) == name or any(getattr(t, "id", None) == name for t in targets):
@@ -281,9 +281,9 @@ def _point_names(
 
 
 def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
-    """Return a function that names the first line of the file that gives NaN or infinity; None if there are no rows.
+    """Return a function that finds the first line with the result NaN or infinity; None if there are no rows.
 
-    The function takes a pose (4, 4) and the parameters, and returns a text; "" if there is no such line.
+    The function takes a pose (4, 4) and the parameters. It returns file, line and cause as text, or "".
     """
 
     def first(T: Array, parameters: Mapping[str, float]) -> str:

@@ -19,7 +19,7 @@ POSE_TOL = 1e-6
 
 
 class Program:
-    """Compiled functions of the state, which is the pose (16,) row by row if there is a closed inverse, else q (n,).
+    """Compiled functions of the state: the pose (16,), row by row, if there are inverse equations, else q (n,).
 
     Attributes:
         order: symbols of all joints, in the order of q.
@@ -117,7 +117,7 @@ class Program:
 
     @cached_property
     def newton(self) -> Evaluator:
-        """Newton's method, a function of q and a start pose that returns pose (16,), joint error, travel and aspects.
+        """Newton's method: function of q (n) and start pose (16,) giving pose (16,), joint error, travel, aspects.
 
         The joint error is a norm in m or rad. The travel is the norm of the motion from the start pose: its translation
         divided by the characteristic length, and its rotation in rad. One call returns all results, because separate

@@ -27,13 +27,13 @@ class PlainRows(ABC):
     Attributes:
         name: "inverse", "forward" or "points".
         path: file of the function.
-        line: line of its `def`.
-        end: line of its last `return`.
+        line: line of the function's `def`.
+        end: line of the function's last `return`.
         function: the function, with globals that accept symbols.
-        casadi: whether its arguments are CasADi matrices, because its file imports CasADi; else NumPy arrays.
+        casadi: whether the arguments are CasADi matrices (the file imports CasADi) or NumPy arrays.
         joints: names of the active joints, in order.
         pose: symbol of the pose.
-        outputs: names of its outputs, in order.
+        outputs: names of the outputs, in order.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class PlainRows(ABC):
         return KinematicsError(f"{self.path}:{line or self.end}: {text}.")
 
     def located(self, error: BaseException) -> KinematicsError:
-        """Return a `KinematicsError` with the cause of `error` and the last line of this file in its traceback."""
+        """Return a `KinematicsError` with the reason of `error`, located at its last traceback line in this file."""
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(self.path)]
         return self.error(f"{self.name}(): {reason(error)}", lines[-1] if lines else self.line)
 

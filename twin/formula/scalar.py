@@ -1,4 +1,4 @@
-"""A scalar in NumPy arrays that is not a plain number: a symbol, or the values at many samples.
+"""Scalars as entries of NumPy arrays, instead of plain numbers: symbols, or values at many samples.
 
 NumPy functions work on arrays of such objects: arithmetic calls the operators of `Scalar`, `np.sin` calls its method
 `sin`, and so on. Subclasses define the operations. Operations that require a plain number (`if`, `math.sin`) raise an
@@ -32,7 +32,7 @@ class Scalar:
     """One scalar `x`; subclasses define the operations on `x`.
 
     Attributes:
-        functions: function that computes each operation, by name; the names are those of `METHODS`, and "if_else".
+        functions: {name of the operation: function}; the names are those of `METHODS`, and "if_else".
     """
 
     __slots__ = ("x",)
@@ -63,11 +63,11 @@ class Scalar:
         return self
 
     def radians(self) -> Any:
-        """Return this angle, in degrees, converted to radians."""
+        """Return this angle converted from degrees to radians."""
         return self._made(np.pi / 180, operator.mul)
 
     def degrees(self) -> Any:
-        """Return this angle, in radians, converted to degrees."""
+        """Return this angle converted from radians to degrees."""
         return self._made(180 / np.pi, operator.mul)
 
     deg2rad, rad2deg = radians, degrees

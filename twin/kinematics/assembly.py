@@ -93,7 +93,7 @@ def inverse_by_solver(kin: Compiled, T: Array, seed: object) -> Array:
 
 
 def inverse_by_solver_many(kin: Compiled, Ts: Array, seed: object = None) -> Array:
-    """Return q (k, n) at poses (k, 4, 4), each solved from the previous solution; rows without one are NaN."""
+    """Return q (k, n) at poses (k, 4, 4), each solved from the previous solution; NaN rows without a solution."""
     out = np.full((len(Ts), len(kin.joints)), np.nan)
     for i, T in enumerate(Ts):
         try:
@@ -173,7 +173,7 @@ def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
 
 
 def _score(kin: Compiled, Ts: Array) -> Array:
-    """Return a score (k,): number of preferred aspect signs; in a tie, a pose nearer to the first seed scores more."""
+    """Return scores (k,) of poses: number of preferred aspect signs; ties favour the pose nearer to the first seed."""
     preferred = np.array([a.preferred for a in kin.formula.aspects])
     agree = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
     home = list(seeds(kin, rng=0, starts=1))

@@ -125,8 +125,9 @@ class Kinematics(Compiled):
     def forward_many(self, qs: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return poses (k, 4, 4) at qs (k, n), each solved from the previous pose; NaN without a solution.
 
-        The rows of qs are usually along a path. `seed` is the pose (4, 4) to start from. If `seed` has one pose for
-        each row (k, 4, 4), the rows are solved independently and at once.
+        The rows of qs are usually consecutive points of a path. `seed` (4, 4) is the pose from which the first row
+        starts. With `seed` (k, 4, 4), row i starts from seed[i] instead of the previous pose, and all rows are solved
+        at once.
         """
         qs = self._joints(qs)
         if seed is not None and np.ndim(seed) == 3:

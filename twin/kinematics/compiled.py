@@ -38,7 +38,8 @@ class Compiled(ABC):
         variants: the variant in use, by equation.
         choices: names of the existing variants, by equation.
         parameters: the values in use, in SI, by name.
-        closed_inverse, closed_forward: whether the formula has equations for q from the pose, or for the pose from q.
+        closed_inverse: whether the formula has equations for q from the pose (inverse equations).
+        closed_forward: whether the formula has equations for the pose from q (forward equations).
         characteristic_length: length in m; a rotation by 1 rad counts as much as a translation by this length.
         revolute: (n,) bool, whether a joint is an angle.
         program: the compiled functions.
@@ -187,9 +188,9 @@ class Compiled(ABC):
         return float(self.condition_many(_one(T), _one(q))[0])
 
     def condition_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the condition numbers (k,) of the Jacobians, or of the inverse ones without forward equations.
+        """Return the condition numbers (k,) of the Jacobians; without forward equations, of the inverse Jacobians.
 
-        Rotations are scaled by the characteristic length. Singular or NaN: infinite.
+        Rotations are scaled by the characteristic length. The number is infinite for a singular or NaN matrix.
         """
         if self.closed_forward:
             J = self.jacobian_many(Ts, qs)
@@ -200,9 +201,9 @@ class Compiled(ABC):
         return singularity.condition_many(J)
 
     def why(self, T: Array) -> str:
-        """Return a text with the line of a formula file that gives NaN or infinity at a pose (4, 4), and the reason.
+        """Return which line of a formula file gives NaN or infinity at a pose (4, 4), and why, as text.
 
-        The file has functions `inverse` or `forward` (see `twin.formula.plain`). "": no line was found.
+        Only files with functions `inverse` or `forward` are traced (see `twin.formula.plain`). "": no line was found.
         """
         return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
 

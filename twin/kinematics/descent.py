@@ -93,9 +93,9 @@ class Iteration:
     def run(self, start: Array, inputs: Array, goal: float) -> tuple[Array, float, int]:
         """Iterate from `start`; return (state, norm of the task's residual, steps tried).
 
-        `inputs` are six arrays in one: arguments of the terms, weights of the residuals, unit sizes of the unknowns,
-        scales of the joints, lower limits, upper limits. The iteration stops when the norm of the whole residual
-        (task and exceeded limits) is at most `goal`, or when the iteration makes no more progress.
+        `inputs` is the concatenation of six arrays: arguments of the terms, weights of the residuals, unit sizes of the
+        unknowns, scales of the joints, lower limits, upper limits. The iteration stops when the norm of the whole
+        residual (task and exceeded limits) is at most `goal`, or when the iteration makes no more progress.
         """
         k, z = self.state, np.zeros(self.memory + len(inputs))
         z[:k], z[self.memory :] = start, inputs

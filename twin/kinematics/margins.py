@@ -80,7 +80,7 @@ class Margins:
             return kin.program.margins_at(tuple(self._passive), self._points).many(np.ascontiguousarray(np.hstack(z)))
 
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
-        """Return (k,) bool: whether the equations reproduce each state; with `passive`, also its passive joint values.
+        """Return (k,) bool: whether the equations reproduce each state (with `passive`: also its passive joints).
 
         If a state is not reproduced, the equations are on another branch.
         """

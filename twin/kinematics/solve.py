@@ -148,7 +148,7 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
 def descend(
     kin: Compiled, task: Task, start: Array, bounds: Array | None = None, length_scale: float | None = None
 ) -> Descent:
-    """Return the result of one descent from a state, converged or not; the start must be within reach."""
+    """Run one descent from a state, which must be within reach; return the result, converged or not."""
     scale = kin.characteristic_length if length_scale is None else float(length_scale)
     if not scale > 0:
         raise KinematicsError(f"length_scale {length_scale} m must be positive.")
@@ -171,7 +171,7 @@ def descend(
 
 
 def _from_formula(kin: Compiled, seed: Array) -> Array:
-    """Return the state of a formula's seed: its coordinates, or q for a formula without inverse equations."""
+    """Return the state of a formula's seed; the seed is coordinates, or q if the formula has no inverse equations."""
     if not kin.closed_inverse:
         q = np.zeros(len(kin.joints))
         q[~kin.auxiliary], q[kin.auxiliary] = seed, [value for *_, value in kin.extra_joints]
@@ -181,7 +181,7 @@ def _from_formula(kin: Compiled, seed: Array) -> Array:
 
 
 def _state(kin: Compiled, seed: ArrayLike) -> Array:
-    """Return the state of a seed, q (n,) or pose (4, 4)."""
+    """Convert a seed, q (n,) or pose (4, 4), to a state: q if there is a forward equation, else a pose."""
     seed = np.asarray(seed, float)
     if seed.shape == (4, 4):
         if not spatial.is_pose(seed, 1e-6):

@@ -56,7 +56,7 @@ def load_formula(
         name: name of the robot, for a plain formula; default: the name of its folder.
         driven: function called for a plain formula. It returns ((name, is_angle) of each active joint in order, a tool
             pose (4, 4), q at this pose or None); solvers start at this pose.
-        trial: whether the file is a copy of a file that was run before; if not, a notice that its code runs is logged.
+        trial: whether the file is a copy of a file that was run before; if false, the execution of its code is logged.
         read: function that returns the bytes of a file outside this package.
 
     Raises:

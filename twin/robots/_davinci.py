@@ -21,7 +21,7 @@ def to_insertion(q1, q2, q3, origin):
 
 
 def about_rcm(p):
-    """Return yaw, pitch (rad) and the distance from the RCM (m) of a point p (3,) of the shaft below the RCM."""
+    """Return yaw and pitch in rad at which the shaft passes through p (3,) below the RCM, and the length of p in m."""
     return atan2(p[0], -p[2]), -atan2(p[1], sqrt(p[0] ** 2 + p[2] ** 2)), norm_2(p)
 
 

@@ -44,7 +44,7 @@ def wrist_angles(T_base_tool, q1, q2):
 
 
 def ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip):
-    """Return the RCM, the wrist's pitch axis, its yaw axis (fulcrum) and the tip of the jaws in base, each (3,)."""
+    """Return points (3,) in base: RCM, pitch axis of the wrist, yaw axis of the wrist (fulcrum), tip of the jaws."""
     p = T_base_tool[0:3, 3]
     at_wrist = (q3 + shaft_long - origin) * shaft_frame(q1, q2)[0:3, 2]
     return vertcat(0, 0, 0), at_wrist, p, p + tip * T_base_tool[0:3, 2]
@@ -56,7 +56,7 @@ def margins(q3, q5, origin, shaft_long, crank):
 
 
 def parameters(origin: float, shaft_long: float, tool: str, note: str = "") -> tuple[Parameter, ...]:
-    """Return the lengths of shaft and wrist (given in mm) as parameters; `tool` and `note` are part of their notes."""
+    """Return the lengths of shaft and wrist (given in mm) as parameters; `tool` and `note` are used in notes."""
     return (
         mm("origin", origin, "CITED", f"{DVRK}: height of the insertion origin above the RCM at q3 = 0{note}"),
         mm(

@@ -5,9 +5,9 @@ Frame 0 is at the remote centre of motion (RCM), where the axes of shoulder, elb
 closed jaws. The two arms differ in five angles of the table, which are parameters; each arm is the mirror image of the
 other. The tilt of the real base (25 deg) is in the offsets of the joints, not in {base}.
 
-The inverse has eight candidates: the wrist is on one of two sides of the jaw axis, before or beyond the RCM, with one
-of two elbow angles. The candidate within the ranges of the joints is returned, or the nearest one. The jaw does not
-move the tool and is in no equation.
+The inverse has eight candidates: two sides of the jaw axis for the wrist, two sides of the RCM for the wrist, and two
+elbow angles. The inverse returns the candidate within the ranges of the joints, or the candidate nearest to these
+ranges. The jaw does not move the tool and is in no equation.
 """
 
 from __future__ import annotations
@@ -97,12 +97,12 @@ def table_davinci(roll, wrist, yaw, L_w_davinci, shaft_long):
 def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
     """Return the eight candidates [(joints (6,), excess)] of the inverse.
 
-    `excess` is 0 for a candidate that exists; otherwise it is |cos(elbow angle)| - 1, which is then above 0.
-    Angles are within half a turn of the middle of the range of their joint.
+    `excess` is 0 for a candidate that exists; otherwise it is |cos(elbow angle)| - 1, which is then above 0. Each angle
+    is within half a turn of the middle of the range of its joint.
     """
     T = symbolic.pose(from_zero(base_turn).T, vertcat(0, 0, 0)) @ T_base_tool
     R, p = T[0:3, 0:3], T[0:3, 3]
-    back = -R.T @ p  # the RCM in {tool}; the wrist is on its projection on the plane across the jaw axis
+    back = -R.T @ p  # the RCM in {tool}; its projection normal to the jaw axis is the direction of the wrist
     u = vertcat(back[0], back[1], 0)
     u = u / norm_2(u)
     (c1, s1), (c2, s2), (c3, s3) = ((cos(a), sin(a)) for a in (alpha1, alpha2, alpha3))
@@ -185,7 +185,7 @@ def places(
     elbow_far,
     tip,
 ):
-    """Return the bearing of the elbow, the wrist, the jaw axis (fulcrum) and the tip of the jaws in base, each (3,)."""
+    """Return points (3,) in base: elbow bearing, wrist, jaw axis (fulcrum) and tip of the jaws."""
     R = from_zero(base_turn)
     T_02 = row(alpha1, 0, shoulder + offset1, 0) @ row(alpha2, 0, elbow + offset2, 0)
     T_03 = to_carriage(shoulder, elbow, insertion, alpha1, alpha2, alpha3, offset1, offset2, theta3)
@@ -197,7 +197,7 @@ def places(
 
 @equation("helper", "distance from singularities", gives="depth straight open_elbow")
 def margins(insertion, elbow, wrist, shaft_long):
-    """Return the share of the shaft beyond the RCM, the cosine of the wrist angle and the sine of the elbow angle."""
+    """Return the fraction of the shaft beyond the RCM, cosine of the wrist angle, and sine of the elbow angle."""
     return (shaft_long - insertion) / shaft_long, cos(wrist), sin(elbow)
 
 

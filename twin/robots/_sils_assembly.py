@@ -14,7 +14,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 
 _GRID = 2048
-"""Number of angles alpha_1 that are scanned; two assemblies within 0.2 deg of alpha_1 may both be missed."""
+"""Number of angles alpha_1 to scan; two assemblies may both be missed if their alpha_1 differ by less than 0.2 deg."""
 
 _SIGMA = np.array([1.0, -1.0, 1.0])
 

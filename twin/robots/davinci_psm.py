@@ -2,9 +2,9 @@
 
 Table 1 of the paper on the affordable console is a standard Denavit-Hartenberg table without offsets and without a
 value of a5. dVRK has a table of the same arm in modified form, with all numbers; the default variant uses the table of
-dVRK. Table 1 becomes equal to it with these changes: 90 deg is added to q2 and q5; `shaft_long` (offset along the shaft
-to the wrist's pitch axis) minus `origin` (height of frame 3 above the RCM at q3 = 0) is added to q3; a5 has the value
-of dVRK; base and tool have fixed rotations.
+dVRK. Table 1 becomes equal to that table with these changes: 90 deg is added to q2 and q5; `shaft_long` (offset along
+the shaft to the wrist's pitch axis) minus `origin` (height of frame 3 above the RCM at q3 = 0) is added to q3; a5 has
+the value of dVRK; base and tool have fixed rotations.
 
 Frame {tool} is at the control point of dVRK, on the wrist's yaw axis; its z is along the closed jaws. The tip is at
 distance `tip` (m) along z. The jaw does not move the tool and is in no equation.

@@ -59,7 +59,7 @@ def _to_outer(q1, q2, q3, q4, q5, a, b, h):
 
 @equation("inverse", "rotation relative to the shaft -> q6, q7", gives="q6 q7 within")
 def scope(T_base_tool, q1, q2, q3, q4, q5, a, b, h):
-    """Return roll, tilt, margin. A pose that requires a rotation about a third axis: tilt NaN, margin negative."""
+    """Return roll, tilt, margin; tilt is NaN and margin negative if the pose needs a rotation about a third axis."""
     R = _to_outer(q1, q2, q3, q4, q5, a, b, h)[0:3, 0:3] @ symbolic.rotation_x(pi / 2)
     N = R.T @ T_base_tool[0:3, 0:3]  # = Rz(q6) Ry(q7)
     q7 = atan2(-N[2, 0], N[2, 2])

@@ -8,7 +8,7 @@ Frame {b} is the base: z is up along the slides, and the origin is the centre of
 {p} is at the centre of the platform joint circle and never rotates. Frame {r} is on the roll axis, with x along this
 axis. Frame {a} is at pin A, with the linkage in its x-y plane. Frame {t} is the tool frame: it is at P, the intended
 RCM, and y points along the tool towards its handle, so the tool points along -y. Five joints control five degrees of
-freedom: the position of P and the direction of the tool. These five determine the rotation about the tool.
+freedom: the position of P and the direction of the tool. They determine the rotation about the tool axis.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _legs(r_x, r_y, r_z, r_b, r_p, heights):
     source=f"DERIVED from the geometry of {_A}: its elimination divides by differences that can vanish",
 )
 def delta_forward(q1, q2, q3, r_b, r_p, l):  # noqa: E741 - the symbol of the source
-    """Return the platform centre from the slides: of the two points at distance l from three centres, the upper one."""
+    """Return the platform centre from the slides: the upper of the two points at distance l from three centres."""
     rho = r_b - r_p
     c1, c2, c3 = (vertcat(rho * cos(a), rho * sin(a), q) for a, q in zip(_AZIMUTHS, (q1, q2, q3), strict=True))
     d = norm_2(c2 - c1)
@@ -292,7 +292,7 @@ _U = np.array([[np.cos(a), np.sin(a)] for a in _AZIMUTHS])
 def platforms(q: Array, p: Mapping[str, float]) -> list[Array]:
     """Return the platform centres (3,) in m at slides q (3,): the upper solution, then the lower; or none.
 
-    Both are at distance l from three centres, one on each side of the plane through these centres.
+    The solutions are at distance l from three centres, one on each side of the plane through these centres.
     """
     c = np.column_stack([(p["r_b"] - p["r_p"]) * _U, q])
     d = np.linalg.norm(c[1] - c[0])
@@ -319,7 +319,7 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
         return []
     T = compile_formula(FORMULA, dict(variants), p).forward(q)
     out = []
-    for r in centres:  # the other links are the same; they move with the platform
+    for r in centres:  # the links after the platform move with it by the same translation
         moved = T.copy()
         moved[:3, 3] += r - centres[0]
         out.append(moved)

@@ -149,7 +149,7 @@ def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L
     """Return angles and margins of each limb, computed from its ball centre alone.
 
     rho is the distance from ball to rail axis; h is the distance from ball to bar pivot along the rail. alpha and beta
-    are the angles of limb and bar. None depends on the variant of eq. (2), which only computes the carriages.
+    are the angles of limb and bar. No value depends on the variant of eq. (2), which only computes the carriages.
     """
     L = l_1 + l_2
     out = []
@@ -207,7 +207,7 @@ def apexes(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2,
 
 @equation("helper", "type II singularity measure", gives="D z_up")
 def type2(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, theta, phi, l_p):
-    """Return D, which is 0 if the platform can move while all carriages are at rest, and the z component of z_p."""
+    """Return D and the z component of z_p; D is 0 if the platform can move while all carriages are at rest."""
     S1, S2, S3 = vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3)
     t1, t2, t3 = (cross(e_a, e_r) for e_a, e_r in _axes(alpha1, alpha2, alpha3))
     u12, u23, u13 = (S1 - S2) / l_p, (S2 - S3) / l_p, (S1 - S3) / l_p

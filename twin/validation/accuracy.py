@@ -1,7 +1,7 @@
 """Simulate the accuracy test of a console: move haptic pens along their axes and measure the tool's displacement.
 
-The error is the tool's displacement minus the pen's displacement, both in {H}, the frame of the hand. It is not the
-error of eq. (7) as printed in the console's paper.
+The error is the tool's displacement minus the pen's displacement, both in {H}, the frame of the hand. This definition
+differs from eq. (7) as printed in the console's paper.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ _REPEATS = 100
 """Number of repetitions of the test, for the long-run standard deviation."""
 
 _REACH, _WAY, _ASIDE = 50 * MM, (20 * MM, 60 * MM), 1 * MM
-"""In m, ASSUMED because they are not published: maximum distance of a start position from 0 along each axis, (minimum,
-maximum) displacement, and maximum additional motion along each axis."""
+"""Maximum distance of a start position from 0 along each axis, (minimum, maximum) displacement, and maximum additional
+motion along each axis; all in m, and ASSUMED because the paper does not state them."""
 
 
 def measure(

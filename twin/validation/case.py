@@ -1,4 +1,4 @@
-"""Input of a validation, names of its parts, and earlier results that it can reuse."""
+"""Input of a validation, names of the parts of a validation, and earlier results to reuse."""
 
 from __future__ import annotations
 
@@ -23,14 +23,16 @@ class Case:
     """Input of a validation.
 
     Attributes:
-        kinematics: the equations, in the variants to judge; None if the robot has no equations (the other checks run).
+        kinematics: the equations, in the variants to judge; None if the robot has no equations (only the other checks
+            run).
         cad: the mechanism read from the CAD, with the findings of the reader.
-        protocol, trajectory: protocol, and the trajectory planned for it.
+        protocol, trajectory: the protocol, and the trajectory planned for this protocol.
         stage: root layer of the robot's USD stage.
         tolerances: largest deviations that count as agreement.
-        paths: the robot's planning data, to check the limits again; if None, the trajectory's findings are used.
-        baked_for_it: whether the stage's motion was baked from this trajectory. If so, a difference is a disagreement,
-            otherwise a warning.
+        paths: the robot's planning data, used to check the limits again; None: the findings of the trajectory are
+            reused.
+        baked_for_it: whether the stage's motion was baked from this trajectory. If true, a difference from the
+            mechanism is a disagreement, otherwise a warning.
     """
 
     kinematics: Kinematics | None

@@ -18,8 +18,8 @@ SIDES: dict[Side, str] = {
     "motion": "baked motion (D) and CAD (B) differ",
     "protocol": "the motion breaks a limit of the protocol or of the robot",
 }
-"""Message for each side that can be faulty. Causes are listed in this order, because a later cause may follow from an
-earlier one."""
+"""Message for each side that can be faulty. Causes are listed in the order of these sides, because a fault of one side
+can cause findings on a later side."""
 
 _FAMILIES: dict[str, Side] = {
     **dict.fromkeys(("cad", "loop"), "CAD"),
@@ -39,12 +39,12 @@ class Cause:
     """One cause with its findings.
 
     Attributes:
-        name: the faulty equation with its variant, joint, CAD part or file, or the violated rule.
+        name: name of the fault: the wrong equation (with its variant), joint, CAD part or file, or the violated rule.
         side: the faulty side, a key of `SIDES`.
         head: the finding that represents the cause: the largest one.
         also: further findings with the same code, in other rows or places.
         follows: other findings that this cause explains.
-        perhaps: findings that this cause may explain, because their values were compared with the faulty side.
+        perhaps: findings that this cause may explain, because they compare values with the faulty side.
     """
 
     name: str
@@ -87,7 +87,7 @@ class Cause:
 
 
 def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
-    """Return the causes of all errors and disagreements; a cause that may explain other causes is listed first."""
+    """Return the causes of all errors and disagreements: errors first, then in the order of `SIDES`."""
     ordered = by_severity(findings)
     groups: dict[tuple[Side, str], list[Finding]] = {}
     for f in ordered:

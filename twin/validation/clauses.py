@@ -27,7 +27,7 @@ class Clause:
         value: measured value, in `unit`.
         limit: limit of the value, in `unit`.
         holds: whether the value respects the limit.
-        said: message if the requirement is violated.
+        said: message for a violation of the requirement.
         way: how to correct the equation.
     """
 

@@ -1,12 +1,12 @@
 """Judge published equations of motion in closed form (A) against the dynamics of the mechanism (B), term by term.
 
-Each element of the mass matrix, and the Coriolis and centrifugal effort and the effort of gravity of each joint, are
-compared at random states of the published joints; all other joints are at zero and at rest. Rotors and friction are not
-part of the published equations and are omitted in B. Two properties of A are checked without B: M is positive definite,
-and qd^T (dM/dt - 2 C) qd = 0, the power balance (R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to
-Robotic Manipulation, CRC Press 1994, lemma 4.2).
+The compared terms are the elements of the mass matrix and, for each joint, the Coriolis and centrifugal effort and the
+gravity effort. They are compared at random states of the published joints; all other joints are at zero and at rest.
+Rotors and friction are not part of the published equations and are omitted in B. Two properties of A are checked
+without B: M is positive definite, and qd^T (dM/dt - 2 C) qd = 0, the power balance (R. M. Murray, Z. Li, S. S. Sastry,
+A Mathematical Introduction to Robotic Manipulation, CRC Press 1994, lemma 4.2).
 
-If terms differ, single edits are tried as their cause: one inertial parameter, the sign of a term, the direction of
+If terms differ, single edits of the equations are tried: one inertial parameter, the sign of a term, the direction of
 gravity. An edit is reported only if it explains all differences.
 """
 
@@ -25,7 +25,7 @@ from twin.formula.closed_form import ClosedForm, Terms
 from twin.reference.dynamics import Dynamics
 
 _EXPLAINED = 1e-2
-"""An edit explains the differences if it reduces them to less than this fraction.
+"""An edit explains the differences if they decrease to less than this fraction.
 
 The rounding of published parameters leaves a smaller fraction.
 """
@@ -197,7 +197,7 @@ _WORDS = {"C": "the Coriolis effort", "g": "gravity"}
 
 
 def _left(difference: Array, edit: Array) -> float:
-    """Return the norm of the difference after an edit, divided by the norm before it."""
+    """Return the norm of the difference after an edit, divided by the norm before the edit."""
     size = float(np.linalg.norm(difference))
     return float(np.linalg.norm(difference - edit)) / size if size else 0.0
 

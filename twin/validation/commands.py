@@ -21,8 +21,8 @@ def commands(
 ) -> dict[str, str]:
     """Return the commands {"validate": ..., "explain": ...} to run in the current folder; "explain" needs equations.
 
-    `kin`: the equations in the judged variants, None without equations; `tolerances`: None for the tolerances of the
-    CAD.
+    `kin`: the equations in the judged variants; None: the robot has no equations. `tolerances`: None means the
+    tolerances of the CAD.
     """
     chosen = []
     if kin is not None:

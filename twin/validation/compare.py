@@ -1,9 +1,9 @@
 """Compare the equations (A) with the independent mechanism from the CAD (B), and separate causes from consequences.
 
 The protocol defines tool poses. The mechanism is solved for the joint values at these poses, and for the tool pose at
-the joint values of the equations. Each printed equation is also checked with correct inputs: its points are compared
-with the CAD's points at the same pose, and its joint values, computed from the CAD's points, with the mechanism's joint
-values. Consequences of a located error are reported as consequences, not as further errors.
+the joint values of the equations. Each printed equation is also checked with correct inputs: points are compared with
+the CAD's points at the same tool pose; joint values are computed from the CAD's points and compared with the
+mechanism's joint values. Consequences of a located error are reported as consequences, not as further errors.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Comparison:
     series: dict[str, Array] = field(default_factory=dict)
     facts: dict[str, dict[str, str]] = field(default_factory=dict)
     driven: Run | None = None
-    """States of the mechanism at the equations' joint values, at every sample; None if it cannot be assembled."""
+    """States of the mechanism at the equations' joint values, at every sample; None if it cannot be assembled there."""
 
     posed: Run | None = None
     """States of the mechanism at the protocol's tool poses, at the coarse samples; None before they are computed."""
@@ -89,7 +89,7 @@ def compare(
     if asked is not None:
         q[:, asked.auxiliary] = trajectory.q[:, asked.auxiliary]  # the equations do not change these joints
         _unsolved(asked, q, out, clock)
-    # If the mechanism is redundant, the equations may choose another solution than the path: this one is judged.
+    # If the mechanism is redundant, the equations may choose another solution than the path: judge that solution.
     by_joints = trajectory.followed or any(p.type == "free" for p in trajectory.phases)
     chosen = asked is not None and by_joints and model.redundant
     out.posed = posed = _posed(model, trajectory, out.coarse, q if chosen else None, progress)
@@ -100,7 +100,7 @@ def compare(
         blamed = check.points(kin)
         if asked is not None:
             joints = check.joints(asked, q[out.coarse], blamed)
-        # Forward equations alone are otherwise checked by `tool`: the mechanism is driven by their numeric inverse.
+        # Otherwise `tool` checks forward equations without inverse: their numeric inverse drives the mechanism.
         if kin.closed_forward and (kin.closed_inverse or asked is None):
             check.forward(kin)
         check.passive(kin, blamed)
@@ -141,7 +141,8 @@ def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: Clock) -> None:
 def _posed(model: ReferenceModel, trajectory: Trajectory, rows: Index, q: Array | None, progress: Progress) -> Run:
     """Return the states of the mechanism at the tool poses of the samples with the indices `rows`.
 
-    `q` (k, n) has joint values near the solutions, for all k samples of the trajectory; None: the trajectory's values.
+    `q` (k, n) contains joint values near the solutions, at all k samples of the trajectory; None: the joint values of
+    the trajectory.
     """
 
     def report(fraction: float) -> None:
@@ -163,7 +164,7 @@ def tool_rates(trajectory: Trajectory) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Blame:
-    """A wrong row that explains other rows; its attributes are empty if there is no such row.
+    """A wrong row that explains other rows; all attributes are empty if there is no such row.
 
     Attributes:
         row: name of the row.
@@ -315,9 +316,10 @@ class _Check:
         return _Blame(first, wrong[first][1])
 
     def _turns(self, joint: str, q: Array, true: Array) -> int:
-        """Return by how many full turns a joint's values q (k,) in rad exceed the mechanism's at every sample.
+        """Return the number of full turns by which joint values q (k,) in rad exceed `true` (k,), at all samples.
 
-        Within the joint's limits, full turns are no disagreement: they change no pose.
+        `true` are the mechanism's values. Full turns change no pose, so they are no disagreement if q is within the
+        joint's limits; otherwise 0 is returned.
         """
         told = self.model.mechanism.joint(joint)
         coupled = any(joint in c.joints for c in self.model.mechanism.couplings)
@@ -339,7 +341,7 @@ class _Check:
         return kin.joints_from_points({n: there[n] for n in names})
 
     def forward(self, kin: Kinematics) -> None:
-        """Compare the tool poses by the forward equations with the tool poses of the mechanism, at its joint values."""
+        """Compare the tool poses of forward equations and mechanism, both at the mechanism's joint values."""
         by = ", ".join(_reading(kin, e) for e in kin.formula.equations if e.stage == "forward")
         Ts = kin.forward_many(self.posed.q)
         lost = ~np.isfinite(Ts).all(axis=(1, 2))
@@ -367,7 +369,7 @@ class _Check:
                 self.out.differs(r, f"passive joint {name} differs from its value in the mechanism", cause)
 
     def tool(self, kin: Kinematics, q: Array, blamed: _Blame) -> None:
-        """Drive the mechanism with the equations' joint values and compare its tool pose with the requested pose."""
+        """Drive the mechanism with the equations' joint values, and compare its tool pose with the requested pose."""
         if not np.isfinite(q).all():
             return
         out, Ts = self.out, self.trajectory.Ts_base_tool

@@ -1,8 +1,8 @@
-"""Find fixes for a waypoint whose shaft misses the RCM: the nearest poses through the RCM, and their reachability.
+"""Find fixes for a waypoint at which the shaft misses the RCM, and check whether the robot can reach them.
 
 Each fix changes one value or one pose of the protocol. The changed protocol is planned with an enforced pivot about the
-RCM, so the shaft passes through the RCM everywhere; the planner reports unreachable parts. For comparison, the RCM
-error of the straight path to the same pose is computed.
+RCM, so that the shaft passes through the RCM everywhere; the planner reports whether the motion is reachable. For
+comparison, the RCM error of a straight path to the same pose is computed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Planner = Callable[[Protocol], Trajectory]
 
 @dataclass(frozen=True)
 class Fix:
-    """One change of the protocol after which the shaft at a waypoint passes through the RCM.
+    """One change of the protocol that makes the shaft at a waypoint pass through the RCM.
 
     Attributes:
         name: kind of change.
@@ -41,8 +41,8 @@ class Fix:
         moved, turned: size of the change, in m and rad.
         value: the new values, as text.
         reachable: whether the robot can do the complete protocol with this change.
-        why: the reason if it is unreachable, otherwise the smallest margin.
-        straight: largest RCM error in m of the straight path to the new pose; NaN if it could not be planned.
+        why: the reason if the protocol is not reachable, otherwise the smallest margin.
+        straight: largest RCM error in m on a straight path to the new pose; NaN if the path could not be planned.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Fix:
 def fixes(
     protocol: Protocol, trajectory: Trajectory, paths: PathKinematics, T_tool_frame: Array
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return (facts as text, findings) on the fixes of each phase whose shaft misses a monitored RCM at its waypoint.
+    """Return (facts as text, findings) on fixes of the phases in which the shaft misses a monitored RCM.
 
     `paths` is the robot's planning data; `T_tool_frame` (4, 4) is the pose of the protocol's frame in the tool frame.
     """
@@ -107,7 +107,7 @@ def fixes(
 
 
 def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
-    """Return the pose (4, 4) nearest to T whose shaft passes through the RCM: smallest translation and rotation.
+    """Return the pose (4, 4) nearest to T at which the shaft passes through the RCM: minimum translation and rotation.
 
     T is the pose (4, 4) of the moved frame, `axis` the shaft direction (3,) in this frame, `rcm` the RCM (3,) in m in
     the parent frame of T. `lever` is the weight of the rotation in m per rad.
@@ -194,9 +194,9 @@ def _missed(trajectory: Trajectory, phase: str) -> float:
 
 
 def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
-    """Return the fix that moves the RCM to the point nearest to two shaft axes, or an empty list if they are parallel.
+    """Return the fix that moves the RCM to the point nearest to two shaft axes; an empty list if the axes are parallel.
 
-    The two axes are those at the first use of the RCM and at the end of the phase.
+    One axis is the shaft axis at the first use of the RCM, the other is the shaft axis at the end of the phase.
     """
     assert span.rcm is not None
     first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))

@@ -1,9 +1,10 @@
-"""Judge the equations of a console by clauses: requirements on the motion of tool and camera and on the force.
+"""Check the equations of a console against clauses: requirements on the motion of tool and camera, and on the force.
 
-Each clause applies a motion of the hands and compares the result with the geometrically required one. Rotations are
-computed by SciPy, independently of the equations. Frames: {H} of the hand, {RB} of the robot base. Poses: T of {H} in
-{RB}, W of the handle in {H}, P of the tool in {RB}; R_T is the rotation of T. Messages use the paper's numbers of the
-equations and the symbols p, R (tool), h, R_H (hand); d means a change, s is the motion scale.
+Each clause applies a motion of the hands, and compares the resulting motion with the geometrically required motion.
+Rotations are computed by SciPy, independently of the equations. Frames: {H} is the frame of the hand, {RB} the frame of
+the robot base. Poses: T is the pose of {H} in {RB}, W of the handle in {H}, P of the tool in {RB}; R_T is the rotation
+matrix of T. Messages use the paper's numbers of the equations and the symbols p, R (tool), h, R_H (hand); d means a
+change, s is the motion scale.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 
 _MM = 1e-3
 _POINT, _ANGLE = 1e-12, 1e-7
-"""Tolerances of a position in m and of a rotation in deg (rounding after 10 000 multiplied rotations)."""
+"""Tolerances for rounding errors: of a position in m, and of a rotation in deg (a product of 10 000 rotations)."""
 
 _INCREMENTS = 10_000
 _SCALE = 0.5
@@ -67,12 +68,13 @@ class Laws(Protocol):
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
         """Return the camera roll in `turn_unit` about the axis n (3,): (roll by the right hand, roll by the left hand).
 
-        p_R0, p_L0 (3,) in m are the positions of the right and the left hand before the motion, p_R1, p_L1 after it.
+        p_R0, p_R1 (3,) in m are the positions of the right hand before and after the motion; p_L0, p_L1 (3,) those of
+        the left hand.
         """
         ...
 
     def force(self, depth: float, rate: float) -> float:
-        """Return the force in N of a surface on the tool at a depth in m that changes by `rate` in m/s.
+        """Return the force in N of a surface on the tool at `depth` in m; `rate` in m/s is the rate of the depth.
 
         A positive force pulls the tool into the surface, a negative force pushes the tool out.
         """
@@ -488,7 +490,7 @@ def _between(P: Array, Q: Array) -> tuple[float, float]:
 
 
 def _angle(R: Array) -> float:
-    """Return the angle in deg of a rotation; for another matrix, of the nearest rotation."""
+    """Return the angle in deg of a rotation matrix; for any other matrix, the angle of the nearest rotation."""
     return float(np.degrees(Rotation.from_matrix(R).magnitude()))
 
 
@@ -499,7 +501,7 @@ def _point(name: str, equation: str, text: str, off: float, said: str, way: str)
 def _within(
     name: str, equation: str, text: str, value: float, unit: str, limit: float, said: str, way: str, also: bool = True
 ) -> Clause:
-    """Return a clause, which holds if a value is at most its limit and the further condition `also` is true."""
+    """Return a clause that holds if `value` is at most `limit` and the condition `also` is true."""
     return Clause(name, equation, text, value, unit, limit, also and value <= limit, said, way)
 
 

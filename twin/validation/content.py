@@ -1,7 +1,7 @@
-"""Compare the mechanism read back from a USD stage with the CAD's mechanism item by item, beyond the tool pose.
+"""Compare all data of the mechanism read back from a USD stage with the CAD's mechanism, item by item.
 
-If the build did not compute a mass, it is estimated from the CAD's meshes and densities by a sum over tetrahedra. This
-method differs from the method of the build. For a coarse mesh the estimate is a few per cent too low.
+If the build did not compute the mass of a body, the mass is estimated from the CAD's meshes and densities by a sum over
+tetrahedra, a method other than that of the build. For a coarse mesh, the estimate is a few per cent too low.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ SINGLE = 1e-5
 """Maximum relative difference that single precision can cause."""
 
 COARSE_MASS, COARSE_SIZE = 0.15, 0.04
-"""(relative tolerance of a mass, tolerance of a mass centre relative to the body's size), for estimates from coarse
-meshes."""
+"""Tolerances for estimates from coarse meshes: of a mass (relative); of a mass centre, relative to the body's size."""
 
 COARSE_MOMENT = 0.4
 """Tolerance of an entry of an estimated inertia tensor, relative to the largest entry. It is large, because the moment
@@ -43,7 +42,7 @@ _MISPLACED = Kind("stage.content", "disagreement", _AGAIN, word="")
 def content(mechanism: Mechanism, stage: Mechanism, description: Description) -> list[Finding]:
     """Return findings on data of a mechanism that are missing or different on its USD stage.
 
-    The description gives the densities for bodies without computed masses.
+    `description` contains the densities that are used for bodies without computed masses.
     """
     found: list[Finding] = []
     for kind, ours, theirs in (
@@ -73,7 +72,7 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
 
 
 def _common(ours: Iterable[Any], theirs: Iterable[Any]) -> list[tuple[Any, Any]]:
-    """Return the pairs of items of both collections that have the same name."""
+    """Return pairs (item of `ours`, item of `theirs`) with the same name."""
     by_name = {x.name: x for x in theirs}
     return [(x, by_name[x.name]) for x in ours if x.name in by_name]
 
@@ -200,7 +199,7 @@ def _meshes(a: Body, b: Body) -> Iterator[Finding]:
 def estimate(body: Body, description: Description) -> Inertia | None:
     """Estimate mass, mass centre and inertia tensor of a body from its meshes and the densities of their materials.
 
-    Returns None if a mesh is open or has no material, so that the mass is unknown.
+    Return None (mass unknown) if a mesh is open or has no material.
     """
 
     def density(mesh: Mesh) -> float | None:

@@ -14,8 +14,8 @@ OUTSIDE = 0.1
 def fulcrum(trajectory: Trajectory) -> Array:
     """Return the sideways motion (k, 2) in m of the tip and of a point of the shaft outside the patient.
 
-    The second point is `OUTSIDE` away from the trocar. Sideways is the direction, perpendicular to the mean shaft
-    direction, in which the tip moves most. Samples without a trocar are NaN.
+    The second point is on the shaft, at distance `OUTSIDE` from the trocar. "Sideways" is the direction perpendicular
+    to the mean shaft direction in which the tip moves most. Samples without a trocar are NaN.
     """
     rcm = trajectory.rcm
     inside = np.isfinite(rcm).all(axis=1) & (trajectory.depth > 0)

@@ -48,7 +48,7 @@ class Pair(Table):
 class Outcome(Table):
     """Printed mean and standard deviation of one measure, per group.
 
-    `items` is the number of integers whose mean is a user's value; 0 if values do not come from integers.
+    The value of a user is the mean of `items` integers; `items` is 0 if values do not come from integers.
     """
 
     name: str
@@ -96,7 +96,7 @@ class Chain(Table):
 
 
 class Above(Table):
-    """A sentence of the paper that claims that the means of the listed outcomes are above a number."""
+    """A sentence of the paper with the claim that the means of the listed outcomes are above a number."""
 
     text: str
     outcomes: list[str]
@@ -104,7 +104,7 @@ class Above(Table):
 
 
 class Twice(Table):
-    """Numbers that the paper prints in several places, which must be equal: one list of values for each place."""
+    """Numbers that the paper prints in several places: one list of values for each place. The lists must be equal."""
 
     name: str
     where: list[str]
@@ -241,7 +241,7 @@ def _welch(o: Outcome, between: tuple[str, str], users: Mapping[str, int]) -> fl
 
 
 def _integers(o: Outcome, users: Mapping[str, int]) -> Iterator[Finding]:
-    """Yield a finding for each printed mean that is not the rounded mean of any integers."""
+    """Yield a finding for each printed mean that is not the rounded mean of any set of integers."""
     if not o.items:
         return
     for group, mean in o.mean.items():
@@ -276,7 +276,7 @@ def _unpublished(tables: GroupTables) -> Iterator[Finding]:
 
 
 def _corrected(tables: GroupTables) -> Iterator[Finding]:
-    """Yield a finding if a printed p-value is no longer significant with Holm's correction."""
+    """Yield a finding if a printed p-value is not significant after Holm's correction."""
     pairs = [(o.name, p) for o in tables.outcome for p in o.compared]
     printed = sorted((p.printed_p, name, p.between) for name, p in pairs if p.printed_p is not None)
     level, left = tables.significance, len(pairs)
@@ -303,7 +303,7 @@ def _corrected(tables: GroupTables) -> Iterator[Finding]:
 
 
 def _spans(s: Span, users: Mapping[str, int]) -> Iterator[Finding]:
-    """Yield a finding for each standard deviation below the minimum that is possible for its range and mean."""
+    """Yield a finding for each standard deviation below the minimum that is possible for the printed range and mean."""
     for group, n in users.items():
         mean, low, high = s.mean[group], s.lower[group], s.upper[group]
         smallest = smallest_std(mean, low, high, n)
@@ -339,7 +339,7 @@ def smallest_std(mean: float, low: float, high: float, n: int) -> float:
 
 
 def rms_readings(a: Accuracy) -> dict[str, tuple[float, float]]:
-    """Return {definition of the RMSE: (minimum, maximum)}, given the rounding of the printed means and deviations."""
+    """Return {definition of the RMSE: (minimum, maximum)}, the range that the rounding of printed values allows."""
     half = 0.5 * 10**-a.decimals
     mean, std = np.abs(np.array(a.mean)), np.array(a.std)
     low = np.hypot(np.maximum(mean - half, 0), np.maximum(std - half, 0))

@@ -52,8 +52,8 @@ def judge(
 ) -> Report:
     """Run the validation of one robot along one trajectory and return the report.
 
-    `known` are results to reuse. The part "stage" needs the states of the mechanism, from the part "equations" or from
-    `known`; without these states it is skipped.
+    `known` are results to reuse. The part "stage" requires the states of the mechanism, computed by the part
+    "equations" or included in `known`; without these states, "stage" is skipped.
     """
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     known = known or Known()
@@ -172,7 +172,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
 
 
 def _stage(case: Case, out: Comparison, progress: Progress) -> None:
-    """Compare the stage read back (C) with the CAD's mechanism (B), with the same solver; estimate rounding errors."""
+    """Compare the mechanism read from the stage (C) with the CAD's (B) by one solver; estimate rounding errors."""
     from twin.reference.sensitivity import of_rounding
     from twin.usd.check import check_stage, run_usd_validators
     from twin.usd.read import read_stage

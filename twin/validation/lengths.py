@@ -68,7 +68,7 @@ def lengths(
 
 
 def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> list[Finding]:
-    """Return `findings` with changed causes: if a wrong equation uses a wrong length, the length becomes the cause.
+    """Return `findings` with corrected causes: if a wrong equation uses a wrong length, the length is the cause.
 
     `found` are the findings on wrong lengths, `findings` the findings on the equations.
     """

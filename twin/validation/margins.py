@@ -78,8 +78,8 @@ def of_mechanism(
     """Return (facts as text, findings, curves) on the mechanism's distance from singularities, without the equations.
 
     While the Jacobians have full rank, the coordinates follow the driven joints continuously and the assembly mode
-    cannot change. Full rank at every compared sample and coordinates without jumps therefore exclude a change of the
-    assembly mode, independently of the equations. `rows` are the sample indices of `posed` in the trajectory.
+    cannot change. The assembly mode is therefore constant if the Jacobians have full rank at every compared sample and
+    no coordinate jumps. `rows` are the trajectory indices of the samples in `posed`.
     """
     found = conditioning(model, posed.x, LENGTH_SCALE)
     at = clock.at(rows)

@@ -34,7 +34,7 @@ CLEARANCE_RATE = 5.0
 """Rate in Hz at which clearances are measured."""
 
 MIDDLE = 4
-"""Number n: the middle of every n-th interval between keys is checked."""
+"""The motion is checked in the middle of every n-th interval between keys, where n is this number."""
 
 TIME = 1e-6
 """Tolerance in s of time codes."""
@@ -48,10 +48,11 @@ class Samples:
     """Tool poses and joint values of a motion at the times that are checked.
 
     Attributes:
-        keys, Ts_keys, q_keys: times (k,) in s of the baked keys, with T_base_tool (k, 4, 4) and joint values (k, n).
-        middle, Ts_middle, q_middle: times, poses and joint values in the middle between keys.
-        sparse, Ts_sparse, q_sparse: times, poses and joint values at which clearances are measured.
-        followed: whether the joint values, not the tool poses, define the motion, as in the trajectory.
+        keys, Ts_keys, q_keys: times (k,) in s of the baked keys; T_base_tool (k, 4, 4) and joint values (k, n) at these
+            times.
+        middle, Ts_middle, q_middle: the same in the middle between two keys.
+        sparse, Ts_sparse, q_sparse: the same at the times at which clearances are measured.
+        followed: whether the joint values define the motion; otherwise the tool poses define the motion.
     """
 
     name: str
@@ -78,10 +79,11 @@ class Measured:
 
     Attributes:
         times: (k,) in s, time codes read back.
-        position, rotation: (k,) in m and rad, largest error of any baked link at its time codes.
-        between: (j,) in m, largest error of any link between keys, with linear interpolation.
+        position, rotation: (k,) in m and rad, largest error of any baked link at each time code.
+        between: (j,) in m, largest error of any link in the middle between keys, where the keys are interpolated
+            linearly.
         clearance: clearances at the times `Samples.sparse`; None if no body has a mesh.
-        written: errors of an existing baked motion; None if there is none.
+        written: errors of an existing baked motion; None if no baked motion exists.
         mates: distance between the two parts of each joint in the CAD.
     """
 
@@ -98,8 +100,8 @@ class Measured:
 class Written:
     """Errors of an existing baked motion: file, time codes (k,) in s, and largest errors (k,) of any link in m and rad.
 
-    `missing` lists moving bodies without samples. The errors are computed at the intended times; they are empty if the
-    time codes differ from these times.
+    `missing` lists moving bodies without samples. The errors are computed at the intended times; the error arrays are
+    empty if the time codes differ from the intended times.
     """
 
     file: str
@@ -124,7 +126,7 @@ def samples(trajectory: Trajectory) -> Samples:
 def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None) -> Measured:
     """Bake the mechanism's motion, read it back, and measure clearances between parts.
 
-    `written` is a stage with an existing baked motion to compare with the mechanism, or None.
+    `written` is a stage with an existing baked motion, which is also compared with the mechanism; or None.
 
     Raises:
         AssemblyError: the mechanism cannot be assembled at one of the tool poses.
@@ -182,8 +184,8 @@ def written_rows(
 ) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings on an existing baked motion.
 
-    `due` states whether the motion was baked from this trajectory. If not, the motion may be older than the protocol,
-    so a difference is only a warning.
+    `due` states whether the motion was baked from this trajectory. If false, the motion may be older than the protocol,
+    and a difference is only a warning.
     """
     keys = Clock(samples.keys, phases)
     severity: Severity = "disagreement" if due else "warning"

@@ -106,7 +106,7 @@ def scored(
     by name of the column; NaN: an empty cell.
 
     Raises:
-        DescriptionError: a column of a questionnaire is missing, or an answer is not one of its numbers.
+        DescriptionError: a column of a questionnaire is missing, or an answer is not one of the allowed numbers.
     """
     out, findings = {n: list(v) for n, v in columns.items()}, []
     for key in keys():

@@ -47,7 +47,7 @@ _LABELS = {
     "align_err_deg": "AlignErr [deg]",
     "align_err_size_deg": "Size of AlignErr [deg]",
 }
-"""Labels of the measures of sessions at a console, in the words of the scoreboards."""
+"""Labels of the measures of console sessions, as used on the scoreboards."""
 
 _UNITS = {x.lower(): x for x in ("s", "ms", "cm", "mm", "deg", "rad", "Hz")} | {"percent": "%"}
 """Units of measures, by the last part of the name of a measure; "n", "m" and "min" could be a number or a minimum."""
@@ -89,7 +89,7 @@ class Users:
 
     @property
     def counted(self) -> str:
-        """What the values of a group are: "users", or "sessions" of unknown users."""
+        """What is counted in a group: "users", or "sessions" if the users are unknown."""
         return "users" if self.repeated or self.sessions is None else "sessions"
 
     def samples(self, measure: str) -> dict[str, Array]:
@@ -133,11 +133,12 @@ class Comparison:
         measure, groups: names of the measure and of the two groups.
         counts, medians: number of users or sessions, and median, of each group.
         u: Mann-Whitney U of the first group.
-        exact: whether p is exact; with ties, it is the normal approximation with correction for ties and continuity.
+        exact: whether p is exact; with ties, p is a normal approximation with correction for ties and continuity.
         p: two-sided p-value.
         holm: p-value with Holm's correction for all comparisons.
         effect: rank-biserial correlation; 1 if every value of the first group is above every value of the second.
-        superiority: measure A: probability that a value of the first group is above one of the second; ties count half.
+        superiority: measure A: probability that a value of the first group exceeds a value of the second; ties count
+            half.
     """
 
     measure: str
@@ -158,7 +159,7 @@ class Ranks(Result):
 
     Attributes:
         comparisons: one per pair of groups and measure.
-        findings: warnings about groups too small for a significant result, and notes on questionnaires.
+        findings: warnings about groups that are too small for a significant result, and notes on questionnaires.
     """
 
     users: Users
@@ -228,7 +229,7 @@ def compare(path: Path) -> Ranks:
 
 
 def compare_users(users: Users, source: str = "") -> Ranks:
-    """Test the pairs of groups of a table in every measure; `source` names it in messages.
+    """Test the pairs of groups of a table in every measure; `source` is the name of the table in messages.
 
     Raises:
         DescriptionError: there is only one group, or every group has only one value.

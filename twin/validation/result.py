@@ -76,7 +76,7 @@ _SAME = 0.999
 
 
 def headline(rows: Sequence[Residual]) -> Residual:
-    """Return the row to show for a group: the worst failed row, preferring rows that are not consequences of others."""
+    """Return the row to show for a group of rows: the worst failed row, preferably not a consequence of another row."""
 
     def weight(r: Residual) -> tuple[int, float]:
         """Return (rank, deviation / tolerance); failed rows have the highest rank.
@@ -99,7 +99,7 @@ class PhaseSummary:
         t0, t1: start and end time in s.
         rcm: (3,) RCM in m in base; None if there is none.
         rcm_mode: "enforced", "monitored" or "".
-        rounds: rounds of the search for the path of a free phase; None without a search.
+        rounds: number of rounds in the path search of a free phase; None without a search.
     """
 
     name: str
@@ -124,7 +124,7 @@ class Report(Result):
         robot, title, source: name, title and source document of the robot.
         protocol, protocol_title: name and title of the protocol.
         variants: variant in use, by name of the equation.
-        reasons: for each variant, its difference from the printed equation, and why, by "equation, variant".
+        reasons: difference of each variant from the printed equation, and the reason, by "equation, variant".
         residuals: the residual matrix.
         findings: findings of all checks (CAD, protocol, comparison, stage, clearance); they determine the verdict.
         phases: phases of the protocol.

@@ -1,4 +1,4 @@
-"""Convert arrays of differences to rows of the residual matrix, and state the tolerances for these differences."""
+"""Convert arrays of differences to rows of the residual matrix; tolerances of these rows."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Tolerances:
     The defaults are for geometry in double precision. They are far below drawing errors and far above rounding errors.
 
     Attributes:
-        position, rotation: between equations and mechanism, in m and rad; values of prismatic joints use `position`,
-            those of revolute joints `rotation`.
+        position, rotation: between equations and mechanism, in m and rad; also for values of prismatic joints
+            (`position`) and revolute joints (`rotation`).
         loop: gap of a closed loop, in m.
         stage_position, stage_rotation: between mechanism and stage, in m and rad (UsdPhysics frames are float32).
         baked_position, baked_rotation: between mechanism and baked link poses at their time codes, in m and rad.

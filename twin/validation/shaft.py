@@ -1,4 +1,4 @@
-"""Distance between shaft and RCM between samples: measured maximum and estimated bound.
+"""Distance of the shaft from the RCM between the samples of a trajectory: measured maximum and estimated bound.
 
 Between samples, the joints follow cubics through sampled positions and speeds, as in a controller, and the mechanism
 moves the shaft. The vector from the shaft to the RCM is then a smooth function of time. The distance is measured on the
@@ -26,8 +26,7 @@ from twin.validation.compare import Comparison
 from twin.validation.rows import Clock, row, text
 
 ALL, LOOKED = 64, 12
-"""(maximum number of samples of a phase in which all intervals are measured, maximum number of measured intervals in
-longer phases)."""
+"""A phase with at most `ALL` samples is measured in all intervals; a longer phase in at most `LOOKED` intervals."""
 
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 """Positions (0 to 1) within an interval at which the distance is measured; a parabola refines the maximum."""
@@ -92,7 +91,7 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
 
 
 def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
-    """Return the first samples of the intervals to measure: all, or those with largest distance and curvature."""
+    """Return the first sample index of the intervals to measure: all, or those with most distance or curvature."""
     assert span.rcm is not None
     rows = np.arange(span.start, span.stop + 1)
     if len(rows) <= ALL:

@@ -24,7 +24,7 @@ _HALF_DIGIT = 0.005
 
 
 class Measure(Table):
-    """One measure: the mean of each user in both environments, and the printed mean and p-value of all users."""
+    """One measure: the mean of each user in both environments; the printed mean and p-value over all users."""
 
     name: str
     unit: str

@@ -39,7 +39,7 @@ _TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds an edit that f
 
 @dataclass(frozen=True)
 class Curve:
-    """Error of one model's tool pose, compared with the mechanism.
+    """Error of the tool pose of one model, relative to the mechanism.
 
     Attributes:
         offset: (k, 3) in m, position error in base.
@@ -77,7 +77,7 @@ class Sweep:
 
     Attributes:
         joint: the moved joint.
-        angle: whether its coordinate is an angle.
+        angle: whether the coordinate of this joint is an angle.
         q: (k,) values of the joint in m or rad; the other joints are at their home values.
         stroke: the joint's limits in m or rad; `q` covers only the reachable part of this range around home.
         gap: largest loop gap, in m.
@@ -194,7 +194,7 @@ def _reachable(
             down = model.run(q[middle : first - 1 if first else None : -1])
             up = model.run(q[middle : last + 1])
             break
-        except AssemblyError:  # the mechanism's range is smaller than the equations': shorten the range at both ends
+        except AssemblyError:  # the mechanism has a smaller range than the equations: shorten the range at both ends
             first, last = (first + middle + 1) // 2, (last + middle) // 2
     states = np.concatenate([down.x[::-1][:-1], up.x])
     return q[first : last + 1], Ts[first : last + 1], model.collect(states)

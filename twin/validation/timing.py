@@ -34,7 +34,7 @@ _ROUNDING = 8 * np.finfo(float).eps
 
 @dataclass(frozen=True)
 class Load:
-    """Maximum of one quantity (speed, acceleration, ...) and its limit.
+    """Maximum of one quantity (speed, acceleration, ...), and the limit of this quantity.
 
     Attributes:
         code: code of the finding if the limit is exceeded.
@@ -128,8 +128,8 @@ class _Moving:
 
     Attributes:
         what: the quantity whose speed is stated, for messages.
-        subject, where: what moves, for messages, and the place of the findings.
-        codes, names: codes and names of its speed, acceleration and jerk.
+        subject, where: name of what moves, for messages; place of the findings.
+        codes, names: finding codes and names of the speed, acceleration and jerk of this motion.
         unit, factor: display unit of a displacement, and this unit in SI.
         first: index of the first sample.
         steps: (k, d) displacements from sample to sample, in SI.
@@ -208,7 +208,7 @@ def _loads(trajectory: Trajectory, m: _Moving) -> Iterator[Load]:
 
 
 def _rest(trajectory: Trajectory, span: PhaseSpan, moving: list[_Moving]) -> Iterator[Finding]:
-    """Check that a phase begins and ends at rest: the first and last step are short enough for the acceleration."""
+    """Check that a phase begins and ends at rest: the acceleration limit allows its first and last step."""
     dt = trajectory.step
     for sample, step, verb in ((span.start, span.start, "begin"), (span.stop, span.stop - 1, "end")):
         for m in moving:
@@ -232,7 +232,7 @@ def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
 
     The average of the stated speeds at both ends of a step equals the mean speed in the step if the acceleration is
     constant. With an acceleration limit a, the difference is at most a dt/4. The first step of a phase is skipped if
-    its first sample belongs to the earlier phase.
+    the first sample of the step belongs to the previous phase.
     """
     dt, skip = trajectory.step, 1 if m.first else 0
     off = np.linalg.norm(m.steps / dt - 0.5 * (m.stated[1:] + m.stated[:-1]), axis=1)[skip:]

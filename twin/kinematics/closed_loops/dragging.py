@@ -1,11 +1,11 @@
 """Interactive motion of a mechanism: move a point of a body, or the active joints, along a straight line.
 
-The line to the target is followed in steps of fixed length, independent of speed. A shorter last step is computed again
-by the next call, so that the result does not depend on the number of calls. Each step stays in the assembly of
-the previous step and slides along limits; a step is halved if the loops do not close after it. An assembly ends at two
-kinds of singularity: the loops no longer determine their passive joints (type II), or the active joints no longer
-determine the tool (type I). A dragged point stops before both kinds. The motion of an active joint (`Dragger.joints`)
-passes through type I, as with a real drive.
+The line to the target is followed in steps of fixed length, independent of speed. If the last step of a call is
+shorter, the next call computes this step again, so that the result does not depend on the number of calls. Each step
+stays in the assembly of the previous step and slides along limits; a step is halved if the loops do not close after it.
+An assembly ends at two kinds of singularity: the loops no longer determine their passive joints (type II), or the
+active joints no longer determine the tool (type I). A dragged point stops before both kinds. The motion of an active
+joint (`Dragger.joints`) passes through type I, as with a real drive.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _STEP = 1e-3
 """Step length in m along the line to the target."""
 
 _LAG = 0.05
-"""Step length as a fraction of the distance by which the point lags behind the line; used if above `_STEP`."""
+"""Step length as a fraction of the distance from the point to its intermediate goal; used if longer than `_STEP`."""
 
 _STRIDE = 4e-3
 """Maximum motion (m; rad times `LENGTH_SCALE`) of the active joints in a step; ten times as much for passive joints."""
@@ -37,10 +37,11 @@ _THERE, _PASSED = 1e-10, 1e-7
 """Distances in m at which the target, and an intermediate goal, count as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""Fraction of the distance to an intermediate goal, and to the target; a motion ends if a step reduces it by less.
+"""Minimum decrease of the distance per step, as a fraction of it: for an intermediate goal, and for the target.
 
-A point that slides along limits at distance d from the target approaches the target slowly: the last length x of its
-path reduces the distance by only x²/2d, which is 1 µm over the last 45 µm at d = 1 mm.
+A motion ends after a step with a smaller decrease. A point that slides along limits at distance d from the target
+approaches the target slowly: the last length x of its path reduces the distance by only x²/2d, which is 1 µm over the
+last 45 µm at d = 1 mm.
 """
 
 _DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
@@ -91,7 +92,7 @@ class Dragged:
     Attributes:
         q, u: active joints (n,) and loop unknowns (m,) after the motion; see `Closed.states`.
         stops: bounds that block the motion.
-        singular: name of the part that is singular, such as "loop r13" or "tool"; "" if there is none.
+        singular: what is singular, a loop (such as "loop r13") or "tool"; "" if the motion meets no singularity.
         more: whether the motion stopped only because its processor time was used up.
     """
 
@@ -189,7 +190,7 @@ class Dragger:
     # -- one step -------------------------------------------------------------------------------------
 
     def _moved(self, look: Look, dq: Array, held: tuple[str, Array], tool: bool = True) -> tuple[Look | None, str]:
-        """Return (state, "") after a step dq (n,) in the same assembly, or (None, name of the singular part)."""
+        """Return (state, "") after a step dq (n,) in the same assembly, or (None, what is singular)."""
         du = look.answers @ dq
         if np.abs(np.where(self._turns, LENGTH_SCALE, 1.0) * du).max(initial=0.0) > 10 * _STRIDE:
             return None, ""
@@ -209,8 +210,7 @@ class Dragger:
     def determinants(self, before: Look, look: Look, tool: bool) -> dict[str, tuple[float, float]]:
         """Return the determinants {name: (before, now)} of loops and tool; a sign changes only at a singularity.
 
-        For a matrix that is not square, both determinants are those of its projection onto the singular vectors that
-        it has before the step.
+        Matrices that are not square are first projected onto the singular vectors of the matrix before the step.
         """
         out = {}
         for name, A, B in zip(self._loops, before.loops, look.loops, strict=True):
@@ -251,7 +251,7 @@ class Dragger:
 
 
 class Grip:
-    """A grabbed point. If all targets are on one line, the point's final position does not depend on their number."""
+    """A grabbed point. For targets on one line, the number of targets does not change the point's final position."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self._walk, self._hand = _Walk(dragger, look, held), look.p
@@ -358,7 +358,7 @@ class _Walk:
         return None
 
     def _taken(self, y: Array, goal: Array, easy: bool = False) -> bool:
-        """Do a step (n,) in m, shortened to the limits, if the step reduces the distance.
+        """Do step y (n,) in m, shortened to the limits, if it reduces the distance; return whether it was done.
 
         `easy`: accept only states in which the point can move in all directions.
         """
@@ -388,7 +388,7 @@ class _Walk:
 
 
 def _against(bounds: np.ndarray, G: Array, y: Array) -> np.ndarray:
-    """Return (b,) bool: whether step y (n,) moves towards each marked bound; G (b, n): gradients of the bounds."""
+    """Return (b,) bool: whether step y (n,) moves towards each bound selected by `bounds`; G (b, n): gradients."""
     return bounds & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
 
 

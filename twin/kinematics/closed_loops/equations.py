@@ -2,7 +2,8 @@
 
 Unknowns are the coordinates of the passive tree joints. The state of a ball joint is a unit quaternion (w x y z), and a
 step multiplies this quaternion by a small rotation, so that no orientation is singular. The gap of a loop is expressed
-in the frame of the body at which its two branches separate, so that common parts cancel.
+in the frame of the body at which the two branches of the loop separate, so that the joints common to both branches
+cancel.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Passive:
 
 
 def stepped(passive: Iterable[Passive], step: ca.SX) -> dict[str, ca.SX]:
-    """Return the states of passive joints after their steps, which are stacked in `step`, by key."""
+    """Return {key: state} of passive joints after a step; `step` stacks the steps of all these joints."""
     out, at = {}, 0
     for p in passive:
         out[p.key] = p.stepped(step[at : at + p.step.numel()])
@@ -196,7 +197,7 @@ class Equations:
         return q, states
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return (offset in m, misalignment in rad, cosine of its angle) in the locked directions of a loop joint."""
+        """Return (offset in m, misalignment in rad, its cosine) of a loop joint, in the joint's locked directions."""
         ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
         while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
             ways = [w[1:] for w in ways]

@@ -25,7 +25,7 @@ class Block:
         rows: indices of the equations.
         unknowns: indices of the joints in `Equations.passive`.
         columns: indices of these joints' steps, which are columns of `Equations.jacobian`.
-        pattern: (rows, columns) bool, whether this entry of the Jacobian can differ from 0.
+        pattern: (rows, columns) bool, whether an entry of the Jacobian can differ from 0.
     """
 
     rows: tuple[int, ...]

@@ -15,7 +15,7 @@ from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
-"""Kinds of edits that change one token, like a misprint; other kinds are ranked after them."""
+"""Kinds of edits that change one token, like a misprint; these edits are ranked before edits of other kinds."""
 
 REST = ("transpose", "order", "parenthesis", "surplus", "missing")
 
@@ -24,13 +24,13 @@ _ORDER = (*TOKENS, *REST)
 
 @dataclass
 class Candidate:
-    """One or two edits of one equation, with the residuals that result.
+    """One or two edits of one equation, with the resulting residuals.
 
     Attributes:
         edits: one or two edits.
         extra: values of names that the edits define.
         scores: worst residual of each row that the edits change, in units of the tolerance.
-        broken: whether a row that agreed before the edits disagrees.
+        broken: whether the edits make a row wrong that agreed before.
         hollow: whether a repaired row is trivial: it agrees for any values of its symbols.
         dropped: symbols on which a repaired row no longer depends.
         changed: residuals (k, entries) of the changed rows.
@@ -48,7 +48,7 @@ class Candidate:
     def over(self, rows: Iterable[Key], base: dict[Key, float]) -> float:
         """Return the worst residual over the given rows after the edits, in units of the tolerance.
 
-        `base`: residuals of all rows before the edits, used for the rows that the edits do not change.
+        `base` contains the worst residual of each row before the edits, used for rows that the edits do not change.
         """
         return max(self.scores.get(k, base[k]) for k in rows)
 
@@ -69,9 +69,10 @@ class Candidate:
 
 @dataclass
 class Found:
-    """Search result for one group of rows: the edits that fix the rows, and the best edit that does not fix them.
+    """Search result for one group of rows: the edits that fix these rows, and the best edit among the others.
 
-    A cure is an edited function that makes the rows agree. Its readings are the different edits that give it.
+    A cure is an edited function that makes the rows agree. Different edits that result in this function are the
+    readings of the cure.
 
     Attributes:
         rows: the rows of the group.
@@ -79,7 +80,7 @@ class Found:
         runner_up: the best edit that does not fix the group; None if there is none.
         after, next: worst residual of the best edit and of the runner-up, in units of the tolerance.
         tried: number of evaluated edits.
-        complete: whether every single edit was tried, and, if none is exact, every pair.
+        complete: whether every single edit was tried and, if no single edit is exact, every pair.
         seconds: duration of the search for pairs, in s.
     """
 
@@ -112,8 +113,8 @@ def residuals(
 ) -> dict[Key, Array] | None:
     """Return the residuals of the rows that edits of an equation change; None if the edits cannot be evaluated.
 
-    Without edits, the residuals of all unedited rows are returned. `extra` gives the values of names that the edits
-    define; None: they are computed.
+    Without edits, the residuals of all rows are returned. `extra` contains the values of the names that the edits
+    define; None: these values are computed.
     """
     if not change:
         return {p.key: r for p, r in judge.residuals.items()}

@@ -34,7 +34,7 @@ _NAMED = (
 
 
 def conventions(judge: Judge) -> list[Convention]:
-    """Return the conventions that fix rows, sorted by the number of fixed rows, largest first."""
+    """Return the conventions that fix rows; those that fix the most rows come first."""
     if not judge.failing():
         return []
     with np.errstate(all="ignore"):
@@ -45,7 +45,7 @@ def conventions(judge: Judge) -> list[Convention]:
 
 
 def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
-    """Return the wrong rows that agree in `other`, and their worst residual.
+    """Return (rows that are wrong in `judge` and agree in `other`, the worst residual of these rows in `other`).
 
     Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other`.
     """
@@ -109,7 +109,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
 
 
 def _angles_in(judge: Judge) -> Iterator[Convention]:
-    """Yield the unit if the rows agree with angles in degrees or lengths in millimetres."""
+    """Yield a unit convention if the rows agree with angles in degrees or lengths in millimetres."""
     truth = judge.truth
     for kind, factor, text in (
         ("angle", 180 / np.pi, "the rows expect angles in degrees, but the angles are given in radians"),
@@ -214,7 +214,7 @@ def signed_permutations() -> list[Array]:
 
 
 def _frames(judge: Judge) -> Iterator[Convention]:
-    """Yield constant rotations of base or tool, or the inversion, that make a formula's pose equal the mechanism's."""
+    """Yield constant rotations of base or tool, or the inversion, that make formula and mechanism agree in the pose."""
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue

@@ -1,7 +1,7 @@
 """Count the judged rows of a formula.
 
-A row counts as judged in three cases: its value is compared, a judged row uses its value, or the row is a margin
-(reach, singularity measure, aspect) and was tested at states where the margin is zero.
+A row counts as judged in three cases: the value of the row is compared; a judged row uses this value; or the row is a
+margin (reach, singularity measure, aspect) that was tested at states where the margin is zero.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Measure on which symbols the rows depend, to reject repairs that make a row trivial.
 
 A row with its unknown on the right side (q1 = ... q2 - q1 ...) agrees trivially if an edit changes it to q1 = q1 or to
-a copy of another row; a zero factor makes any row agree. Residuals at the mechanism's poses do not reveal such edits;
-the change of the residuals after the perturbation of one symbol reveals them.
+a copy of another row; a zero factor makes any row agree. Residuals at the mechanism's poses do not reveal such edits.
+They are found by perturbing one symbol at a time and observing the change of the residuals.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _STEP = 1e-5
 """Step (m, rad) of numeric derivatives with respect to the unknowns of an implicit equation."""
 
 _PARALLEL = 1e-6
-"""Minimum relative size of the part of a row's gradient that is independent of the other rows."""
+"""Minimum size of the component of a row's unit gradient outside the span of the other rows' gradients."""
 
 
 class Dependence:
@@ -46,7 +46,7 @@ class Dependence:
         self._read: dict[tuple[str, Key], set[str]] = {}
 
     def judged(self, c: Candidate, rows: Collection[Key]) -> None:
-        """Set the candidate's `hollow` and `dropped`, which concern its repaired rows; see `Candidate`."""
+        """Set `hollow` and `dropped` of a candidate that repairs `rows`; see `Candidate`."""
         if not rows:
             return
         if any(not self.determined(c, k) for k in rows):
@@ -116,11 +116,11 @@ class Dependence:
     # -- unknowns of implicit rows ---------------------------------------------------------------------------
 
     def determined(self, c: Candidate, row: Key) -> bool:
-        """Return whether an edited row still determines its unknown, given the other rows of its equation.
+        """Return whether an edited row still determines its unknown, together with the other rows of the equation.
 
         Only an equation that uses its own outputs can fail this check. The gradient of each row (right side minus left
         side) with respect to these outputs is computed at the mechanism's poses. The gradient of the edited row must
-        not be in the span of the others.
+        not be in the span of the other gradients.
         """
         step = self.judge.step(row[0])
         unknown = [n for n in step.equation.outputs if n in step.known and n in step.inputs]

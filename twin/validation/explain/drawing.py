@@ -1,4 +1,4 @@
-"""Find the faulty part if the parts of a joint do not meet in the CAD, and test whether it explains the wrong rows.
+"""If the parts of a joint do not meet in the CAD, find the faulty part, and test whether it explains the wrong rows.
 
 The rows are the results of the equations that are compared with the mechanism. Each suspected part is corrected in the
 CAD, and the rows are compared with the resulting mechanism. Evidence in the CAD (lengths, identical parts, closing

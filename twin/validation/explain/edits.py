@@ -1,7 +1,7 @@
 """Generate small edits of a row: names, functions, signs, operators, numbers, indices, parentheses, terms.
 
-An edit replaces text of the file. Edits after which the text is not valid Python, or cannot be evaluated, are dropped
-when they are tried.
+An edit replaces text of the file. An edit that results in invalid Python, or in code that cannot be evaluated, is
+dropped when it is tried.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class _Writer:
         return self.source.text(*self.source.span(node))
 
     def need(self, name: str) -> tuple[str, str] | None:
-        """Return the definition (name, expression) that a name requires; None if it needs none."""
+        """Return the definition (name, expression) that a new name requires; None if no definition is required."""
         if name in self.pool.aliases:
             return name, self.pool.aliases[name]
         return None if name in self.pool.arguments else (name, "")

@@ -48,7 +48,7 @@ from twin.validation.explain.weigh import weigh
 Progress = Callable[[str, float], None]
 
 _FLOOR = 1e-6
-"""Smallest divisor, in units of the tolerance, of a ratio of residuals."""
+"""Minimum divisor of a ratio of residuals, in units of the tolerance; it prevents a division by zero."""
 
 
 def known(
@@ -205,7 +205,7 @@ class _Cures:
 
     Attributes:
         search, found: the search for edits, and its results.
-        identified: the changed numbers; None if there are none, or if edits are simpler.
+        identified: the changed numbers; None if no change of numbers fits, or if edits are simpler.
         conventions: conventions under which rows agree; searched only after edits and numbers have failed.
         lead: see `Explanation`.
         notes: remarks.
@@ -335,7 +335,7 @@ def _means(judge: Judge, symbol: str) -> str:
 
 
 def _term(c: Candidate) -> str:
-    """Return the summand, with its sign, in which an edit changes a row; "" if there is none."""
+    """Return the summand of a row, with its sign, that an edit changes; "" if there is none."""
     source, e = c.step.source, c.edits[0]
     if e.function != source.name:
         return ""
@@ -350,7 +350,7 @@ def _term(c: Candidate) -> str:
 
 
 def _in_changed_rows(c: Candidate) -> bool:
-    """Return whether all edits are in the variant's own function, not in the rows that it shares with the default."""
+    """Return whether all edits are in the variant's own function, not in rows shared with the default variant."""
     source = c.step.source
     return all(e.function == source.name and source.statements[e.statement].home is source.node for e in c.edits)
 
@@ -398,7 +398,7 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
 
 
 def _told(way: list[Candidate]) -> list[Candidate]:
-    """Return the candidates to report, of candidates `way` that give the same function.
+    """Return the candidates to report from `way`, a list of candidates that result in the same function.
 
     Edits in the equation's own rows are preferred to edits in helpers, and edits of single tokens to other edits.
     """

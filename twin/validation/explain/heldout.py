@@ -18,9 +18,9 @@ _ROUNDING = 10
 
 
 def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:
-    """Return (search results without the repairs that fail at new states, rows without a repair).
+    """Return (search results without the repairs that fail at new states, rows that then have no repair).
 
-    A row may agree at all states of the search but disagree at other states. The agreement is then a coincidence.
+    A repaired row that agrees at all states of the search but disagrees at other states agrees only by coincidence.
     """
     fresh = _fresh(judge, model)
     if fresh is None or not any(f.cures for f in found):
@@ -36,7 +36,7 @@ def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list
 
 
 def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
-    """Return a judge of the formula at fresh states; None if rows that agreed before are wrong there."""
+    """Return a judge of the formula at new states; None if a row that agrees in `judge` is wrong at the new states."""
     try:
         run = sample(model, _STATES, _SEED, regular=model.redundant)
     except TwinError:
@@ -48,7 +48,7 @@ def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
 
 
 def _holds(fresh: Judge, c: Candidate, rows: list[Key], off: set[Key]) -> bool:
-    """Return whether the rows agree at fresh states after a candidate's edits."""
+    """Return whether the rows agree at the new states after a candidate's edits."""
     if c.extra:  # names defined by the edits have values only at the states of the search
         return True
     step = fresh.step(c.step.equation.name)

@@ -50,7 +50,7 @@ class Numbers:
         self.judge = judge
         self.start = {n: float(np.asarray(judge.truth.symbols[n])) for n in (p.name for p in judge.formula.parameters)}
         bad = judge.failing()
-        # Helpers often only repeat the error of a printed row: they are used only if the printed rows agree.
+        # Helpers often only repeat the error of a printed row: helper rows are used only if all printed rows agree.
         printed = any(self._printed(p.equation) for p in bad)
         mine = [p for p in judge.residuals if not printed or self._printed(p.equation)]
         self.rows = [p for p in mine if np.isfinite(judge.residuals[p]).all()]
@@ -117,14 +117,14 @@ def identify(
 ) -> Identified | None:
     """Return the parameters whose change explains the wrong rows; None if no parameter affects these rows.
 
-    Single parameters are tried first; if several single parameters explain the rows, they are alternatives. If none
-    does, all parameters are fitted together.
+    Single parameters are tried first; if each of several parameters alone explains the rows, these are alternatives. If
+    no single parameter explains the rows, all parameters are fitted together.
 
     Args:
         judge: the judged rows.
         progress: called with the fraction done.
         noise: standard deviation, in units of the tolerance, of noise added to the mechanism's values.
-        alone: try single parameters only; return None if none makes every row agree.
+        alone: try single parameters only; return None if no single parameter makes every row agree.
     """
     numbers = Numbers(judge, noise)
     if alone and not (numbers.complete and judge.failing()):
@@ -165,7 +165,7 @@ def identify(
 
 
 def _covariance(fit: Fit, noise: float) -> Array:
-    """Return the covariance of the fitted values in SI, from the residuals; it is never below the effect of rounding.
+    """Return the covariance of the fitted values in SI, from the residuals; a lower bound accounts for rounding.
 
     Rows without a derivative are left out: at the limit of the reach, a changed parameter may leave no real solution.
     """

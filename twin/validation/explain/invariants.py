@@ -25,7 +25,7 @@ _LOOP = Kind("invariant.loop", "disagreement", word="tolerance")
 
 
 def said(judge: Judge) -> dict[str, Any]:
-    """Return the values that the formula computes, from the mechanism's values, for symbols that the mechanism has."""
+    """Return {symbol: value computed by the formula from the mechanism's values}, for the compared symbols."""
     truth, out = judge.truth, {}
     units = {"length": judge.tolerance.length, "angle": judge.tolerance.angle}
     for place, r in judge.residuals.items():
@@ -48,7 +48,7 @@ def said_pose(judge: Judge, place: Place) -> Array:
 
 
 def solved(judge: Judge) -> dict[str, Any]:
-    """Return the outputs of implicit equations, solved simultaneously because their rows depend on each other."""
+    """Return the outputs of implicit equations; the coupled rows of an equation are solved together."""
     out: dict[str, Any] = {}
     k = judge.truth.k
     for step in judge.steps:
@@ -181,7 +181,7 @@ def _centre(joint: Joint, body: str, poses: dict[str, Array]) -> Array:
 
 
 def _loops(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Yield a finding for each loop that opens when wrong joint values of the formula replace the mechanism's."""
+    """Yield a finding for each loop that opens if wrong joint values of the formula replace those of the mechanism."""
     truth = judge.truth
     names = [n for n in model.tree.configuration if n in values and _moved(judge, n, values[n])]
     if truth.run is None or not names or not model.mechanism.loops:
@@ -248,7 +248,7 @@ _SCALE = 1.25
 
 
 def _dimensions(judge: Judge) -> Iterator[Finding]:
-    """Yield a finding for each wrong row whose error does not scale with all lengths: its dimension is wrong."""
+    """Yield a finding for each wrong row with a wrong dimension: its error does not scale with all lengths."""
     failing = judge.failing()
     if not failing:
         return

@@ -1,8 +1,8 @@
 """Compare a formula with the mechanism row by row (a row is one assignment), with the mechanism's values as inputs.
 
-If the mechanism also has an intermediate symbol (a named point, a passive joint), the symbol is compared, and then
-replaced by the mechanism's value. A wrong row therefore does not affect later rows. Other symbols are computed and used
-by later rows; if a row disagrees, all rows since the last compared symbol are suspected.
+If the mechanism also has a value of an intermediate symbol (a named point, a passive joint), the symbol is compared,
+and then set to the mechanism's value. A wrong row therefore does not affect later rows. Other symbols are computed and
+used by later rows; if a row disagrees, all rows since the last compared symbol are suspected.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class Judge:
                 computed.setdefault(name, value)
 
     def _stuck(self, step: Step, s: Statement, found: Residuals) -> None:
-        """Count the outputs of a statement that uses an unknown name, and of all later statements, as wrong."""
+        """Count outputs as wrong: those of statement `s`, which uses an unknown name, and of all later statements."""
         step.stuck = True
         late = [(t, i, name) for t in step.source.statements[s.index :] for i, name in enumerate(t.writes)]
         last = step.source.statements[-1]
@@ -185,7 +185,7 @@ class Judge:
         return name in self.truth.symbols or name in computed
 
     def _place(self, step: Step, edits: list[Edit] | None = None, extra: Mapping[str, Any] | None = None) -> None:
-        """Set the swivel angle of each state to the value that minimises the residuals of the rows that use it."""
+        """Set the swivel angle of each state to minimise the residuals of the rows that use the angle."""
 
         def rows(angle: Array) -> Residuals:
             step.free = {self.truth.free: angle}
@@ -249,8 +249,8 @@ class Judge:
     def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
         """Return the residuals of the rows that the edits change; call this method with NumPy's warnings disabled.
 
-        The edits change statements of the step, or of one helper function. `extra` gives the values of names that the
-        edits define.
+        The edits change statements of the step or of one helper function. `extra` contains the values of the names that
+        the edits define.
 
         Raises:
             Exception: any exception of the edited code, including SyntaxError.
@@ -272,9 +272,9 @@ class Judge:
                 scope[name] = old
 
     def _from_before(self, step: Step, edits: list[Edit]) -> Residuals:
-        """Return the residuals of a step that change through an earlier step.
+        """Return the residuals of a step that change because an edit changes the output of an earlier step.
 
-        An earlier step that calls the same edited helper changes an output that this step uses.
+        This is the case if the earlier step calls the edited helper, and this step uses the output.
         """
         for earlier in self.steps[: self.steps.index(step)]:
             passes = set(earlier.equation.outputs) - set(self.truth.kinds)
@@ -353,7 +353,7 @@ class Judge:
             if not changed & set(later.inputs):
                 computed = {**later.gave, **computed}
                 continue
-            # Do not reuse the result: a helper called by this equation may be edited.
+            # Do not reuse earlier results: a helper that this equation calls may be edited.
             env = {**plain.copied(later.before[0]), **later.scope}
             if later.plain is not None:
                 env |= plain.arguments(later.plain, {**self.truth.symbols, **computed})

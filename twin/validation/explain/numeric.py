@@ -331,7 +331,7 @@ def _missing(name: str) -> Callable:
 
 
 def to_array(x: Any, k: int) -> Array:
-    """Return a scalar or matrix as an array (k, entries), row by row."""
+    """Return a scalar or matrix as an array (k, entries); matrix entries are in row-major order."""
     a = x.a.reshape(len(x.a), -1) if isinstance(x, Matrix) else np.asarray(x, float).reshape(-1, 1)
     if len(a) == k:
         return a

@@ -1,6 +1,6 @@
-"""Find joint offsets that are missing in a formula whose tool pose disagrees with the mechanism.
+"""Find the joint offsets that are missing in a formula, if the formula's tool pose disagrees with the mechanism.
 
-With the missing offsets, and with constant rotations of base and tool, the pose agrees.
+The pose must agree with these offsets and with constant rotations of base and tool.
 
 A Denavit-Hartenberg table without joint offsets cannot be corrected by an edit of one row. An offset of the first or
 last angle is equivalent to a rotation of base or tool. For the other angles, quarter turns of up to three angles are
@@ -65,7 +65,7 @@ def _search(judge: Judge, place: Place) -> tuple[str, float] | None:
 
 
 def _said(judge: Judge, place: Place, moved: dict[str, float]) -> Array | None:
-    """Return the formula's pose (k, 4, 4) after joint offsets; None if it has no value."""
+    """Return the formula's pose (k, 4, 4) with the joint offsets `moved`; None if the pose has no value."""
     truth = judge.truth
     symbols = {**truth.symbols, **{n: truth.symbols[n] + v for n, v in moved.items()}}
     other = judge.on(replace(truth, symbols=symbols), {s.equation.name for s in judge.steps if s.stage == "forward"})
@@ -77,7 +77,7 @@ def _said(judge: Judge, place: Place, moved: dict[str, float]) -> Array | None:
 def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
     """Return rotations of base and tool (3, 3) with R = base F tool at all poses (k, 3, 3); None if there are none.
 
-    base^T R - F tool = 0 is linear in both unknowns; the solution must be unique up to a factor.
+    base^T R - F tool = 0 is linear in the unknowns base and tool; the solution must be unique up to a factor.
     """
     eye = np.eye(3)
     A = np.stack([np.hstack([np.kron(eye, r.T), -np.kron(f, eye)]) for f, r in zip(F, R, strict=True)])

@@ -31,7 +31,7 @@ _PLACES = 2
 """Number of the mechanism's samples used to exclude pairs; one perturbed sample is added."""
 
 _AWAY = 100
-"""Distance from the row, in statements, that is assumed for a token in another function."""
+"""Assumed distance, in statements, between the row and a token in another function."""
 
 _MANY = 4096
 """Maximum number of combinations in one evaluation."""
@@ -39,7 +39,7 @@ _MANY = 4096
 
 @dataclass(frozen=True)
 class _Position:
-    """A token and the edits that replace it; `free`: whether all replacements can be evaluated at once."""
+    """A token and the edits that replace this token; `free`: whether all replacements can be evaluated at once."""
 
     edits: tuple[Edit, ...]
     free: bool
@@ -54,7 +54,7 @@ class _Position:
 
 
 class Pairs:
-    """Search for pairs of edits of one equation and the functions it calls, to fix one row."""
+    """Search for pairs of edits that fix one row, in an equation and in the functions that the equation calls."""
 
     def __init__(self, judge: Judge, shaken: Judge, step: Step, row: Key, edits: Sequence[Edit]) -> None:
         """Set up the search.
@@ -164,7 +164,7 @@ class Pairs:
         return dataclasses.replace(p.edits[0], new=f"{_NAMES[axis]}({words})", kind="choice", define=None)
 
     def _residual(self, change: list[Edit], edits: Sequence[Edit], shape: tuple[int, int]) -> Array | None:
-        """Return the row's residuals (combinations, samples, entries) after edits; the last sample is perturbed.
+        """Return the row's residuals (combinations, samples, entries) after edits; the last sample is a perturbed one.
 
         Return None if the edited text has no value.
         """
@@ -199,7 +199,7 @@ class Pairs:
         return any(e.function != self.step.source.name for e in change)
 
     def _judge(self, n: int) -> Judge:
-        """Return a judge at the few samples, repeated for n combinations."""
+        """Return a judge at the few samples used to exclude pairs, repeated for n combinations."""
         if n not in self._tiled:
             step, other = self.step, self.shaken.step(self.step.equation.name)
             on = {**step.computed, **self.judge.truth.symbols}

@@ -84,7 +84,7 @@ def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def held(source: Source, outputs: tuple[str, ...]) -> set[str]:
-    """Return the outputs whose returned expression is a variable with the name of the output, assigned only once."""
+    """Return the outputs that are returned as a variable of the same name, if the variable is assigned only once."""
     returned = getattr(source.statements[-1].node, "value", None)
     if isinstance(returned, ast.Dict):
         pairs = [

@@ -29,10 +29,10 @@ _WHOLE = 12
 """Maximum number of repairs with the same resulting function that are checked on the whole formula."""
 
 _SHARED = 3
-"""Number of edits per repaired group that are tried together with a second edit for the remaining rows."""
+"""For each repaired group: number of edits that are tried together with a second edit, to fix the remaining rows."""
 
 _SHARED_PART = 0.2
-"""Maximum fraction of the remaining time that is spent on pairs with an edit of a repaired group (`_SHARED`)."""
+"""Maximum fraction of the remaining time that is spent on the pairs described at `_SHARED`."""
 
 _SAME = 1e-7
 """Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
@@ -48,7 +48,7 @@ class Search:
         self.base = {p.key: worst(r) for p, r in judge.residuals.items()}
         self.raw = {p.key: r for p, r in judge.residuals.items()}
         bad = judge.failing()
-        # Wrong helpers often only repeat the error of a printed equation: they are searched if all other rows agree.
+        # Wrong helpers often only repeat the error of a printed equation: repair helpers only if all other rows agree.
         self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
         self.failing = [p.key for p in self.targets]
         self.tried = 0
@@ -250,9 +250,9 @@ class Search:
         return [c for c in touching if c.over(rows, self.base) <= 1 and (c.extra or self._runs(c))]
 
     def _runs(self, c: Candidate) -> bool:
-        """Return whether a candidate runs with one sample, which shows errors that several samples hide.
+        """Return whether a candidate runs with one sample; some errors do not occur with several samples.
 
-        An example is an index of a scalar: with several samples, the scalar is an array, and no error is raised.
+        For example, an index of a scalar is an error, but with several samples the scalar is an array.
         """
         return residuals(self.first, c.step.equation.name, c.edits) is not None
 
@@ -312,7 +312,7 @@ class Search:
         return next(h.source for h in self.judge.helpers(c.step) if (h.source.path, h.source.name) == (path, name))
 
     def _off_the_mechanism(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
-        """Return the residuals of a candidate at perturbed values, to compare functions; None if there are none."""
+        """Return the residuals of a candidate at perturbed values, to compare functions; None if they have no value."""
         found = residuals(self.shaken, c.step.equation.name, c.edits)
         if not found:
             return None
@@ -326,7 +326,8 @@ class Search:
     ) -> tuple[list[Candidate], bool]:
         """Return (pairs of edits with which row k agrees or nearly agrees, whether all pairs were tried).
 
-        First, pairs of any kind whose separate effects add up to the residual are tried; then, all pairs of tokens.
+        First, pairs of edits of any kind are tried if the effects of both edits add up to the residual; then, all pairs
+        of one-token edits are tried.
         """
         mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.raw[k].shape]
         mine = [c for c in mine if np.isfinite(c.changed[k]).all()]
@@ -356,7 +357,7 @@ class Search:
                 for j in order[lo : min(hi, lo + 50)]:
                     add(c, mine[j])
         now = time.monotonic()
-        for a in shared:  # an edit that fixes other rows may be one half of the repair of this row
+        for a in shared:  # an edit that fixes other rows may also be one of the two edits that fix this row
             for b in singles:
                 if k in b.scores and time.monotonic() < now + _SHARED_PART * (deadline - now):
                     add(a, b)

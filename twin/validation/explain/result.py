@@ -24,8 +24,7 @@ class Row:
         off: largest difference, in `unit` ("mm" or "deg").
         share: fraction of the judged poses at which the row is wrong.
         worst_at, least_at: poses with the largest and the smallest difference, as text.
-        why: explanation of a wrong margin (reach, singularity measure, aspect), whose `off` may be NaN; "" for other
-            rows.
+        why: explanation of a wrong margin (reach, singularity measure, aspect; `off` may be NaN); "" for other rows.
     """
 
     equation: str
@@ -81,9 +80,10 @@ class Repair:
         rows: the fixed rows, as "eq1.X_S1".
         before, after: worst residual of these rows before and after the repair, in units of the tolerance.
         margin: worst residual of the runner-up divided by the worst residual of the repair; 0 without a repair.
-        runner_up: of the edits that do not fix the rows, the one with the smallest residual, with this residual.
-        cures: possible repairs. Each is a tuple of readings, that is, different edits that give the same function. The
-            judged poses do not distinguish the cures; no pose can distinguish the readings of one cure.
+        runner_up: the edit with the smallest residual among the edits that do not fix the rows, as text with this
+            residual.
+        cures: possible repairs (different functions), which the judged poses do not distinguish. Each cure is a tuple
+            of readings (different edits that result in the same function), which no pose can distinguish.
         tie: why the data do not determine one repair, or "".
         tried: number of edits tried.
         complete: whether every edit that the search can generate was tried.
@@ -169,7 +169,7 @@ class PartOff:
 
     Attributes:
         joints: names of the joints whose parts do not meet.
-        part, features: the faulty part and its features; "" if no single part causes all the gaps.
+        part, features: the faulty part, and the faulty features of this part; "" if no single part causes all the gaps.
         told_by: kind of evidence that this part is faulty. "drawing": lengths or identical parts; "joints": the other
             part of the joint has no gaps at further joints; "loops": the loops close only with this part corrected;
             "rows": the rows agree only with this part corrected; "": undecided between this part and `others`.

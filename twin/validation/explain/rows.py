@@ -1,4 +1,4 @@
-"""Assignments of a formula, called rows: line and equation of each, and the tolerances for comparing their values."""
+"""Rows (assignments) of a formula: equation and line of each row, and the tolerances for comparing values."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ class Step:
 
     `missing`: the symbols without a value, or the error, if the equation cannot be judged. `stuck`: whether a statement
     uses an unknown name. `before`: the variables before each statement. `computed`: outputs of earlier equations.
-    `gave`: outputs of this equation; the known ones have the mechanism's values. `known`: outputs for which the
-    mechanism also has a value. `held`: the known outputs that the function assigns to a variable of the same name; they
-    are compared at this assignment. `free`: name and values (k,) of the free parameter (the swivel angle of a redundant
+    `known`: outputs for which the mechanism also has a value. `gave`: outputs of this equation; known outputs have the
+    mechanism's values. `held`: known outputs that the function assigns to a variable of the same name; these outputs
+    are compared at the assignment. `free`: name and values (k,) of the free parameter (the swivel angle of a redundant
     mechanism), one value for each state.
     """
 
@@ -91,7 +91,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Helper:
-    """A plain function that rows call: its source and its numeric version."""
+    """A plain function that rows call: source text and numeric version of the function."""
 
     source: Source
     function: FunctionType

@@ -61,9 +61,9 @@ class Edit:
 class Statement:
     """One top-level statement of a function, in the bytes `start` to `end` of the file.
 
-    `home` is the function definition that contains the statement. `new` means that only statements in the same
-    definition may use its result. It is set for the changed rows of a variant, which are inserted into the rows of
-    another function (`twin.formula.equations`).
+    `home` is the function definition that contains the statement. `new`: whether only statements in the same definition
+    may use the result of the statement. This is true for rows that a variant adds to the rows of another function
+    (`twin.formula.equations`).
     """
 
     index: int
@@ -125,7 +125,7 @@ class Source:
             self.why = f"the function defines {defined[0].name}() inside; define {defined[0].name}() outside"
 
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
-        """Return (names with a value before a statement, subset of these names that the statement can use).
+        """Return (names that have a value before a statement, subset of these names that the statement can use).
 
         If the statement is in a variant, the second set is smaller: a variant can only use its arguments, and names
         that it assigns before the statement. Otherwise the sets are equal.
@@ -222,7 +222,7 @@ def patched(edits: Iterable[Edit]) -> str:
 
 
 def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
-    """Return equivalent edits that also tidy the edited statements."""
+    """Return edits that have the same effect and also tidy the edited statements."""
     starts = line_starts(data)
     simple = [s for s in ast.walk(_tree(data)) if isinstance(s, ast.Assign | ast.AugAssign | ast.Return | ast.Expr)]
     out, left = [], list(edits)

@@ -10,7 +10,7 @@ from twin.validation.explain.rows import Place, Step
 
 
 def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
-    """Return the indices of the statements on which the value of a row depends, by equation."""
+    """Return {equation: indices of the statements on which the value of a row depends}."""
     out: dict[str, set[int]] = {}
     _trace(judge, judge.step(place.equation), place.statement, place.position, out, set())
     return out
@@ -45,7 +45,7 @@ def available(judge: Judge, step: Step) -> set[str]:
         names |= {*judge.formula.coordinates.names, POSE_SYMBOL}
     elif step.stage == "forward":
         names |= {j.name for j in judge.formula.joints}
-    else:  # all symbols of the mechanism, except outputs of this equation and of later ones
+    else:  # all symbols of the mechanism, except outputs of this equation and of later equations
         later = judge.steps[judge.steps.index(step) :]
         names |= set(judge.truth.symbols) - {n for s in later for n in s.equation.outputs}
     return names | set(step.computed) | set(step.inputs)

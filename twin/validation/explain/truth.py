@@ -1,4 +1,4 @@
-"""The mechanism's values of a formula's symbols, at sampled poses of the independent model."""
+"""Values of a formula's symbols according to the mechanism, at sampled poses of the independent model."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SPREAD = 0.06
 """Half width of the box of joint values that is sampled around each posture, as a fraction of each joint's range."""
 
 _REGULAR = 0.1
-"""A posture counts as near a singularity, and is skipped, if its conditioning is below this fraction of the best."""
+"""Fraction of the best conditioning below which a posture counts as near a singularity, and is skipped."""
 
 Kind = Literal["length", "angle", "pose"]
 
@@ -37,14 +37,14 @@ class Truth:
 
     Attributes:
         symbols: values in SI: floats (parameters), arrays (k,) or matrices.
-        kinds: kind of each symbol that the mechanism has, without parameters.
+        kinds: kind ("length", "angle" or "pose") of each symbol with a value in the mechanism, except parameters.
         k: number of samples.
         Ts: (k, 4, 4) tool poses in base.
         run: states of the mechanism; None if there are none.
         coordinates: names and units of the pose coordinates, for messages.
-        borrowed: symbols whose value is a named point, because a helper returns the point unchanged: {symbol: point}.
-        free: name of the free parameter (swivel) of a redundant mechanism, or "". Its value in each state is fitted to
-            the rows that use it.
+        borrowed: {symbol: named point} of symbols that a helper sets to a named point without changing it.
+        free: name of the free parameter (swivel) of a redundant mechanism, or "". The value of this parameter in each
+            state is fitted to the rows that use the parameter.
     """
 
     symbols: Mapping[str, Any]

@@ -17,7 +17,7 @@ Lead = Literal["edits", "numbers", "edits or numbers", ""]
 
 
 def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | None) -> Lead:
-    """Return the simplest explanation of all wrong rows: "edits", "numbers", "edits or numbers", or "" if none."""
+    """Return the simplest explanation of all wrong rows: "edits", "numbers", "edits or numbers"; "" if none exists."""
     numbers = _numbers(identified)
     changes = None if lost or not found else sum(len(f.cures[0][0].edits) for f in found if f.cures)
     if numbers is None:
@@ -29,7 +29,7 @@ def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | 
 
 
 def _numbers(identified: Identified | None) -> int | None:
-    """Return the number of parameters whose change makes every row agree; None if this is impossible."""
+    """Return how many changed parameters make every row agree; None if no change of parameters does."""
     if identified is None or not identified.exact or not identified.moved:
         return None
     return 1 if identified.alternatives else len(identified.moved)

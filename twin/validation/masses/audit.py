@@ -2,10 +2,10 @@
 
 With the inertia tensor J and the first moment h about one origin, Sigma = tr(J)/2 I - J is the matrix of second
 moments. A body is physically possible only if J and Sigma are positive definite; for Sigma this is the triangle
-inequality. Its mass m must also make [[Sigma, h], [h^T, m]] positive semidefinite, that is, m >= h^T Sigma^-1 h. If no
-masses were published, no other check of the moments is possible. The check also shows the sign of the products of
-inertia. CAD programs print products as +integral(x y dm); these must be negated in the tensor, and only the correct
-sign gives plausible masses.
+inequality. In addition, [[Sigma, h], [h^T, m]] must be positive semidefinite for the mass m of the body, that is, m >=
+h^T Sigma^-1 h. If no masses were published, only these checks of the moments are possible. The minimum mass also shows
+the sign of the products of inertia. CAD programs print products as +integral(x y dm); these must be negated in the
+tensor, and only the correct sign gives plausible masses.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Cell = Literal["mx", "my", "mz", "xx", "yy", "zz", "xy", "xz", "yz"]
 Products = Literal["as printed", "negated"]
 
 _LOST = re.compile(r"(-?)(\d)(\d+)([eE][-+]\d+)")
-"""Number in scientific notation without its decimal mark."""
+"""Number in scientific notation without a decimal mark."""
 
 
 class First(Table):
@@ -52,7 +52,7 @@ class Second(Table):
 
 
 class Repair(Table):
-    """A repaired table cell: its name, its number as printed (without decimal mark), and the label printed there."""
+    """A repaired table cell: name of the cell, printed number (without decimal mark), and printed label."""
 
     cell: Cell
     printed: str
@@ -89,9 +89,9 @@ class Row:
     """Physical limits that follow from one row of the tables.
 
     Attributes:
-        definite: whether J is positive definite with the products as printed and with the products negated.
-        slack: sum of the two smaller principal moments minus the largest, in kg m2; it is negative if the triangle
-            inequality is violated. It is computed for both signs of the products; the smaller value is given.
+        definite: whether J is positive definite (with the products as printed, with the products negated).
+        slack: sum of the two smaller principal moments minus the largest, in kg m2; negative if the triangle inequality
+            is violated. Of the values for both signs of the products, the smaller value is used.
         mass_printed: minimum mass in kg with the products as printed; infinite if no mass is possible.
         mass_negated: minimum mass in kg with the products negated; infinite if no mass is possible.
         repaired: names of the misprinted cells that were repaired.
@@ -131,13 +131,13 @@ def reread(printed: str) -> float:
 
 
 def moments(body: Body) -> tuple[Array, Array]:
-    """Return first moments (3,) in kg m, and the tensor J (3, 3) in kg m2 with the products as printed."""
+    """Return (first moments (3,) in kg m, inertia tensor J (3, 3) in kg m2 with the products as printed)."""
     h, s = body.first, body.second
     return np.array([h.mx, h.my, h.mz]), np.array([[s.xx, s.xy, s.xz], [s.xy, s.yy, s.yz], [s.xz, s.yz, s.zz]])
 
 
 def negated(tensor: Array) -> Array:
-    """Return a tensor (3, 3) with the other sign of its products."""
+    """Return a tensor (3, 3) with negated products of inertia."""
     return 2 * np.diag(np.diag(tensor)) - tensor
 
 
@@ -171,7 +171,7 @@ def convention(rows: list[Row]) -> Products:
 
 
 def falling(rows: list[Row], products: Products) -> bool:
-    """Return whether the minimum masses decrease from row to row, as for links combined with the links they carry."""
+    """Return whether the minimum masses decrease from row to row, as they do if each link includes all later links."""
     masses = [r.mass_negated if products == "negated" else r.mass_printed for r in rows]
     return len(masses) > 1 and all(a > b for a, b in pairwise(masses))
 

@@ -16,8 +16,7 @@ from twin.validation.masses import audit
 from twin.validation.masses.possible import Judged, Stated, judged, least_mass, stated
 
 PLAIN = 1.02
-"""Minimum ratio of the two minimum masses (one for each sign of the products) at which the sign counts as
-determined."""
+"""The sign of the products counts as determined if the minimum masses for both signs differ by at least this factor."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Source:
 
 
 def of_mechanism(mechanism: Mechanism, title: str) -> Source:
-    """Judge the bodies of a mechanism that have a mass; the masses are computed from the CAD or read from a file."""
+    """Judge all bodies with a mass in a mechanism; the masses come from the CAD or from a file."""
     bodies, without = [], []
     for body in mechanism.bodies:
         if body.inertia is None:
@@ -78,7 +77,7 @@ def of_table(folder: Path, mechanism: Mechanism) -> Source:
 
 
 def of_exhibit(path: Path) -> Source:
-    """Judge the rows of published tables without masses, with the sign of the products that requires less mass.
+    """Judge the rows of published tables without masses, using the sign of the products that requires less mass.
 
     Raises:
         DescriptionError: the file is invalid.
@@ -90,8 +89,8 @@ def of_exhibit(path: Path) -> Source:
 def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> Source:
     """Judge rows of tables without masses.
 
-    Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The products of
-    all rows are used as printed or negated, whichever requires less mass.
+    Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The sign of the
+    products is the same for all rows: as printed or negated, whichever requires less mass.
     """
     read = {1: rows, -1: [(name, h, audit.negated(J)) for name, h, J in rows]}
     least = {sign: [least_mass(J, h) for _, h, J in some] for sign, some in read.items()}

@@ -28,7 +28,7 @@ SIGN = 0.04
 """Relative size of the products of inertia below which their sign cannot be determined."""
 
 CLEAR = 2.0
-"""Misfit of the second-best explanation / misfit of the best explanation; below this ratio, the message names both."""
+"""Ratio of the misfit of the second-best to that of the best explanation; below this ratio, the message names both."""
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -40,7 +40,7 @@ def misfit(tensor: Array, shape: Array) -> float:
 
 
 def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, shape: Array | None) -> list[Finding]:
-    """Return a warning with the probable mistake in a body's tensor; empty if the tensor fits or nothing explains it.
+    """Return a warning with the probable mistake in a body's tensor; an empty list if it fits or no mistake is found.
 
     Args:
         name: name of the body.

@@ -27,7 +27,7 @@ DENSITY = (30.0, 25000.0)
 """Plausible density in kg/m3 (mass / volume of closed shapes), from foam and hollow castings to tungsten."""
 
 BESIDE = 2 * MM
-"""Accepted distance in m of a mass centre from the convex hull of the shapes, which may be coarse or incomplete."""
+"""Accepted distance in m of a mass centre from the convex hull of the shapes; shapes may be coarse or incomplete."""
 
 DEFINITE = 1e-9
 """Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia; a flat sheet has a smaller ratio."""
@@ -43,8 +43,8 @@ class Stated:
         first: (3,) in kg m, first moment of mass.
         tensor: (3, 3) in kg m2, inertia about the origin of the frame.
         meshes: shapes of the body in the same frame; may be empty.
-        own_shapes: whether shapes and masses have the same source; a contradiction is then a disagreement, otherwise a
-            warning.
+        own_shapes: whether shapes and masses have the same source. If true, a contradiction between them is a
+            disagreement, otherwise a warning.
     """
 
     name: str

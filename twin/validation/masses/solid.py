@@ -73,7 +73,8 @@ def closed(triangles: np.ndarray) -> bool:
 def of_meshes(meshes: Iterable[Mesh], density: Callable[[Mesh], float | None] = lambda mesh: 1.0) -> Moments | None:
     """Return the moments of several closed meshes together.
 
-    None if the volume is not positive, or if a mesh is open or has no density (kg/m3; default: 1).
+    `density` returns the density of a mesh in kg/m3; default: 1. The result is None if the volume is not positive, a
+    mesh is open, or a mesh has no density.
     """
     total = Moments(0.0, np.zeros(3), np.zeros((3, 3)))
     for mesh in meshes:
