@@ -84,7 +84,7 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
 
 @dataclass(frozen=True)
 class Anchor:
-    """What must not change during a phase.
+    """Signs of the singularity measures, and working mode: both must not change during a phase.
 
     Attributes:
         signs: signs of the singularity measures at the start of the phase; empty if the joint values there are unknown.

@@ -28,7 +28,7 @@ from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 from twin.planning.turns import hint, long_turns
 
 _LOOKED = 9
-"""Number of poses per phase at which `plan` tests whether the robot has the degrees of freedom to assume them."""
+"""Number of poses per phase for which `plan` tests whether the robot has enough degrees of freedom."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ def plan(
         progress: called with the name of each phase before it is planned, and with steps of free phases.
 
     Raises:
-        ProtocolError: a phase cannot be carried out; the message tells where in the phase a limit is violated, by how
-            much, and what is reachable.
+        ProtocolError: a phase cannot be carried out; the message gives the point of the phase where it exceeds a limit,
+            the excess, and what is reachable.
         TimingError: no timing within the limits was found.
     """
     T_tool_frame = np.asarray(T_tool_frame, float)

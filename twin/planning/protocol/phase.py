@@ -100,7 +100,7 @@ class Walk:
         return self._folder / name
 
     def text(self, path: Path, kind: str) -> str:
-        """Return the text of a file, of a kind of `core.foreign.budget`.
+        """Return the text of a file; `kind` is its kind in `core.foreign.budget`, which limits its size.
 
         Raises:
             OSError, UnicodeDecodeError: the file cannot be read.
@@ -225,7 +225,7 @@ class Begin:
     def pose(self, name: str) -> tuple[Array, Array]:
         """Return angles (3,) in rad and position (3,) in m of a waypoint.
 
-        If the waypoint has joint values and the mechanism determines the path, the present values are returned.
+        If the waypoint has joint values and the mechanism determines the path, the current pose is returned.
 
         Raises:
             ProtocolError: the waypoint has no position.
