@@ -40,8 +40,8 @@ class TissueTable(Sourced):
     """A soft organ. Its shape is the body of the same name in the file of the section [anatomy].
 
     The organ is an elastic solid of constant volume, simulated on a grid. `cells` are the numbers of cells along the
-    three principal axes of the organ, the longest first, or along the axes of the World (`upright`). `edge_mm` is the
-    maximum edge length of its surface triangles. `damping_s` in s is damping divided by stiffness (Rayleigh damping).
+    three principal axes of the organ, the longest first; with `upright`, along the axes of the World. `edge_mm` is the
+    maximum edge length of the surface triangles. `damping_s` in s is damping divided by stiffness (Rayleigh damping).
     """
 
     edge_mm: float = Field(ge=1, le=1000)
@@ -62,7 +62,7 @@ class TissueTable(Sourced):
 
 
 class AnatomyTable(Sourced):
-    """The organs of a scene. `file` is a description as for props, with one body for each organ.
+    """The organs of a scene. `file` is a description file, like that of the props, with one body for each organ.
 
     `touching` names the links of instruments that can touch organs, each as "robot/body"; other links pass through
     organs. If the drawing of the organs has a frame of its own, `axes` are the directions of that frame's x, y and z

@@ -132,7 +132,7 @@ def task_of(name: str, task: TaskTable) -> Task:
 
 
 def check_rings(path: Path, name: str, task: TaskTable, objects: Mapping[str, ObjectTable], contact: bool) -> None:
-    """Raise an error if a ring of task `name` is not a ring of the scene, is listed twice, or cannot be touched.
+    """Raise an error if a ring that task `name` lists is no ring of the scene, is listed twice, or cannot be touched.
 
     A ring cannot be touched if `contact` is False: the scene file has no section [contact].
 

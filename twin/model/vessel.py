@@ -80,8 +80,8 @@ class Vessel:
     def rings(self, points: Array, cut: Index, flat: Array, across: Array) -> Array:
         """Return the nodes (6 n, 3) of the deformable: three for each of the two ends of each segment.
 
-        The three nodes are the centre of the end, and the ends of two of its radii. A segment that is cut away has no
-        volume.
+        The three nodes are the centre of the end, and the outer points of two perpendicular radii. A segment that is
+        cut away has no volume.
 
         Args:
             points: (n + 1, 3) nodes of the centre line in the World in m.
@@ -136,7 +136,8 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
     """Return the `Vessel` that a table describes, in SI units.
 
     Raises:
-        TwinError: the vessel would have too many segments, or two points of its line are equal or too far away.
+        TwinError: the vessel would have too many segments, two successive points of its line are equal, or a coordinate
+            is too large.
     """
     if abs(far := max((x for point in t.line_mm for x in point), key=abs)) > _FAR:
         raise TwinError(f"vessel '{name}': a point of line_mm is at {far:g} mm; the limit is ±{_FAR:g} mm")
