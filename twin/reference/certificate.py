@@ -39,7 +39,7 @@ class Certificate:
 
 
 def nearest(found: Iterable[Certificate]) -> Certificate:
-    """Return the certificate for all pairs of several certificates of one path; infinite distances without any."""
+    """Combine certificates of one path into one for all their pairs; without certificates, distances are infinite."""
     every = [Certificate(np.inf, np.inf, 0.0, ("", "")), *found]
     return replace(min(every, key=lambda c: c.found), proven=min(c.proven for c in every))
 

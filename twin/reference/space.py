@@ -53,7 +53,7 @@ _NARROW = 3.0
 """Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
 
 _SEARCH = 6 * MM
-"""Largest motion in m of two bodies from the nearest tested state, in a search; a found path is tested completely."""
+"""In a search: largest relative motion in m of two bodies from a tested state. A found path is tested completely."""
 
 _BLOCK = 2048
 """Number of states whose distances are computed together."""
@@ -518,7 +518,7 @@ class JointSpace:
     def certify_each(
         self, path: Callable[..., Array], group: Callable[[str, str], str], within: float = 0.5 * MM
     ) -> dict[str, Certificate]:
-        """Return the result of `certify` for each group of pairs; `group` returns the group of two bodies by name.
+        """Return the result of `certify` for each group of pairs, by name; `group(a, b)` names the group of two bodies.
 
         Raises:
             MechanismError: as in `certify`.
