@@ -28,7 +28,7 @@ RECTANGLE = "target_rectangle"
 
 _PLATE_RGBA = (0.08, 0.085, 0.09, 1.0)
 _THICK, _BEFORE = 2e-3, 1e-4
-"""Thickness of the plate in m; distance in m of the rectangle in front of the plate, which would otherwise hide it."""
+"""Thickness of the plate in m; distance in m from the plate to the rectangle, so that the plate does not hide it."""
 
 
 class AlignTable(Table):

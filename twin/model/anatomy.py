@@ -90,7 +90,7 @@ class AnatomyTable(Sourced):
         return np.column_stack([np.eye(3)["xyz".index(a[-1])] * (-1.0 if a[0] == "-" else 1.0) for a in self.axes])
 
     def to_world(self, p_drawing: Array) -> Array:
-        """Return points (n, 3) in m in the World for points of the drawing.
+        """Return the points (n, 3) in the World for points (n, 3) in the drawing, all in m.
 
         The paper on the PA-10 virtual surgery robot maps points between its simulator and Blender in the same way: it
         swaps axes, reverses one axis, then shifts and scales the points (figures 13 to 15).
@@ -98,7 +98,7 @@ class AnatomyTable(Sourced):
         return p_drawing @ self._R_world_drawing.T * self.scale + np.array(self.origin_mm) * MM
 
     def to_drawing(self, p_world: Array) -> Array:
-        """Return points (n, 3) in m of the drawing for points in the World: the inverse of `to_world`."""
+        """Return the points (n, 3) in the drawing for points (n, 3) in the World, all in m: inverse of `to_world`."""
         return (p_world - np.array(self.origin_mm) * MM) @ self._R_world_drawing / self.scale
 
 

@@ -70,7 +70,7 @@ class Movable:
 
 
 def together(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
-    """Return the objects as free bodies of one mechanism, whose base has no shape and is the World."""
+    """Return the objects as free bodies of one mechanism; its base is the World and has no shape."""
     bodies = [Body(name), *(Body(o.name, (o.mesh(),), o.inertia()) for o in objects)]
     joints = [Joint(f"free_{o.name}", "free", name, o.name, T_parent_joint=o.T_world_object) for o in objects]
     rest = {name: np.eye(4)} | {o.name: o.T_world_object for o in objects}

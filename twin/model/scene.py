@@ -150,7 +150,7 @@ class Scene:
 
     @property
     def models(self) -> tuple[Place, ...]:
-        """The `Place` of each machine's model: as the machine's, except for the name; see `twin.model.trainer`."""
+        """The `Place` of each machine's model: the machine's place with the model's name; see `twin.model.trainer`."""
         machines = [] if self.trainer is None else self.trainer.robots
         return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 

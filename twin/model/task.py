@@ -48,10 +48,10 @@ class TargetTable(Table):
 class TaskTable(Sourced):
     """A task: targets to touch in order, rings to bring to pegs, a ring to guide, a camera to align, or a procedure.
 
-    A target has a point for one hand or for both. It is touched when the tips of these hands have all been within the
-    tolerance of their points for `hold_s`, without interruption. A ring is transferred when it lies around its peg and
-    nothing holds it. `GuideTable` describes `guide`, `AlignTable` describes `align`, `ProcedureTable` describes
-    `procedure`; only a task with `procedure` needs no console.
+    A target has a point for one hand or for both hands. A target is touched when the tip of each of these hands has
+    been within the tolerance of its point for `hold_s`, without interruption. A ring is transferred when it is around
+    its peg and no instrument holds it. `GuideTable` describes `guide`, `AlignTable` describes `align`, `ProcedureTable`
+    describes `procedure`; only a task with `procedure` needs no console.
     """
 
     title: str = Field(min_length=1)

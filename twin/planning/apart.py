@@ -28,7 +28,7 @@ class Apart:
     by_pair: Mapping[tuple[str, str], Clearance]
 
     def least(self, t0: float = -np.inf, t1: float = np.inf) -> tuple[float, float, tuple[str, str]]:
-        """Return the smallest distance from t0 to t1 (s): the distance in m, its time in s, the two bodies ARM_BODY."""
+        """Return (smallest distance in m, its time in s, names ARM_BODY of the two bodies) from t0 to t1 in s."""
         rows = np.flatnonzero((self.t >= t0) & (self.t <= t1))
         found = min(self.by_pair.values(), key=lambda c: c.distance[rows].min())
         k = int(rows[np.argmin(found.distance[rows])])
@@ -63,7 +63,10 @@ class Nearest:
 
 
 def nearest_at(seen: Certificate, path: Path, q: Array, t: Array) -> Nearest:
-    """Return a certificate with its time in s, from t (k,): that of the sample in q (k, n) nearest to path(seen.s)."""
+    """Return a certificate with its time in s.
+
+    Among the samples q (k, n) at t (k,) in s, the sample nearest to path(seen.s) determines the time.
+    """
     off = np.abs(q - path(np.array([seen.s]))[0]).max(axis=1)
     return Nearest(seen, float(t[np.argmin(off)]))
 

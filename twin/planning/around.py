@@ -239,7 +239,7 @@ def improved(
 
 
 def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
-    """Return a way with further shortcuts: `_POLISHED` times, as many are added as rounded corners allow."""
+    """Return a way with further shortcuts, added `_POLISHED` times, each time as many as rounded corners allow."""
     for _ in range(_POLISHED):
         stages = [way.corners, *shortcuts(search.space, way.corners, rng, search.cost, partial=True)]
         if len(stages) > 1:

@@ -205,7 +205,7 @@ def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Find
 
 
 def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
-    """Return one finding per registered RCM, for all phases until its release."""
+    """Return one finding for each registered RCM; the finding covers all phases until the RCM is released."""
     episodes: list[list[PhaseSpan]] = []
     for before, span in zip((None, *trajectory.phases), trajectory.phases, strict=False):
         if span.rcm is None:

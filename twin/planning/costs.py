@@ -31,7 +31,7 @@ ACCELERATION = 0.24
 
 
 def length(weights: Array) -> Cost:
-    """Return the cost that is the length in m, with `weights` (n,) in m per unit of each joint."""
+    """Return the length in m as a cost; `weights` (n,) are in m per unit of each joint."""
 
     def cost(a: Array, b: Array) -> Array:
         off = (b - a) * weights
@@ -41,7 +41,7 @@ def length(weights: Array) -> Cost:
 
 
 def acceleration(weights: Array) -> Cost:
-    """Return the cost that is the integral of the squared acceleration, in m2/s3."""
+    """Return the integral of the squared acceleration, in m2/s3, as a cost."""
     way = length(weights)
     return lambda a, b: 2 * ACCELERATION**1.5 * np.sqrt(way(a, b))
 
@@ -60,7 +60,7 @@ _STEP = 20 * MM
 
 
 def clearance(space: Space) -> Cost:
-    """Return the cost that is the length in m, in which parts near other bodies count more (see the module).
+    """Return the cost for clearance: a length in m in which parts near other bodies count more (see the module).
 
     The distances are lower bounds (`Space.clearances`) at states that are at most `_STEP` apart.
     """

@@ -65,7 +65,7 @@ class Tree:
 
 
 class Search:
-    """A search between two points; each call of `path` adds samples to those before.
+    """A search between two points; each call of `path` adds further samples.
 
     Attributes:
         space: the joint space.
@@ -145,7 +145,7 @@ class Search:
         return None if rows is None else self._q[rows]
 
     def reached(self) -> tuple[int, int]:
-        """Return (number of samples connected with the start, and with the goal), after `path` found no path."""
+        """Return the numbers of samples connected with the start and with the goal, after `path` found no path."""
         (near, way), none = self._graph, np.full(len(self._graph[0]), -1)
         back = [
             self.cost(np.broadcast_to(self._q[i], (len(n), len(self._box))), self._q[n]) for i, n in enumerate(near)

@@ -175,7 +175,7 @@ class Follower:
         placed(self.q, first, phase.angle_joints, self._names, self._angles, where)
 
     def _course(self, path: PhasePath, where: str) -> Path | None:
-        """Return the path of the driven joints for a phase that moves these; None for a phase that moves the tool."""
+        """Return the path of the driven joints for a phase in joint space; None for a phase defined by tool poses."""
         if isinstance(path.phase, Auxiliary):
             return line(self.q, moved(self.q, path.phase, self._names, self._angles, where))
         name = path.waypoint if path.phase.by_joints else None
@@ -301,7 +301,7 @@ class Follower:
 
 
 def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where: str) -> tuple[Followed, Array]:
-    """Move along the joint path `course` from the state `start`; return (phase with this motion, state at the end).
+    """Move a mechanism along the joint path `course` from state `start`; return (phase with this motion, end state).
 
     Raises:
         ProtocolError: the loops open; the message begins with `where`.

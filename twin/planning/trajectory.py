@@ -31,7 +31,7 @@ class Gap:
 
 
 class Carrier(Interface):
-    """Interface of a mechanism that moves along a path; the next motion can start at any returned state (nq,).
+    """Interface of a mechanism that moves along a path; a motion can start at any state (nq,) that a method returned.
 
     Every method raises `AssemblyError` if the mechanism cannot follow the motion.
     """
@@ -261,7 +261,7 @@ class Trajectory:
         reach: reach margins (k,) in m, by limb.
         singularity: singularity measures (k,), by name.
         findings: findings of the check of every sample.
-        followed: whether the mechanism determines joint values and poses (see `following`), not the equations.
+        followed: whether the mechanism, not the equations, determines joint values and poses; see `following`.
     """
 
     protocol: str

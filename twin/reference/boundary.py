@@ -2,8 +2,8 @@
 
 A reach margin is zero at the limit of the workspace and positive inside. A singularity measure is zero where the
 mechanism is singular. The values of such a row (margin or measure) cannot be compared with a quantity of the mechanism,
-but its zeros can be checked. A search moves the mechanism to a zero of each row. There, the Jacobians show whether the
-mechanism is degenerate.
+but the zeros of the row can be checked. A search moves the mechanism to a zero of each row. There, the Jacobians show
+whether the mechanism is degenerate.
 """
 
 from __future__ import annotations

@@ -200,7 +200,7 @@ def balls_of(triangles: Array) -> Array:
 
 
 def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Return named arrays from the user's cache folder, or make them and keep them there.
+    """Return named arrays from the user's cache folder; if they are not there, make them and store them there.
 
     The key is a hash of the triangles. A file that cannot be read is made again; a cache that cannot be written is not
     an error.

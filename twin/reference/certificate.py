@@ -48,7 +48,7 @@ def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, chec
     """Return a proven lower bound of the distances of the pairs `which` (n,) along a path.
 
     Args:
-        seen: the path.
+        seen: the path with its stations.
         pairs: all pairs of bodies.
         which: (n,) indices of the pairs whose distance is bounded.
         within: accepted difference in m between the smallest distance found and the bound.

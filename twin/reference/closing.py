@@ -59,7 +59,7 @@ class Closing:
     """
 
     def __init__(self, model: ReferenceModel, weights: Array) -> None:
-        """Define the mechanism; `weights` (n,), in m per unit (rad or m) of each joint, weight distances of states."""
+        """Define the mechanism; distances of states use `weights` (n,), in m per unit (rad or m) of each joint."""
         self._model, self._tree, self._weights = model, model.tree, weights
         self._driven = np.array([self._tree.configuration[j.name] for j in model.mechanism.active], int)
         self.linear = self._coupled()
@@ -138,7 +138,7 @@ class Closing:
         self._row = {key: i for i, key in enumerate(_keys(self._q))}
 
     def known(self, q: Array) -> Array | None:
-        """Return the kept configuration (nq,) at joint values q (n,); None if there is none."""
+        """Return the stored configuration (nq,) at joint values q (n,); None if none is stored."""
         row = self._row.get(_keys(np.asarray(q, float)[None])[0])
         return None if row is None else self._x[row]
 

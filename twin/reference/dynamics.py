@@ -120,7 +120,7 @@ class Dynamics:
         return x
 
     def near(self, q: ArrayLike, before: State | None = None) -> State:
-        """Return the state at q (n,); if the assembly `before` is given, closing the loops starts from it."""
+        """Return the state at q (n,); loops are closed starting from the assembly `before`, if given, or from home."""
         if not self._tied:
             return np.asarray(q, float)
         return self.model.solve(np.asarray(q, float), before if isinstance(before, Assembly) else None)

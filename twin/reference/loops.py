@@ -22,8 +22,8 @@ AXES = ("offset x", "offset y", "offset z", "turn x", "turn y", "turn z", "sum")
 class Coupled:
     """A linear coupling of tree joints: the sum of `ratios` times joint values equals `total`, in rad or m.
 
-    `places` and `columns` are the indices of the joints in the configuration and in the velocity. `angle`: whether the
-    first joint is an angle.
+    `places` are the configuration indices of the joints, `columns` their velocity indices. `angle`: whether the first
+    joint is an angle.
     """
 
     name: str

@@ -205,7 +205,7 @@ class ReferenceModel:
 
     @property
     def redundant(self) -> bool:
-        """Whether more active joints move the tool than it has `freedoms`; a pose then has many solutions."""
+        """Whether the number of active joints that move the tool exceeds `freedoms`: a pose has many solutions."""
         return self.freedoms < len(self.mechanism.active) - len(self.mechanism.auxiliary)
 
     def collect(self, states: Array) -> Run:

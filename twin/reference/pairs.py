@@ -72,7 +72,7 @@ class Pairs:
             stills: the obstacles.
             clearance: required distance in m; for two bodies of the mechanism at most half of their distance in the
                 rest poses.
-            arms: name of the arm of each body, for a mechanism that is `twin.model.joined`. Two bodies of different
+            arms: name of the arm of each body, for a mechanism made by `twin.model.joined`. Two bodies of different
                 arms must have the full clearance, even if they are nearer in the rest poses.
         """
         self._tree, self._clearance = model.tree, clearance

@@ -95,7 +95,7 @@ class JointSpace:
             clearance: required distance in m between bodies; see the class.
             keep: additional test of states; None: all states are allowed.
             around: function that returns the obstacles, called at first use; None: there are none.
-            arms: name of the arm of each body of a mechanism that is `twin.model.joined`; see `joined.owners`.
+            arms: name of the arm of each body, for a mechanism made by `twin.model.joined`; see `joined.owners`.
         """
         self._arms = arms
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around

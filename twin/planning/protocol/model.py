@@ -114,8 +114,8 @@ class Protocol:
     def first_rcm(self) -> Array | None:
         """The RCM (3,) in base in m that the motion needs first.
 
-        If the protocol has an unnamed trocar or an RCM, this position is returned. Otherwise the first phase decides
-        that names a trocar (position of the trocar) or is an insertion (position of the waypoint at its start). None if
+        If the protocol has an unnamed trocar or an RCM, this position is returned. Otherwise, the position follows from
+        the first phase that names a trocar (position of the trocar) or is an insertion (waypoint at its start). None if
         the protocol has no RCM, or if only the mechanism defines the position of its trocar.
         """
         if "" in self.trocars or self.rcm is not None:

@@ -167,7 +167,7 @@ class PhaseTable(Table):
 
     @abstractmethod
     def follow(self, walk: Walk) -> None:
-        """Check that the phase can follow the phases before it; set the waypoint at which it ends in `walk`."""
+        """Check that the phase can follow the phases before it, and set in `walk` the waypoint at the phase's end."""
 
     @abstractmethod
     def phase(self, walk: Walk) -> Phase:

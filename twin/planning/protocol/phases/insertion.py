@@ -22,7 +22,7 @@ class InsertionTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered, register one, and set the waypoint `to`, if given, as the end."""
+        """Check that no RCM is registered, and register one; if `to` is given, set it as the end of the phase."""
         walk.outside(self.type)
         if self.trocar is None and len(walk.trocars) > 1:
             text = f"[trocars_mm] has {', '.join(walk.trocars)}: name the trocar of this insertion"
