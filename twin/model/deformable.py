@@ -1,4 +1,4 @@
-"""A deformable (a mesh with moving vertices that is fixed to a body or to the world), and its recorded motion."""
+"""A deformable and its recorded motion; a deformable is a mesh, fixed to a body or to the world, that changes shape."""
 
 from __future__ import annotations
 

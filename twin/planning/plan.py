@@ -58,7 +58,7 @@ def plan(
         kinematics: the robot's planning data.
         T_tool_frame: (4, 4) pose of `protocol.frame` in the tool frame.
         dt: sampling time in s; the duration of every phase is a multiple of dt.
-        progress: called with the name of each phase before it is planned, and with steps of free phases.
+        progress: called with the name of each phase before it is planned, and with a text for each step of free phases.
 
     Raises:
         ProtocolError: a phase cannot be carried out; the message gives the point of the phase where it exceeds a limit,

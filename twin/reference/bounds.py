@@ -129,7 +129,7 @@ def balls(triangles: Array) -> Array:
 
 @dataclass(frozen=True)
 class Grid:
-    """Lower bounds of the distance from a surface on a grid.
+    """Grid whose nodes store lower bounds of the distance from a surface.
 
     Attributes:
         values: (x, y, z) float32 in m.

@@ -1,8 +1,8 @@
 """A proven lower bound of the distance between bodies along a whole path.
 
-In an interval of s, the distance of a pair is at least its distance in the middle minus the largest possible approach
-(`travel`) in half of the interval. Intervals are halved until this bound is at most `within` below the smallest
-distance found.
+In an interval of s, the distance of a pair is at least the distance in the middle of the interval minus the largest
+possible approach (`travel`) in half of the interval. Intervals are halved until this bound is at most `within` below
+the smallest distance found.
 """
 
 from __future__ import annotations

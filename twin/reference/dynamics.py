@@ -44,8 +44,8 @@ State = ArrayLike | Assembly
 class Dynamics:
     """Equations of motion in the n active joints, in the order of `mechanism.active`.
 
-    Efforts are in N m for angles and in N for lengths; inertias are in kg m2, kg m or kg accordingly. A state is q
-    (n,), for which the loops are closed starting from home, or an `Assembly` of `model`, which is used unchanged.
+    Efforts are in N m for angles and in N for lengths; inertias are in kg m2, kg m or kg accordingly. A state is either
+    q (n,) or an `Assembly` of `model`. For q, loops are closed starting from home; an `Assembly` is used unchanged.
 
     Attributes:
         mechanism: the mechanism with masses; a body without inertia is massless.
@@ -234,7 +234,7 @@ class Dynamics:
 
     @cached_property
     def _idle(self) -> str:
-        """A passive joint that can move a mass while all active joints are at rest (at home); "" if there is none."""
+        """A passive joint, as text, that can move a mass at home with all active joints at rest; "" if none can."""
         passive = self._tree.passive
         if not len(passive):
             return ""

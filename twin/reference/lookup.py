@@ -30,7 +30,7 @@ PAIR = 6
 balls, grid, first ball, last ball + 1."""
 
 _ROUGH = 0.75
-"""Fraction of the upper bound at which a lower bound is sufficient in a search."""
+"""In a search, a lower bound is sufficient if it is at least this fraction of the upper bound."""
 
 _DOUBLE, _FLOAT, _INT, _POINTER = ir.DoubleType(), ir.FloatType(), ir.IntType(64), ir.PointerType()
 

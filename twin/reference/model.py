@@ -36,7 +36,7 @@ _JUMP = 0.5
 """Largest change (m, rad) of a coordinate in one step; a larger change means another assembly mode."""
 
 _AT_ONCE = 32
-"""Maximum number of coarse samples that are solved together if the motion is predictable."""
+"""Maximum number of knots (see `walk`) that are solved together if the motion is predictable."""
 
 _SURPRISE = 0.2
 """Prediction error, relative to the step, above which samples are solved one by one."""
@@ -124,7 +124,7 @@ class ReferenceModel:
     # -- along samples --------------------------------------------------------------------------------
 
     def run(self, q: Array, seed: Assembly | None = None, progress: Progress | None = None) -> Run:
-        """Solve for active joint values q (k, n) along a motion.
+        """Return the states at active joint values q (k, n), solved along a motion.
 
         Raises:
             AssemblyError: the loops cannot be closed at a sample; the message names the sample.
@@ -169,7 +169,7 @@ class ReferenceModel:
         progress: Progress | None = None,
         near: Array | None = None,
     ) -> Run:
-        """Solve for tool poses (k, 4, 4) along a motion; see `run`.
+        """Return the states with the tool at the given poses (k, 4, 4), solved along a motion; see `run`.
 
         If the mechanism is `redundant` or has auxiliary joints, a pose has many solutions. If `near` (k, n) is given,
         the solution with the smallest motion from these active joint values is returned.

@@ -70,8 +70,8 @@ class Pairs:
         Args:
             model: the mechanism's model.
             stills: the obstacles.
-            clearance: required distance in m; for two bodies of the mechanism at most half of their distance in the
-                rest poses.
+            clearance: required distance in m. For two bodies of the mechanism, at most half of their distance in the
+                rest poses is required.
             arms: name of the arm of each body, for a mechanism made by `twin.model.joined`. Two bodies of different
                 arms must have the full clearance, even if they are nearer in the rest poses.
         """

@@ -12,7 +12,7 @@ from twin.core.spatial import Array, Index
 from twin.reference.degeneracy import Degeneracy
 
 Values = Callable[[Array], Array]
-"""Functions to search: states (k, nq) -> values (k, rows)."""
+"""Functions whose zeros are searched: states (k, nq) -> values (k, rows)."""
 
 Mask = NDArray[np.bool_]
 

@@ -34,7 +34,7 @@ _STATION = {True: 0.1, False: 0.02}
 """Motion of a driven joint (rad if an angle, else m) between two stations (states with closed, tested loops)."""
 
 _FINE = 512
-"""Number of intervals of a path. The assumed speed in an interval is the larger speed of its ends times `_BETWEEN`."""
+"""Number of intervals of a path; the speed assumed in an interval is `_BETWEEN` times the larger speed at its ends."""
 
 _BETWEEN = 1.05
 """Safety factor: in a corner rounded over 1/80 of a path (six intervals), the speed within an interval exceeds the
@@ -74,9 +74,9 @@ class JointSpace:
     touch in the rest poses. Meshes are surfaces: a body that is completely inside another one is not detected.
 
     Attributes:
-        clearance: required distance in m between two bodies. For two bodies of the mechanism, half of their distance in
-            the rest poses is required if this is less. Between the tested values of s, half of the required distance
-            is guaranteed.
+        clearance: required distance in m between two bodies. If half of the distance of two bodies of the mechanism in
+            the rest poses is less than `clearance`, this half is required. Between the tested values of s, half of the
+            required distance is guaranteed.
     """
 
     def __init__(

@@ -155,7 +155,7 @@ class Walk:
 
 
 class PhaseTable(Table):
-    """A table of a phase in the file; a phase type is a subclass with `type: Literal["..."]`."""
+    """Base class of the table of a phase in the file; each phase type has a subclass with `type: Literal["..."]`."""
 
     name: Identifier
 
