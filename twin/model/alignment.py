@@ -28,17 +28,17 @@ RECTANGLE = "target_rectangle"
 
 _PLATE_RGBA = (0.08, 0.085, 0.09, 1.0)
 _THICK, _BEFORE = 2e-3, 1e-4
-"""Thickness of the plate, and distance of the rectangle in front of the plate, in m; the rectangle covers the plate."""
+"""Thickness of the plate in m; distance in m from the plate to the rectangle, so that the plate does not hide it."""
 
 
 class AlignTable(Table):
     """A green rectangle on a plate, and a grey line in the middle of the picture; the task is to align them.
 
-    The rectangle's middle is at `position_mm` in the world frame; `facing` points out of the plate; `roll_deg` is the
-    rotation of the rectangle about `facing`; at 0, its upper side is horizontal. `line` is the length of the line
-    divided by the height of the picture. The task is done if, at the end, the upper side of the rectangle is within
-    `tolerance_deg` of the line, and its ends are within `tolerance_line` times the length of the line from the line's
-    ends.
+    The rectangle's middle is at `position_mm` in the world frame; `facing` points out of the plate. `roll_deg` is the
+    rotation of the rectangle about `facing`; at 0, the upper side is horizontal. `line` is the length of the line
+    divided by the height of the picture. The task is done if two conditions hold at its end: the angle between the line
+    and the rectangle's upper side is at most `tolerance_deg`, and the distance between the ends of the side and the
+    ends of the line is at most `tolerance_line` times the length of the line.
     """
 
     position_mm: Vector
@@ -70,18 +70,18 @@ class AlignTable(Table):
 
 @dataclass(frozen=True)
 class Alignment:
-    """A rectangle on a plate, and the line in the picture with which its upper side is aligned.
+    """A rectangle on a plate, and a line in the picture; the rectangle's upper side must be aligned with the line.
 
     Attributes:
-        T_world_plate: (4, 4) frame at the rectangle's middle: x along its upper side to the right, y to its upper side,
-            z out of the plate.
+        T_world_plate: (4, 4) frame at the rectangle's middle: x to the right, parallel to the upper side; y towards the
+            upper side; z out of the plate.
         size: width and height of the rectangle in m.
         plate: width and height of the plate in m.
         color_rgba: colour of the rectangle, linear, 0..1.
         line: length of the line in the middle of the picture, divided by the height of the picture.
         tolerance: maximum angle in rad between line and upper side at the end of the task.
-        off: maximum distance of each end of the upper side from the end of the line on that side, divided by the length
-            of the line.
+        off: maximum distance between an end of the upper side and the corresponding end of the line, divided by the
+            length of the line.
     """
 
     T_world_plate: Array

@@ -40,8 +40,8 @@ class TissueTable(Sourced):
     """A soft organ. Its shape is the body of the same name in the file of the section [anatomy].
 
     The organ is an elastic solid of constant volume, simulated on a grid. `cells` are the numbers of cells along the
-    three principal axes of the organ, the longest first, or along the axes of the World (`upright`). `edge_mm` is the
-    maximum edge length of its surface triangles. `damping_s` in s is damping divided by stiffness (Rayleigh damping).
+    three principal axes of the organ, the longest first; with `upright`, along the axes of the World. `edge_mm` is the
+    maximum edge length of the surface triangles. `damping_s` in s is damping divided by stiffness (Rayleigh damping).
     """
 
     edge_mm: float = Field(ge=1, le=1000)
@@ -62,7 +62,7 @@ class TissueTable(Sourced):
 
 
 class AnatomyTable(Sourced):
-    """The organs of a scene. `file` is a description as for props, with one body for each organ.
+    """The organs of a scene. `file` is a description file, like that of the props, with one body for each organ.
 
     `touching` names the links of instruments that can touch organs, each as "robot/body"; other links pass through
     organs. If the drawing of the organs has a frame of its own, `axes` are the directions of that frame's x, y and z
@@ -90,7 +90,7 @@ class AnatomyTable(Sourced):
         return np.column_stack([np.eye(3)["xyz".index(a[-1])] * (-1.0 if a[0] == "-" else 1.0) for a in self.axes])
 
     def to_world(self, p_drawing: Array) -> Array:
-        """Return points (n, 3) in m in the World for points of the drawing.
+        """Return the points (n, 3) in the World for points (n, 3) in the drawing, all in m.
 
         The paper on the PA-10 virtual surgery robot maps points between its simulator and Blender in the same way: it
         swaps axes, reverses one axis, then shifts and scales the points (figures 13 to 15).
@@ -98,7 +98,7 @@ class AnatomyTable(Sourced):
         return p_drawing @ self._R_world_drawing.T * self.scale + np.array(self.origin_mm) * MM
 
     def to_drawing(self, p_world: Array) -> Array:
-        """Return points (n, 3) in m of the drawing for points in the World: the inverse of `to_world`."""
+        """Return the points (n, 3) in the drawing for points (n, 3) in the World, all in m: inverse of `to_world`."""
         return (p_world - np.array(self.origin_mm) * MM) @ self._R_world_drawing / self.scale
 
 

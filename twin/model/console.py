@@ -64,10 +64,10 @@ class ConsoleTable(Sourced):
 
     A tap on the clutch selects the next robot in `right` or `left`. `scale` is the tool displacement divided by the
     hand displacement. `tip` is the name of a frame that each of these robots has; default: the tool frame. The origin
-    of that frame must touch the targets, and the length of its path is measured. `instrument_mm` is the length of a
-    robot's instrument from its tip to its outer end; with this length, the hand can control either end. `through` names
-    the robots without a mechanical RCM: the controller keeps the shaft of each, the z axis of its tool, in its port.
-    `camera_range` replaces the range of the da Vinci's endoscope.
+    of this frame is the point that must touch the targets, and whose path length is measured. `instrument_mm` is the
+    length of a robot's instrument from its tip to its outer end; with this length, the hand can control either end.
+    `through` names the robots without a mechanical RCM: the controller keeps the shaft of such a robot (the z axis of
+    its tool) in its port. `camera_range` replaces the range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)

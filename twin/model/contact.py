@@ -18,9 +18,9 @@ from twin.schema import Identifier, Sourced, Vector, at
 class ObjectTable(Sourced):
     """A movable object. Instruments can grasp and push the object, but only during a task that names it.
 
-    `size_mm` of a ring: the radius of its wire's centre line, and the radius of the wire; of a box: its three edges; of
-    a ball: its radius. At the start, its centre is at `position_mm` in the world frame, and the axis of a ring is along
-    `axis`.
+    `size_mm` has two values for a ring (radius of the wire's centre line, radius of the wire), three for a box (edge
+    lengths) and one for a ball (radius). At the start, the centre of the object is at `position_mm` in the world frame,
+    and the axis of a ring is along `axis`.
     """
 
     shape: ShapeName

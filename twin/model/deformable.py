@@ -1,4 +1,4 @@
-"""A deformable (a mesh with moving vertices that is fixed to a body or to the world), and its recorded motion."""
+"""A deformable and its recorded motion; a deformable is a mesh, fixed to a body or to the world, that changes shape."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Deformable:
     Attributes:
         name: identifier, unique among deformables, robots and props.
         mesh: triangles (constant) and vertices (n, 3) at rest.
-        owner, body: robot or prop, and its body, to which the mesh is fixed; "": fixed to the world.
-        weights: (n, k) weights of k nodes, vertices = weights @ nodes. Few nodes move many vertices, and only the nodes
-            are recorded. None: each vertex is a node.
+        owner, body: name of the robot or prop, and name of its body to which the mesh is fixed; "": fixed to the world.
+        weights: (n, k) weights of k nodes: vertices = weights @ nodes. A few nodes move many vertices, and only the
+            nodes are recorded. None: each vertex is a node.
     """
 
     name: str

@@ -8,7 +8,7 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
 _FLAT = 1e-9
-"""Thickness relative to the size of a shape below which the shape counts as flat."""
+"""Ratio of thickness to size below which a shape counts as flat."""
 
 
 def require_hull(name: str, vertices: Array) -> None:

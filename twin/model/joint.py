@@ -85,15 +85,15 @@ class Joint:
         return spatial.inverse(T_base_parent @ self.T_parent_joint) @ T_base_child @ self.T_child_joint
 
     def coordinate(self, T_base_parent: Array, T_base_child: Array) -> Array:
-        """Return the coordinate (...) at two body poses (..., 4, 4): rad about z, see `angle`, or m along z."""
+        """Return the coordinate (...) at two body poses (..., 4, 4): `angle` about z in rad, or shift along z in m."""
         T = self.relative(T_base_parent, T_base_child)
         return self.angle(T) if self.is_angle else T[..., 2, 3]
 
     def angle(self, T: Array) -> Array:
         """Return the angle about z in rad (...) of poses (..., 4, 4) from `relative`.
 
-        Poses do not count full turns: the angle is in -pi..pi if that is within the limits, otherwise within half a
-        turn of their middle.
+        A pose does not determine the number of full turns. The angle in -pi..pi is returned if it is within the limits;
+        otherwise, the angle within half a turn of the middle of the limits is returned.
         """
         angle = spatial.angle_about_z(T)
         if self.type != "revolute" or self.limits is None or not np.isfinite(self.limits).all():

@@ -199,10 +199,10 @@ class Mechanism:
 
     @property
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
-        """(joints, T_base_tool, q) of the active joints that move the tool.
+        """(joints, T_base_tool, q): the active joints that move the tool, the tool pose, and the joint values.
 
-        `joints`: (name, is_angle) of each joint; `T_base_tool` (4, 4) and `q` (n,) in m or rad: values in the rest
-        poses. `q` is None if the mechanism has no posture.
+        `joints`: (name, is_angle) of each joint. `T_base_tool` (4, 4): tool pose in the rest poses. `q` (n,): joint
+        values in m or rad in the first posture; None if the mechanism has no posture.
         """
         tool, joints = self.frame(self.tool), [j for j in self.active if j not in self.auxiliary]
         q = np.array([self._drawn(j) for j in joints]) if self.postures else None
@@ -245,7 +245,7 @@ class Mechanism:
         return _find("frame", self.frames, name)
 
     def frame_in_tool(self, name: str) -> Array:
-        """Return the pose (4, 4) in the tool frame of a frame on the tool's body, or raise `MechanismError`."""
+        """Return T_tool_frame (4, 4) of a frame; raise `MechanismError` if it is not on the tool's body."""
         tool, it = self.frame(self.tool), self.frame(name)
         if tool.body != it.body:
             raise MechanismError(
@@ -299,7 +299,7 @@ class Mechanism:
         return {n: self.joint(n).T_parent_joint[:3, 3] for n in self.trocars}
 
     def trocar_at(self, name: str = "") -> Array:
-        """Return the position (3,) of a trocar in base in m; see `trocar_named` for its name and errors."""
+        """Return the position (3,) of a trocar in base in m; for `name` and errors, see `trocar_named`."""
         return self.trocar_places[self.trocar_named(name)]
 
     def trocar_named(self, name: str = "") -> str:

@@ -18,8 +18,7 @@ from twin.model.mechanism import Mechanism
 ShapeName = Literal["ring", "box", "ball"]
 
 _AROUND, _ACROSS = 48, 16
-"""Numbers of facets of a drawn ring around its axis and around its wire; of a ball around its axis and from pole to
-pole."""
+"""Numbers of facets. Drawn ring: around its axis, around its wire; drawn ball: around its axis, from pole to pole."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +28,8 @@ class Movable:
     Attributes:
         name: identifier, unique among objects, robots and props.
         shape: "ring": a round wire around z; "box"; "ball".
-        size: in m, (radius of the wire's centre line, radius of the wire) of a ring, half edges (3) of a box, (radius,)
-            of a ball.
+        size: in m. Ring: (radius of the wire's centre line, radius of the wire); box: three half edges; ball:
+            (radius,).
         mass: in kg.
         friction: coefficient of sliding friction; in a contact, the larger coefficient applies.
         T_world_object: (4, 4) pose at the start.
@@ -71,7 +70,7 @@ class Movable:
 
 
 def together(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
-    """Return the objects as free bodies of one mechanism, whose base has no shape and is the World."""
+    """Return the objects as free bodies of one mechanism; its base is the World and has no shape."""
     bodies = [Body(name), *(Body(o.name, (o.mesh(),), o.inertia()) for o in objects)]
     joints = [Joint(f"free_{o.name}", "free", name, o.name, T_parent_joint=o.T_world_object) for o in objects]
     rest = {name: np.eye(4)} | {o.name: o.T_world_object for o in objects}

@@ -150,7 +150,7 @@ class Scene:
 
     @property
     def models(self) -> tuple[Place, ...]:
-        """The `Place` of each machine's model: that of the machine, with the model's name; see `twin.model.trainer`."""
+        """The `Place` of each machine's model: the machine's place with the model's name; see `twin.model.trainer`."""
         machines = [] if self.trainer is None else self.trainer.robots
         return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 
@@ -242,7 +242,7 @@ def _place(r: RobotTable, table: SceneTable, folder: Path) -> Place:
 
 
 def _check_pair(path: Path, k: int, pair: tuple[str, str], names: list[str]) -> None:
-    """Raise if a pair of `touching` is not two bodies, or none of them belongs to a robot of the scene."""
+    """Raise an error unless a pair of `touching` names two different bodies, at least one of them of a robot."""
     for full in pair:
         if full.count("/") != 1:
             raise error_at(path, ("touching", k), f"'{full}' is not a body; write \"owner/body\"")
@@ -261,7 +261,7 @@ def _vessel(path: Path, name: str, table: VesselTable) -> Vessel:
 
 
 def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
-    """Raise if only one of organs and anatomy is given, a file is missing, or a link names an unknown robot."""
+    """Raise an error if [tissue] or [anatomy] is missing, the file is missing, or a link names an unknown robot."""
     if (table.anatomy is None) != (not table.tissue):
         key = "tissue" if table.anatomy is None else "anatomy"
         raise error_at(path, (key,), "organs need both a section [anatomy] and a section [tissue.NAME] for each organ")
@@ -275,7 +275,7 @@ def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
 
 
 def _tools(path: Path, table: SceneTable, names: list[str]) -> None:
-    """Raise if a vessel, a tool or a procedure names something that the scene does not have."""
+    """Raise an error if a vessel, a tool or a procedure names something that the scene does not have."""
     for name, v in table.vessel.items():
         if v.organ is not None and v.organ not in table.tissue:
             raise error_at(path, ("vessel", name, "organ"), unknown("tissue", v.organ, table.tissue))

@@ -163,7 +163,7 @@ def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
 
 
 def nearest(p: Array, vertices: Array, triangles: Index) -> tuple[Array, int, Array]:
-    """Return the point (3,) of a surface nearest to p (3,), its triangle, and its barycentric coordinates (3,) there.
+    """Return (point (3,) of a surface nearest to p (3,), index of its triangle, its barycentric coordinates (3,)).
 
     The case distinction is that of C. Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
     """

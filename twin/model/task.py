@@ -48,10 +48,10 @@ class TargetTable(Table):
 class TaskTable(Sourced):
     """A task: targets to touch in order, rings to bring to pegs, a ring to guide, a camera to align, or a procedure.
 
-    A target has a point for one hand or for both. It is touched when the tips of these hands have all been within the
-    tolerance of their points for `hold_s`, without interruption. A ring is transferred when it lies around its peg and
-    nothing holds it. `GuideTable` describes `guide`, `AlignTable` describes `align`, `ProcedureTable` describes
-    `procedure`; only a task with `procedure` needs no console.
+    A target has a point for one hand or for both hands. A target is touched when the tip of each of these hands has
+    been within the tolerance of its point for `hold_s`, without interruption. A ring is transferred when it is around
+    its peg and no instrument holds it. `GuideTable` describes `guide`, `AlignTable` describes `align`, `ProcedureTable`
+    describes `procedure`; only a task with `procedure` needs no console.
     """
 
     title: str = Field(min_length=1)
@@ -132,7 +132,7 @@ def task_of(name: str, task: TaskTable) -> Task:
 
 
 def check_rings(path: Path, name: str, task: TaskTable, objects: Mapping[str, ObjectTable], contact: bool) -> None:
-    """Raise an error if a ring of task `name` is not a ring of the scene, is listed twice, or cannot be touched.
+    """Raise an error if a ring that task `name` lists is no ring of the scene, is listed twice, or cannot be touched.
 
     A ring cannot be touched if `contact` is False: the scene file has no section [contact].
 

@@ -58,7 +58,7 @@ class Tissue:
 
     @cached_property
     def T_world_grid(self) -> Array:  # noqa: N802
-        """Pose (4, 4) of the grid in the World; its origin is the corner with the smallest coordinates on its axes."""
+        """Pose (4, 4) of the grid in the World; the origin is the grid's corner with the smallest coordinates."""
         v = self.surface.vertices
         if self.upright:
             return spatial.pose(p=v.min(axis=0))
@@ -72,7 +72,7 @@ class Tissue:
 
     @cached_property
     def local(self) -> Array:
-        """Vertices (n, 3) at rest in the frame of the grid in m."""
+        """Vertices (n, 3) in m at rest, in the frame of the grid."""
         T = self.T_world_grid
         return (self.surface.vertices - T[:3, 3]) @ T[:3, :3]
 
@@ -83,7 +83,7 @@ class Tissue:
 
     @cached_property
     def nodes(self) -> Array:
-        """Nodes (k, 3) at rest in the World in m; the index along the third axis of the grid changes first."""
+        """Nodes (k, 3) in m at rest, in the World; the index along the third axis of the grid changes fastest."""
         index = np.stack(np.meshgrid(*(np.arange(c + 1) for c in self.cells), indexing="ij"), axis=-1).reshape(-1, 3)
         T = self.T_world_grid
         return (index * self.cell) @ T[:3, :3].T + T[:3, 3]
@@ -103,7 +103,7 @@ class Tissue:
         return np.stack([self._interpolated(self.local, axis) for axis in range(3)])
 
     def _interpolated(self, local: Array, axis: int | None) -> Array:
-        """Return the weights (n, k) of nodes at points (n, 3) of the grid, or their derivatives along an axis."""
+        """Return weights (n, k) of the nodes at points (n, 3) in the grid frame, or their slopes along `axis`."""
         cells = np.array(self.cells)
         at = local / self.cell
         low = np.clip(np.floor(at).astype(int), 0, cells - 1)
@@ -123,7 +123,7 @@ class Tissue:
         """Indices of the nodes that pins fix.
 
         Raises:
-            TwinError: a pin holds no node, or all pins together hold fewer than three nodes or nodes in one line.
+            TwinError: a pin holds no node; or all pins together hold fewer than three nodes, or only nodes in one line.
         """
         found = np.zeros(len(self.nodes), bool)
         for pin in self.pins:

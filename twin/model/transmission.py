@@ -86,7 +86,7 @@ class Transmission:
         return "; ".join(f"{joint} = {row}" for joint, row in zip(self.joints, rows, strict=True))
 
     def single(self, joint: str) -> tuple[str, float] | None:
-        """Return (actuator, matrix entry) if only one actuator moves the joint, and moves no other joint; else None."""
+        """Return (actuator, matrix entry) if one actuator alone moves the joint and moves no other joint; else None."""
         row = self.joints.index(joint)
         (columns,) = np.nonzero(self.matrix[row])
         if len(columns) != 1 or np.count_nonzero(self.matrix[:, columns[0]]) != 1:
@@ -95,10 +95,10 @@ class Transmission:
 
 
 def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tuple[Array, Array] | None:
-    """Return the stiffness (n,) and damping (n,) at each joint due to the motors' drives, the other joints held fixed.
+    """Return (stiffness (n,), damping (n,)) at each joint due to the motors' drives, with the other joints fixed.
 
-    Both are the diagonal of inverse.T @ diag(g) @ inverse, where g is the stiffness or the damping of the drives. File
-    formats in which drives act on joints only require these values. None if a motor has no drive.
+    Both are the diagonal of inverse.T @ diag(g) @ inverse, where g is the stiffness or the damping of the drives. These
+    values are for file formats whose drives act on joints, not on motors. None if a motor has no drive.
     """
     known = {a.name: a for a in actuators}
     motors = [known[n] for n in transmission.actuators]

@@ -48,7 +48,7 @@ class Vessel:
 
     Attributes:
         name: identifier, unique among deformables, robots, props and objects.
-        points: (n + 1, 3) nodes at rest in the World in m.
+        points: (n + 1, 3) nodes in m at rest, in the World.
         organ: name of the organ with which the first node moves; "": the first node is fixed.
         radius: in m.
         young: Young's modulus in Pa.
@@ -69,22 +69,22 @@ class Vessel:
 
     @cached_property
     def lengths(self) -> Array:
-        """Lengths (n,) of the segments at rest in m."""
+        """Lengths (n,) in m of the segments at rest."""
         return np.linalg.norm(np.diff(self.points, axis=0), axis=1)
 
     @cached_property
     def arc(self) -> Array:
-        """Distances (n + 1,) of the nodes from the first one along the vessel at rest in m."""
+        """Distances (n + 1,) in m from the first node to each node, along the vessel at rest."""
         return np.concatenate([[0.0], np.cumsum(self.lengths)])
 
     def rings(self, points: Array, cut: Index, flat: Array, across: Array) -> Array:
         """Return the nodes (6 n, 3) of the deformable: three for each of the two ends of each segment.
 
-        The three nodes are the centre of the end, and the ends of two of its radii. A segment that is cut away has no
-        volume.
+        The three nodes are the centre of the end, and the outer points of two perpendicular radii. A segment that is
+        cut away has no volume.
 
         Args:
-            points: (n + 1, 3) nodes of the centre line in the World in m.
+            points: (n + 1, 3) nodes in m of the centre line, in the World.
             cut: (n,) 1 for each segment that is cut away, else 0.
             flat: (n + 1,) fraction by which a clip flattens the vessel at each node.
             across: (3,) direction in which a clip flattens the vessel.
@@ -136,7 +136,8 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
     """Return the `Vessel` that a table describes, in SI units.
 
     Raises:
-        TwinError: the vessel would have too many segments, or two points of its line are equal or too far away.
+        TwinError: the vessel would have too many segments, two successive points of its line are equal, or a coordinate
+            is too large.
     """
     if abs(far := max((x for point in t.line_mm for x in point), key=abs)) > _FAR:
         raise TwinError(f"vessel '{name}': a point of line_mm is at {far:g} mm; the limit is ±{_FAR:g} mm")

@@ -22,13 +22,13 @@ _SHOWN = 201
 
 @dataclass(frozen=True)
 class Apart:
-    """Distances between arms: times t (k,) in s, and the distances of each pair of arms, by the names of both."""
+    """Distances between arms at the times t (k,) in s; the keys of `by_pair` are the names of the two arms."""
 
     t: Array
     by_pair: Mapping[tuple[str, str], Clearance]
 
     def least(self, t0: float = -np.inf, t1: float = np.inf) -> tuple[float, float, tuple[str, str]]:
-        """Return smallest distance in m, its time in s, and the bodies ARM_BODY, from t0 to t1 in s."""
+        """Return (smallest distance in m, its time in s, names ARM_BODY of the two bodies) from t0 to t1 in s."""
         rows = np.flatnonzero((self.t >= t0) & (self.t <= t1))
         found = min(self.by_pair.values(), key=lambda c: c.distance[rows].min())
         k = int(rows[np.argmin(found.distance[rows])])
@@ -38,7 +38,7 @@ class Apart:
 
 @dataclass(frozen=True)
 class Nearest:
-    """The nearest bodies of one kind of pairs in a phase: the certificate of their distance, and its time in s."""
+    """The two nearest bodies in a phase, for one kind of pair: certificate of their distance, and its time in s."""
 
     seen: Certificate
     t: float
@@ -53,7 +53,7 @@ class Nearest:
         }
 
     def among(self, apart: Apart, t0: float, t1: float) -> Nearest:
-        """Return the nearest bodies with regard to distances at further times from t0 to t1 in s."""
+        """Return the nearer pair of bodies: this pair, or the nearest pair of `apart` from t0 to t1 in s."""
         if not ((apart.t >= t0) & (apart.t <= t1)).any():  # a phase shorter than the steps of these times
             return self
         distance, t, bodies = apart.least(t0, t1)
@@ -63,7 +63,10 @@ class Nearest:
 
 
 def nearest_at(seen: Certificate, path: Path, q: Array, t: Array) -> Nearest:
-    """Return a certificate of a path with the time at which samples q (k, n) at t (k,) in s are at its place."""
+    """Return a certificate with its time in s.
+
+    Among the samples q (k, n) at t (k,) in s, the sample nearest to path(seen.s) determines the time.
+    """
     off = np.abs(q - path(np.array([seen.s]))[0]).max(axis=1)
     return Nearest(seen, float(t[np.argmin(off)]))
 

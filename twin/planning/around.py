@@ -23,23 +23,23 @@ _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
 """Searches, in order: (extension of the box beyond start and goal, relative to the limits; number of samples)."""
 
 _ROUNDS_OF_SHORTCUTS, _SHORTCUTS = 8, 12
-"""Number of rounds of shortcuts, and of pairs of points in a round between which a straight path is tried."""
+"""Number of rounds of shortcuts; number of shortcuts (between pairs of points) that are tried in each round."""
 
 _POLISHED = 5
-"""Number of times that shortcuts are tried again when a path is improved."""
+"""Number of times that all rounds of shortcuts are repeated when a path is improved."""
 
 _ENCLOSED = 0.1
-"""Fraction of the samples; if fewer are connected with an end, a message says that this end seems to be enclosed."""
+"""An end (start or goal) seems to be enclosed if it is connected with less than this fraction of the samples."""
 
 _WIDTHS = (0.1, 0.05, 0.025, 0.0125)
-"""Standard deviations for the rounding of corners, relative to the path length, in the order of trial."""
+"""Standard deviations of the Gaussian that rounds corners, relative to the path length; the smoothest first."""
 
 
 class NoPathError(ProtocolError):
-    """No path was found; the message has the reason, and what to change in a protocol.
+    """No path was found; the message contains the reason, and a suggestion for the protocol.
 
     Attributes:
-        reason: the reason alone, for programs in which there is no protocol to change.
+        reason: the reason without the suggestion, for callers without a protocol.
         at_start: whether the start collides or exceeds a limit, so that no goal can be reached from it.
     """
 
@@ -146,9 +146,9 @@ def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
 
 
 def _recorder(ended: Callable[[Round], None]) -> Callable[[Tree, Cost, Array | None], None]:
-    """Return a function that calls `ended` with a round: its tree, its cost, and the corners (k, n) of the best path.
+    """Return a function that calls `ended` with a `Round`, made from tree, cost and corners (k, n) of the best path.
 
-    The times of the rounds begin now.
+    The times of all rounds are measured from this call.
     """
     processor, wall = time.process_time(), time.perf_counter()
 
@@ -162,7 +162,7 @@ def _recorder(ended: Callable[[Round], None]) -> Callable[[Tree, Cost, Array | N
 
 @dataclass(frozen=True)
 class Way:
-    """Corners (k, n) of a path whose straight connections seem free, and the free path with rounded corners."""
+    """A free path with rounded corners (`curve`), and its corners (k, n), whose straight connections seem free."""
 
     corners: Array
     curve: Smooth
@@ -171,7 +171,7 @@ class Way:
 def searched(
     search: Search, samples: int, rng: np.random.Generator, progress: Callable[[float], None] = lambda fraction: None
 ) -> tuple[bool, Way | None]:
-    """Return whether a search found corners, and the way along these corners (None if they cannot be rounded).
+    """Return (whether a search found corners, the `Way` along these corners; None if they cannot be rounded).
 
     The smoothest path with all shortcuts is tested first, over its whole length, because it is often free. Only if this
     path is not free, the connections between the corners are tested over their whole length. If some connections are
@@ -192,10 +192,11 @@ def searched(
 
 
 def _way(space: Space, stages: Sequence[Array]) -> Way | None:
-    """Return the way along the corners with most shortcuts whose path can be rounded; None: there is none.
+    """Return the `Way` along the last of `stages` whose rounded path is free; None if there is none.
 
-    `stages` are corners (k, n) with more and more shortcuts. A path with many passes so near obstacles that its rounded
-    corners often are not free. Of the stages before the last, one is found by bisection.
+    Each stage has the corners (k, n) of a path with one shortcut more than the stage before. A path with many shortcuts
+    passes so near obstacles that its rounded corners are often not free. If the rounded path of the last stage is not
+    free, an earlier stage is found by bisection.
     """
 
     def blocked(corners: Array) -> bool:
@@ -238,7 +239,7 @@ def improved(
 
 
 def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
-    """Return a way with more shortcuts: each time, as many more as its rounded corners allow."""
+    """Return a way with further shortcuts, added `_POLISHED` times, each time as many as rounded corners allow."""
     for _ in range(_POLISHED):
         stages = [way.corners, *shortcuts(search.space, way.corners, rng, search.cost, partial=True)]
         if len(stages) > 1:
@@ -247,7 +248,7 @@ def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
 
 
 def _enclosed(reached: tuple[int, int], count: int) -> str:
-    """Return a text that says which end is enclosed, as far as `count` samples tell; "" if none is."""
+    """Return a text on the ends that seem enclosed, because few of `count` samples were `reached`; "" if none is."""
     text = [
         f"the {name} seems to be enclosed, because only {n} of {count} samples are connected with it"
         for name, n in zip(("start", "goal"), reached, strict=True)

@@ -57,8 +57,8 @@ def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics
 def rcm_error(Ts_base_frame: Array, shaft_axis: Array, rcm: Array) -> Array:
     """Return the distance (k,) in m from the RCM (3,), in base, to the shaft axis.
 
-    The axis passes through the origin of the frame that the protocol moves, with poses `Ts_base_frame` (k, 4, 4), along
-    `shaft_axis` (3,), a unit vector in this frame.
+    The axis passes through the origin of the moved frame, whose poses are `Ts_base_frame` (k, 4, 4). The direction of
+    the axis is `shaft_axis` (3,), a unit vector in the moved frame.
     """
     return spatial.point_to_line(rcm, Ts_base_frame[:, :3, 3], Ts_base_frame[:, :3, :3] @ shaft_axis)
 
@@ -190,7 +190,7 @@ def _over(
 
 
 def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
-    """Check joint speeds against slopes of the positions, within the maximum acceleration times one time step."""
+    """Check that joint speeds equal the slopes of the positions; tolerance: maximum acceleration times time step."""
     dt = float(trajectory.t[1] - trajectory.t[0])
     slope = (trajectory.q[2:] - trajectory.q[:-2]) / (2 * dt)
     error = np.abs(slope - trajectory.qd[1:-1]) / (dt * kinematics.max_acceleration * (1 + OVER))
@@ -205,7 +205,7 @@ def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Find
 
 
 def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
-    """Return one finding per registered RCM, for all phases until its release."""
+    """Return one finding for each registered RCM; the finding covers all phases until the RCM is released."""
     episodes: list[list[PhaseSpan]] = []
     for before, span in zip((None, *trajectory.phases), trajectory.phases, strict=False):
         if span.rcm is None:
@@ -281,7 +281,7 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
 
 
 def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -> list[Finding]:
-    """Return findings on joints that differ from the values of their waypoint at samples `rows`."""
+    """Return a finding for each joint that misses its value in the waypoint at one of the samples `rows`."""
     out = []
     for joint, value in (waypoint.joints or {}).items():
         q = trajectory.q[list(rows), trajectory.joint_names.index(joint)]
@@ -300,7 +300,7 @@ def _depth(trajectory: Trajectory, sample: int) -> float:
 
 
 def _rotation(angles: Array, order: RotationOrder) -> Array:
-    """Return R (3, 3) for angles (3,) in rad, computed by other code than in the planned path."""
+    """Return R (3, 3) for angles (3,) in rad, computed independently of the code that planned the path."""
     if order == "xyz":  # Rx(a) Ry(b) Rz(c) is the inverse of Rz(-c) Ry(-b) Rx(-a)
         return _rotation(-angles[::-1], "zyx").T
     (cz, cy, cx), (sz, sy, sx) = np.cos(angles), np.sin(angles)

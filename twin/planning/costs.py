@@ -1,15 +1,15 @@
 """Costs of straight connections for a search: length, acceleration, weighted sum of both, and clearance.
 
 The Raven paper's eq. (1) is eta1 c(path) + eta2 (integral of |tip acceleration|^2 dt), with eta1 = 0.1 and eta2 = 0.5.
-It gives no time law, but a corner that is passed without stopping has an infinite acceleration. ASSUMED: each
+The paper gives no time law, but a corner passed without stopping has an infinite acceleration. ASSUMED: each
 connection begins and ends at rest, with a constant acceleration a and the same deceleration. A connection of length l,
 the weighted length in joint space, then takes 2 sqrt(l / a), and its integral is 2 a^(3/2) sqrt(l). Both terms obey the
 triangle inequality. If a path is divided into more connections, its second term grows: the term does not converge as
 the number of samples grows.
 
-The cost for clearance is the length, in which parts near other bodies count more: at a distance d, a length counts
-1 + 9 max(0, 1 - d / 20 mm) times (both numbers are ASSUMED: a path may be ten times as long to avoid a contact, and
-distances above 20 mm do not matter).
+The cost for clearance is a length in which parts near other bodies count more: at a distance d from the nearest body,
+the length is multiplied by 1 + 9 max(0, 1 - d / 20 mm). Both numbers are ASSUMED: a path may be ten times as long to
+avoid a contact, and distances above 20 mm do not matter.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ Cost = Callable[[Array, Array], Array]
 """Function of joint values a (k, n) and b (k, n): cost (k,), at least 0, of the straight connections from a to b."""
 
 ACCELERATION = 0.24
-"""Acceleration of a connection in m/s2, and its deceleration; ASSUMED, the limit of the tip in the dome's protocol."""
+"""Acceleration and deceleration of a connection in m/s2 (ASSUMED: the limit of the tip in the dome's protocol)."""
 
 
 def length(weights: Array) -> Cost:
-    """Return the cost that is the length in m, with `weights` (n,) in m per unit of each joint."""
+    """Return the length in m as a cost; `weights` (n,) are in m per unit of each joint."""
 
     def cost(a: Array, b: Array) -> Array:
         off = (b - a) * weights
@@ -41,7 +41,7 @@ def length(weights: Array) -> Cost:
 
 
 def acceleration(weights: Array) -> Cost:
-    """Return the cost that is the integral of the squared acceleration, in m2/s3."""
+    """Return the integral of the squared acceleration, in m2/s3, as a cost."""
     way = length(weights)
     return lambda a, b: 2 * ACCELERATION**1.5 * np.sqrt(way(a, b))
 
@@ -56,11 +56,11 @@ _WIDE, _MORE = 20 * MM, 9.0
 """Distance in m above which only the length counts; additional cost per length at distance 0 (ASSUMED)."""
 
 _STEP = 20 * MM
-"""Largest weighted length in m between two states of a connection at which its distances are computed."""
+"""Maximum spacing (weighted length in m) of the states of a connection at which distances are computed."""
 
 
 def clearance(space: Space) -> Cost:
-    """Return the cost that is the length in m, in which parts near other bodies count more (see the module).
+    """Return the cost for clearance: a length in m in which parts near other bodies count more (see the module).
 
     The distances are lower bounds (`Space.clearances`) at states that are at most `_STEP` apart.
     """
@@ -88,7 +88,7 @@ COSTS: Mapping[str, Callable[[Space], Cost]] = MappingProxyType(
         "clearance": clearance,
     }
 )
-"""Costs by the name that a protocol gives."""
+"""Functions that return a cost for a space, by the name of the cost in a protocol."""
 
 UNITS: Mapping[str, str] = MappingProxyType({"length": "m", "acceleration": "m2/s3", "weighted": "", "clearance": "m"})
 """Unit of each cost; "" for the sum of two units."""

@@ -23,9 +23,9 @@ class Demands:
     Attributes:
         joints: path of the driven joints (n,).
         speed, acceleration: (n,) limits of the driven joints in m or rad per s and per s2.
-        extra: derivatives of further coordinates: path length and angle of the moved frame, then motors.
-        extra_speed, extra_acceleration: limits of these coordinates in m or rad per s and per s2.
-        load, jerk: arguments of `time_path`; `jerk` is None without a limit.
+        extra: derivatives of the further coordinates (path length and rotation of the moved frame, then motors).
+        extra_speed, extra_acceleration: limits of the further coordinates in m or rad per s and per s2.
+        load, jerk: arguments of `time_path`; `jerk` is None if there is no jerk limit.
     """
 
     joints: Path
@@ -66,7 +66,7 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
     latest: tuple[Array, tuple[Motion, Array, Array]] | None = None
 
     def at(s: Array) -> tuple[Motion, Array, Array]:
-        """Return (motion, first and second derivative of the joints), stored, because load and jerk use the same s."""
+        """Return (motion, first and second derivative of the joints); load and jerk share a stored result."""
         nonlocal latest
         if latest is None or latest[0] is not s:
             latest = s, (path.motion(s), joints(s, 1), joints(s, 2))
@@ -137,8 +137,8 @@ def timed(robots: Sequence[Demands], dt: float) -> Timing:
 def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:
     """Return the maximum speeds and accelerations (n,) of the driven joints, in m or rad per s and per s2.
 
-    In a phase defined by joint values, a joint without limits of its own gets the tool limits of the phase type. The
-    tool may be at rest in such a phase (only a gripper's jaw moves), and its limits would then not slow down the joint.
+    In a phase defined by joint values, a joint without limits of its own gets the tool limits of the phase type. If the
+    tool is at rest in such a phase (only a gripper's jaw moves), no other limit would slow down the joint.
     """
     speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
     waypoint = protocol.waypoints.get(path.waypoint or "")

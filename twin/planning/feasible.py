@@ -25,8 +25,8 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     """Raise an error if the robot cannot follow the path.
 
     Raises:
-        ProtocolError: the robot cannot follow the path; the message names the phase and the cause, tells by how much
-            and from where in the phase a limit is violated, and what is reachable.
+        ProtocolError: the robot cannot follow the path; the message contains the phase, the cause, the point of the
+            phase from which a limit is violated, the excess, and what is reachable.
     """
     s = np.linspace(0.0, 1.0, _PROBES)
 
@@ -84,7 +84,7 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
 
 @dataclass(frozen=True)
 class Anchor:
-    """What must not change during a phase.
+    """Signs of the singularity measures, and working mode: both must not change during a phase.
 
     Attributes:
         signs: signs of the singularity measures at the start of the phase; empty if the joint values there are unknown.

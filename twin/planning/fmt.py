@@ -24,7 +24,7 @@ from twin.planning.costs import Cost, length
 from twin.planning.space import Space
 
 _WIDER = 1.1
-"""Ratio of the radius to the smallest radius for which the path length converges to the minimum."""
+"""Neighbourhood radius, divided by the smallest radius for which the path length converges to the minimum."""
 
 _TRIES = 50
 """Maximum number of samples drawn per required free sample."""
@@ -65,7 +65,7 @@ class Tree:
 
 
 class Search:
-    """A search between two points; each call of `path` adds samples to those before.
+    """A search between two points; each call of `path` adds further samples.
 
     Attributes:
         space: the joint space.
@@ -145,7 +145,7 @@ class Search:
         return None if rows is None else self._q[rows]
 
     def reached(self) -> tuple[int, int]:
-        """Return two numbers of samples: connected with the start, and with the goal, after `path` found no path."""
+        """Return the numbers of samples connected with the start and with the goal, after `path` found no path."""
         (near, way), none = self._graph, np.full(len(self._graph[0]), -1)
         back = [
             self.cost(np.broadcast_to(self._q[i], (len(n), len(self._box))), self._q[n]) for i, n in enumerate(near)
@@ -209,12 +209,13 @@ class Search:
         progress: Progress = lambda fraction: None,
         ends: tuple[int, int] = (0, 1),
     ) -> tuple[list[int] | None, int]:
-        """Grow a tree between the samples `ends`; return the rows of the path, None if there is none, and its size.
+        """Grow a tree from sample ends[0] to ends[1]; return (rows of the path or None, number of reached samples).
 
-        `near` are the neighbours of each sample, `way` the costs of the connections with them; `parent` (k,), all -1,
-        receives the rows of the parents. From the goal, ends (1, 0), the tree grows against the direction of motion:
-        connections lead from a sample to its parent. Tests of many connections together are much faster than single
-        ones, so those that the next nodes of the front will probably need are added.
+        `near` are the neighbours of each sample, `way` the costs of the connections to these neighbours. `parent` (k,),
+        all -1, receives the rows of the parents. With ends (1, 0), the tree grows from the goal, against the direction
+        of motion: connections then lead from a sample to its parent. Testing many connections together is much faster
+        than testing them singly. Each test therefore includes connections that the next nodes of the front will
+        probably need.
         """
         count, back = len(near), ends[0] > ends[1]
         waiting, cost = np.ones(count, bool), np.full(count, np.inf)
@@ -224,9 +225,9 @@ class Search:
         heap, z = [(0.0, root)], root
 
         def candidates(to: np.ndarray) -> list[tuple[int, int]]:
-            """Return pairs (node, i): the path to sample i is shortest through this node of the front.
+            """Return pairs (node of the front, sample i): the path to sample i is shortest through this node.
 
-            Samples that no node of the front can reach have no pair.
+            A sample that no node of the front can reach is in no pair.
             """
             out = []
             for i in to.tolist():
@@ -266,7 +267,7 @@ class Search:
         return rows[::-1], count - int(waiting.sum()) - 1
 
     def _test(self, pairs: list[tuple[int, int]]) -> None:
-        """Test the connections of pairs (from, to) of samples, each once."""
+        """Test the connections (from, to) between samples that have not been tested yet, each once."""
         new = [p for p in dict.fromkeys(pairs) if p not in self._known]
         rows = np.array(new)
         self.checks += len(new)

@@ -170,12 +170,12 @@ class Follower:
         return _followed(path, taken)
 
     def _require_driven(self, phase: Samples, where: str) -> None:
-        """Raise `ProtocolError` if samples are of a joint that is not driven, or in a wrong unit."""
+        """Raise `ProtocolError` if a sampled joint is not driven, or if its samples are in the wrong unit."""
         first = dict(zip(phase.joints, phase.q[0], strict=True))
         placed(self.q, first, phase.angle_joints, self._names, self._angles, where)
 
     def _course(self, path: PhasePath, where: str) -> Path | None:
-        """Return the path of the driven joints for a phase defined by joint values; None for other phases."""
+        """Return the path of the driven joints for a phase in joint space; None for a phase defined by tool poses."""
         if isinstance(path.phase, Auxiliary):
             return line(self.q, moved(self.q, path.phase, self._names, self._angles, where))
         name = path.waypoint if path.phase.by_joints else None
@@ -301,7 +301,7 @@ class Follower:
 
 
 def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where: str) -> tuple[Followed, Array]:
-    """Drive a phase along the joint path `course` from the state `start`; return the phase, and the state at the end.
+    """Move a mechanism along the joint path `course` from state `start`; return (phase with this motion, end state).
 
     Raises:
         ProtocolError: the loops open; the message begins with `where`.
@@ -320,9 +320,9 @@ def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where
 
 
 def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Array]]) -> Followed:
-    """Return a phase as series fitted to `taken`.
+    """Return a phase with the motion of the mechanism, as series fitted to `taken`.
 
-    `taken` is a function of s (k,) that returns states, values of driven joints (k, n), and poses (k, 4, 4).
+    `taken` is a function of s (k,) that returns states (k, nq), driven joint values (k, n) and tool poses (k, 4, 4).
     """
 
     def rows(s: Array) -> Array:
@@ -383,7 +383,7 @@ def placed(
     angles: tuple[bool, ...],
     where: str,
 ) -> Array:
-    """Return q (n,) with the values of the joints in `given` replaced, in m or rad.
+    """Return a copy of q (n,), in m or rad, in which the joints named in `given` have the values of `given`.
 
     `in_degrees` names the joints whose values are in deg in the protocol file; other values are in mm there.
 
@@ -415,10 +415,10 @@ def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool
 
 
 def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str) -> tuple[PhasePath, ...]:
-    """Return the phases with the values of the auxiliary joints, which move only in phases that name them.
+    """Return the phases with the values of the auxiliary joints; each joint moves only in phases that name it.
 
     Raises:
-        ProtocolError: a phase moves a joint that is not auxiliary, or no joint.
+        ProtocolError: an auxiliary phase moves no joint, or a joint that is not auxiliary.
     """
     names = kinematics.joint_names
     places = [names.index(n) for n in kinematics.auxiliary]
@@ -445,7 +445,7 @@ def _vee(A: Array) -> Array:
 
 
 def _missed(T: Array, goal: Array, T_tool_frame: Array) -> Array:
-    """Return a pose's deviation (6,) in base from a goal: moved frame's origin in m, rotation vector in rad."""
+    """Return the deviation (6,) of T from `goal`, in base: moved frame's origin in m, then rotation vector in rad."""
     way = (T[:3, 3] + T[:3, :3] @ T_tool_frame[:3, 3]) - (goal[:3, 3] + goal[:3, :3] @ T_tool_frame[:3, 3])
     return np.concatenate([way, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])
 

@@ -18,13 +18,13 @@ from twin.planning.trajectory import Keep, PathKinematics
 Progress = Callable[[str], None]
 
 Searched = Callable[[str, Rounds], None]
-"""Function that is called with the name of a free phase and the rounds of its search, if there was one."""
+"""Function of (name of a free phase, rounds of its search); called only if there was a search."""
 
 
 def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
-    """Return a function of poses (k, 4, 4) and q (k, n): (k,) bool, whether a state violates no limit.
+    """Return a test of tool poses (k, 4, 4) with q (k, n) that returns (k,) bool: whether a state violates no limit.
 
-    Limits are those of `margins_at`: they include the working mode and the signs of `anchor`.
+    The limits are those of `margins_at`, including working mode and signs of `anchor`.
     """
 
     def keep(Ts: Array, q: Array) -> np.ndarray:

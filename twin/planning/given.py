@@ -1,8 +1,8 @@
-"""A phase whose joint values are given by samples over time; the other rates are differences of samples.
+"""A phase whose joint values are given by samples over time; all rates are differences of samples.
 
-The joint values at the planning times are those of the given samples, joined by cubic splines. Rates are central
-differences, so that the check of the trajectory tests what the samples contain. A phase begins and ends at rest:
-before the first and after the last sample, the motion counts as mirrored in time.
+Between the given samples, joint values are interpolated by cubic splines. Rates are central differences, so that the
+check of the trajectory tests what the samples contain. A phase begins and ends at rest: before the first and after
+the last sample, the motion counts as mirrored in time.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ class Given(PhasePath):
     Attributes:
         duration: duration in s.
         values: function of times (k,) in s that returns the values (k, n) of all driven joints.
-        carry: function of joint values (k, n) from the start of the phase that returns T_base_tool (k, 4, 4).
+        carry: function that moves the mechanism from the start of the phase along joint values (k, n) and returns
+            T_base_tool (k, 4, 4).
     """
 
     duration: float
@@ -71,16 +72,16 @@ def given(
     state: Array,
     where: str,
 ) -> tuple[Given, Array, Array]:
-    """Return a phase of samples, and the joint values (n,) and the state at its end.
+    """Return (phase of samples, driven joint values (n,) at its end, state (nq,) at its end).
 
     Args:
-        path: the phase; `names` and `q` (n,) are the driven joints and their values at its start.
+        path: the phase.
         phase: the samples; joints without samples keep their values.
-        protocol: source of the tolerances of the start.
-        q: see `path`.
-        names: see `path`.
-        carrier: the mechanism; `state` is its state at the start of the phase.
-        state: see `carrier`.
+        protocol: source of the tolerances at the start.
+        q: (n,) driven joint values in m or rad at the start of the phase.
+        names: (n,) names of the driven joints.
+        carrier: the mechanism.
+        state: (nq,) state of the mechanism at the start of the phase.
         where: names of protocol and phase, for messages.
 
     Raises:
@@ -122,9 +123,9 @@ def given(
 
 
 def _rates(steps: Array, dt: float) -> tuple[Array, Array]:
-    """Return first and second time derivatives (k + 1, n) from the steps (k, n) between samples, at rest at the ends.
+    """Return the first and second time derivative, each (k + 1, n), from the steps (k, n) between samples.
 
-    Before the first and after the last step, the motion is mirrored.
+    The motion is at rest at both ends: before the first and after the last step, the motion is mirrored.
     """
     before, after = np.concatenate([-steps[:1], steps]), np.concatenate([steps, -steps[-1:]])
     return (before + after) / (2 * dt), (after - before) / dt**2

@@ -1,4 +1,4 @@
-"""Time and check robots that follow given joint paths and begin and end each phase together."""
+"""Timing and check of several robots that follow given joint paths; all begin and end each phase together."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Led:
 
     Attributes:
         name: name for messages.
-        protocol: its protocol, all phases of which are given by joint values.
+        protocol: its protocol; joint values define every phase.
         kinematics: its planning data.
         T_tool_frame: (4, 4) pose of `protocol.frame` in the tool frame.
     """
@@ -103,7 +103,7 @@ def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]]) -> li
 
 
 def stops(robot: Led) -> tuple[Array, Array]:
-    """Return (q (k, n), T_base_tool (k, 4, 4)) at the start and at the end of each phase, reached on straight paths.
+    """Return (q (k, n), T_base_tool (k, 4, 4)) at the start and at each phase's end, reached on straight joint paths.
 
     Raises:
         ProtocolError: a waypoint has no joint values, or the loops open on the straight path to it.

@@ -15,7 +15,7 @@ _HALVINGS = 8
 
 
 def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
-    """Return a free configuration (n,) near q (n,): the nearest free sample, moved towards q; None if none is free."""
+    """Return a free configuration (n,) near q (n,): the nearest free sample, moved towards q; None: no free sample."""
     rng, limits = np.random.default_rng(seed), space.limits
     inside = np.clip(q, limits[:, 0], limits[:, 1])
     if space.free(inside[None])[0]:

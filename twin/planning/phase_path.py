@@ -77,7 +77,7 @@ class PhasePath(Course):
 
 
 class Guide(Interface):
-    """Interface that replaces paths by the actual motion of the mechanism; see `following.Follower`."""
+    """Interface of an object that replaces each path by the mechanism's actual motion; see `following.Follower`."""
 
     def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
         """Return angles (3,) in rad and position (3,) in m of the moved frame at the start of the protocol."""
@@ -97,8 +97,8 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         guide: moves the mechanism along each phase; None: the tool follows every phase exactly in all directions.
 
     Raises:
-        ProtocolError: a phase has no length, retracts beyond its depth, or has joint values without a guide; or the
-            shaft misses the RCM or the trocar.
+        ProtocolError: a phase has no length, or has joint values without a guide; a retraction ends deeper than it
+            begins; or the shaft misses the RCM or the trocar.
     """
     n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
     angles, tip = (

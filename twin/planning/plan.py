@@ -28,7 +28,7 @@ from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 from twin.planning.turns import hint, long_turns
 
 _LOOKED = 9
-"""Number of poses per phase at which `plan` tests whether the robot has the degrees of freedom to assume them."""
+"""Number of poses per phase for which `plan` tests whether the robot has enough degrees of freedom."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,11 @@ def plan(
         kinematics: the robot's planning data.
         T_tool_frame: (4, 4) pose of `protocol.frame` in the tool frame.
         dt: sampling time in s; the duration of every phase is a multiple of dt.
-        progress: called with the name of each phase before it is planned, and with steps of free phases.
+        progress: called with the name of each phase before it is planned, and with a text for each step of free phases.
 
     Raises:
-        ProtocolError: a phase cannot be carried out; the message tells where in the phase a limit is violated, by how
-            much, and what is reachable.
+        ProtocolError: a phase cannot be carried out; the message gives the point of the phase where it exceeds a limit,
+            the excess, and what is reachable.
         TimingError: no timing within the limits was found.
     """
     T_tool_frame = np.asarray(T_tool_frame, float)

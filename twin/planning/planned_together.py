@@ -34,8 +34,8 @@ class CommonPhase:
     Attributes:
         name: names of the phases of the arms, joined.
         t0, t1: times in s at the start and at the end of the phase.
-        seen: minimum distance between bodies of the arms and of the scene along the whole phase.
-        near: the same for the bodies of two different arms, of one arm, and of an arm and the scene, by `KINDS`; kinds
+        seen: minimum distance along the whole phase, over all tested pairs of bodies (arms and scene).
+        near: minimum distance for each kind of pair in `KINDS` (two different arms, one arm, arm and scene); kinds
             without bodies to test are missing.
         rounds: rounds of the search for each arm's path, by name of the arm; empty if no arm needed a search. For
             arms planned after the first, the path length includes the progress of the arms planned before.
@@ -56,7 +56,7 @@ class PlannedTogether(Result):
     Attributes:
         scene: the scene.
         required: required clearance in m.
-        robots: all robots of the scene with their samples, by name of their place; those of `order` first.
+        robots: all robots of the scene with their samples, by name of their place; the robots in `order` come first.
         order: names of the arms in the order of priority.
         t: (k,) times in s, one series for all arms.
         phases: the phases.
@@ -99,7 +99,7 @@ class PlannedTogether(Result):
 
     @property
     def near(self) -> Mapping[str, tuple[Nearest, str]]:
-        """The nearest bodies of the whole plan of each kind in `KINDS`, with the name of the phase."""
+        """For each kind of pair in `KINDS`: the nearest bodies of the whole plan, and the name of their phase."""
         out = {}
         for kind in KINDS:
             found = [(p.near[kind], p.name) for p in self.phases if kind in p.near]
@@ -165,7 +165,7 @@ class PlannedTogether(Result):
 
 
 def _between_arms(phase: CommonPhase, who: str) -> list[Finding]:
-    """Return a finding on the proven clearance between the arms in a phase; an empty list without bodies to test."""
+    """Return a finding on the proven clearance between the arms in a phase; empty if no bodies are tested."""
     if (near := phase.near.get("between_arms")) is None:
         return []
     seen = near.seen

@@ -1,7 +1,7 @@
 """Files that play a plan of several robots: a protocol with the samples of each robot, and a scene of these protocols.
 
-The scene has the places, ports, cameras and props of the scene of the plan, and robots at rest where they were avoided.
-It has no console and no organs, which are not part of a plan.
+The written scene has the places, ports, cameras and props of the scene that was planned. Robots at rest are where the
+plan avoided them. Console and organs are omitted: they are not part of a plan.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Moved:
 
 
 def protocol_files(robots: Iterable[str], scene: Scene) -> dict[str, str]:
-    """Return the name of the protocol file of each robot; all names differ, also from those of scene and props."""
+    """Return the name of each robot's protocol file; no two names are equal, and none is that of scene or props."""
     taken, out = {SCENE, "" if scene.props is None else scene.props.name}, {}
     for robot in robots:
         stem = robot
@@ -112,7 +112,7 @@ def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearanc
 
 
 def props_files(props: Path) -> dict[Path, Path]:
-    """Return the files of props, by their path relative to the folder of their TOML file `props`.
+    """Return all files of the props, by path relative to the folder of the TOML file `props`.
 
     Raises:
         TwinError: the TOML file is malformed, has the name of the scene file of a plan, or names a file outside its
@@ -130,7 +130,7 @@ def props_files(props: Path) -> dict[Path, Path]:
 
 
 def write_samples(path: Path, joints: Sequence[tuple[str, bool]], t: Array, q: Array) -> None:
-    """Write joint values q (k, n) in m or rad over times t (k,) in s as CSV, in deg or mm, with units in the header."""
+    """Write q (k, n), in m or rad, at times t (k,) in s as CSV; the file is in mm and deg, with units in the header."""
     units = ["deg" if angle else "mm" for _, angle in joints]
     values = np.broadcast_to(q / np.array([DEG if unit == "deg" else MM for unit in units]), (len(t), len(units)))
     header = ["t_s", *(f"{j}_{unit}" for (j, _), unit in zip(joints, units, strict=True))]

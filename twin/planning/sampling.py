@@ -1,4 +1,4 @@
-"""Sample a path parameter over time from its rates at grid points, unchanged or as a moving average.
+"""Sample a path parameter over time from its rates at grid points, optionally as a moving average.
 
 The moving average limits the jerk. It changes the timing but not the path: the mean of s over the last w seconds rises
 from 0 to 1 like s, is at rest at both ends, and arrives w later. Its acceleration, (ds/dt(t) - ds/dt(t - w)) / w, has

@@ -1,7 +1,7 @@
 """Joint coordinates along a phase as Chebyshev series, whose derivatives need no step size.
 
 Along a phase, q(s) is analytic, so that a few dozen coefficients represent it to rounding accuracy. Differences of
-samples would lose half of the digits; the derivative of the series keeps nearly all of them.
+samples would lose half of the digits; differentiating the series loses almost none.
 """
 
 from __future__ import annotations

@@ -83,10 +83,10 @@ class Timing:
 
 
 _INSIDE = 5
-"""Points of an interval of the grid, with its ends, at which speed and acceleration are computed."""
+"""Number of points per grid interval, both ends included, at which speed and acceleration are computed."""
 
 _BEYOND = 1e3
-"""Factor by which the value that replaces a missing limit exceeds the largest possible value."""
+"""A missing limit is replaced by this factor times the largest possible value."""
 
 
 def time_path(
@@ -142,7 +142,7 @@ def time_path(
     slower = max(1.0, speed, np.sqrt(acceleration))
 
     def paced(window: int, slower: float) -> tuple[Samples, float]:
-        """Return (samples of the motion, slowed down until it is within the limits; its jerk relative to the limit)."""
+        """Return (samples of the motion, slowed down to satisfy the limits; their jerk divided by its limit)."""
         steps = 1
         for _ in range(_TRIES):
             # At least one step more: with few steps, rounding up the duration could undo the slowdown.
@@ -179,7 +179,7 @@ def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: floa
 def _shortest(
     paced: Callable[[int, float], tuple[Samples, float]], slower: float, low: int, found: tuple[int, Samples, float]
 ) -> Samples:
-    """Return the samples of the shortest sufficient window, to 2 % or one sample.
+    """Return the samples of the shortest sufficient window; the window is accurate to 2 % or one sample.
 
     Args:
         paced: function that returns (samples averaged over a window, their jerk divided by the limit).
@@ -260,7 +260,7 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
 
 
 class _Path:
-    """Path interface for TOPP-RA, which evaluates it at grid points only."""
+    """A path with the interface of TOPP-RA, which evaluates paths at grid points only."""
 
     def __init__(self, grid: Array, first: Array, second: Array) -> None:
         self.path_interval = np.array([grid[0], grid[-1]])

@@ -25,7 +25,7 @@ from twin.planning.smooth import line
 from twin.planning.space import Certificate, Space
 
 _SHORTEST = 0.05
-"""Smallest length in m with which the path of the earlier arms counts in the length of a connection."""
+"""Minimum weight in m of the coordinate u; for a longer path of the earlier arms, the weight is its length."""
 
 _PARTS = 8
 """Number of straight parts that replace a connection in a search, if the path of the earlier arms is not straight."""
@@ -158,7 +158,7 @@ class Behind(Space):
         return replace(seen[k], proven=proven, s=parts[k].at(seen[k].s))  # pyright: ignore
 
     def _parts(self, path: Path) -> list[_Part]:
-        """Return parts of the path of all arms, so short that u grows by at most 1 per unit of the parameter of a part.
+        """Divide the path of all arms into parts in which u grows by at most 1 per unit of the part's parameter.
 
         The tests of paths assume that speeds change little within 1/512 of a path, as they do on the path `first`.
         """
@@ -191,7 +191,7 @@ def beside(
 
     Args:
         whole: the space of all arms: the arms of `first`, then the new arm.
-        first: path of the earlier arms; both paths, `first` and that of the new arm, begin and end together.
+        first: path of the earlier arms; it begins and ends together with the path of the new arm.
         start: (n,) joint values of the new arm at the start.
         goal: (n,) joint values of the new arm at the goal.
         seed: seed of the random samples.

@@ -115,7 +115,7 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
 
 
 def _least(lines: list[tuple]) -> tuple:
-    """Return (minimum value, its slope) of lines (value, slope), by comparing pairs, then the results in pairs."""
+    """Return (value, slope) of the line with the minimum value, by comparing lines (value, slope) in pairs."""
     import casadi as ca
 
     while len(lines) > 1:

@@ -31,7 +31,7 @@ class Gap:
 
 
 class Carrier(Interface):
-    """Interface of a mechanism that moves along a path; the next motion can start at any returned state (nq,).
+    """Interface of a mechanism that moves along a path; a motion can start at any state (nq,) that a method returned.
 
     Every method raises `AssemblyError` if the mechanism cannot follow the motion.
     """
@@ -41,11 +41,11 @@ class Carrier(Interface):
         ...
 
     def carry(self, q: Array, start: Array) -> tuple[Array, Array]:
-        """Return states and T_base_tool (k, 4, 4) for driven joint values (k, n) along a motion from `start`."""
+        """Return states (k, nq) and T_base_tool (k, 4, 4) for driven joint values q (k, n), from state `start`."""
         ...
 
     def follow(self, Ts: Array, directions: np.ndarray, p_tool: Array, start: Array) -> tuple[Array, Array, Array]:
-        """Return states, values (k, n) of the driven joints, and tool poses T_base_tool (k, 4, 4) along the poses `Ts`.
+        """Return states (k, nq), driven joint values (k, n) and T_base_tool (k, 4, 4) along target poses Ts (k, 4, 4).
 
         The tool follows the poses only in the directions whose entry in the mask `directions` (6,) is true:
         translations along x, y, z of base, then rotations about them. `p_tool` (3,) in m is the point of the tool that
@@ -68,7 +68,8 @@ class Motors:
     Attributes:
         names: (k,) names of the actuators.
         rows: (k, n) matrix from joint values to motor values, in m or rad: motor values = rows @ q.
-        lower, upper, max_speed: (k,) limits of the motors in m or rad (per s); infinite without a limit.
+        lower, upper: (k,) limits of the motor values in m or rad; infinite without a limit.
+        max_speed: (k,) limits of the motor speeds in m/s or rad/s; infinite without a limit.
         revolute: (k,) whether a motor value is in rad.
     """
 
@@ -111,7 +112,7 @@ Keep = Callable[[Array, Array], np.ndarray]
 
 @dataclass(frozen=True)
 class PathKinematics:
-    """Planning data of a robot: functions of k poses that return k rows, without errors for unreachable poses.
+    """Planning data of a robot. Its functions take k poses and return k rows; unreachable poses raise no error.
 
     Attributes:
         joint_names: names of the n active joints, in the order of q.
@@ -260,7 +261,7 @@ class Trajectory:
         reach: reach margins (k,) in m, by limb.
         singularity: singularity measures (k,), by name.
         findings: findings of the check of every sample.
-        followed: whether the mechanism determines joint values and poses (see `following`), not the equations.
+        followed: whether the mechanism, not the equations, determines joint values and poses; see `following`.
     """
 
     protocol: str

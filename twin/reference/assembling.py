@@ -18,7 +18,7 @@ CLOSED = (1e-9, 1e-8)
 """Gap in m and in rad up to which a loop counts as closed."""
 
 _SPREADS = (0.1, 0.3, 1.0, 2.0)
-"""Standard deviations of the random starts around a state: rad for rotations, `LENGTH_SCALE` m for slides."""
+"""Standard deviations of the random starts around a state: in rad for rotations; for slides, a tenth of these in m."""
 
 _TRIES = 3
 """Number of random starts per standard deviation."""
@@ -77,7 +77,7 @@ def _misfit(state: Assembly) -> float:
 
 
 def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:
-    """Return the best assembly found from `starts`: the smallest gaps; among equals, the nearest to `drawn`."""
+    """Return the assembly reached from `starts` with the smallest gaps; if gaps are equal, the nearest to `drawn`."""
     X = minimise(model.tree, starts, model.loops_only, columns)[0]
     states = [model.state(x) for x in X[np.isfinite(X).all(axis=1)]]
     return min(states, key=lambda s: (_misfit(s), float(np.linalg.norm(s.x - drawn))))

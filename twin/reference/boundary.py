@@ -1,9 +1,9 @@
 """Check reach margins and singularity measures at their zeros, where the mechanism must be degenerate.
 
 A reach margin is zero at the limit of the workspace and positive inside. A singularity measure is zero where the
-mechanism is singular. No value of the mechanism corresponds to such a row (margin or measure), but the zeros of the row
-can be checked. A search moves the mechanism to a zero of each row. There, the Jacobians show whether the mechanism is
-degenerate.
+mechanism is singular. The values of such a row (margin or measure) cannot be compared with a quantity of the mechanism,
+but the zeros of the row can be checked. A search moves the mechanism to a zero of each row. There, the Jacobians show
+whether the mechanism is degenerate.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ _FLAT = 1e-2
 """Relative slope per radian of a margin below which the margin counts as being at its minimum."""
 
 _ENDS = 0.05
-"""Relative size below which another margin counts as zero; a search that ended there was ended by that margin."""
+"""Relative size below which another margin counts as zero; this margin is then the reason why the search ended."""
 
 _MOSTLY = 0.3
-"""Minimum ratio of two sums of an aspect's values: values with the preferred sign, and values with the other sign.
+"""Minimum of (sum of an aspect's values with the preferred sign) / (sum of its values with the other sign).
 
-At this ratio, the preferred sign is confirmed. Some of the states may be in another assembly mode, or near a
-singularity.
+At this ratio or above, the preferred sign is confirmed. Values with the other sign are accepted because some of the
+states may be in another assembly mode, or near a singularity.
 """
 
 _NEGATIVE = 1e-9
@@ -73,7 +73,7 @@ class Stated(Protocol):
         ...
 
     def fails(self, s: Run) -> Array:
-        """Return (k,): largest joint rate per rate of the pose, from the formula; infinite where it is singular."""
+        """Return the largest joint rate per rate of the pose (k,), from the formula; infinite at its singularities."""
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:

@@ -85,9 +85,9 @@ def _cell(triangles: Array) -> float:
 def balls(triangles: Array) -> Array:
     """Return balls (n, 5) that cover the surface of triangles (k, 3, 3); each ball contains a part of the surface.
 
-    The part of the surface in a ball is halved; each half is in a smaller ball, and so on. The rows are in the order of
-    a depth-first search. A row contains: centre (3) in m, radius in m, index of the first row after the ball and all
-    balls made from its part.
+    The balls form a binary tree: the part of the surface in a ball is halved, and each half has a smaller ball. The
+    rows are in depth-first order. A row contains the centre (3) in m, the radius in m, and the index of the first row
+    after the subtree of the ball.
     """
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     small = max(extent * _SMALL, 0.1 * MM)
@@ -129,7 +129,7 @@ def balls(triangles: Array) -> Array:
 
 @dataclass(frozen=True)
 class Grid:
-    """Lower bounds of the distance from a surface on a grid.
+    """Grid whose nodes store lower bounds of the distance from a surface.
 
     Attributes:
         values: (x, y, z) float32 in m.
@@ -200,7 +200,7 @@ def balls_of(triangles: Array) -> Array:
 
 
 def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Return named arrays from the user's cache folder, or make them and keep them there.
+    """Return named arrays from the user's cache folder; if they are not there, make them and store them there.
 
     The key is a hash of the triangles. A file that cannot be read is made again; a cache that cannot be written is not
     an error.
@@ -231,8 +231,8 @@ class Bounds:
     def __init__(self, triangles: Sequence[Array], pairs: np.ndarray) -> None:
         """Define the pairs; grids and balls are made, or loaded from the cache, when they are required.
 
-        In each pair, one shape has the grid and the other the balls: the choice with the smaller sum of half a cell
-        and the radius of a ball.
+        In each pair, one shape has the grid and the other shape has the balls. Of the two assignments, the one with the
+        smaller sum of half the cell and the radius of the smallest balls is used.
 
         Args:
             triangles: (k, 3, 3) of each shape, in its own frame.

@@ -1,8 +1,8 @@
 """A proven lower bound of the distance between bodies along a whole path.
 
-In an interval of s, the distance of a pair is at least its distance in the middle minus the largest possible approach
-(`travel`) in half of the interval. Intervals are halved until this bound is at most `within` below the smallest
-distance found.
+In an interval of s, the distance of a pair is at least the distance in the middle of the interval minus the largest
+possible approach (`travel`) in half of the interval. Intervals are halved until this bound is at most `within` below
+the smallest distance found.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Certificate:
 
 
 def nearest(found: Iterable[Certificate]) -> Certificate:
-    """Return the certificate for all pairs of several certificates of one path; infinite distances without any."""
+    """Combine certificates of one path into one for all their pairs; without certificates, distances are infinite."""
     every = [Certificate(np.inf, np.inf, 0.0, ("", "")), *found]
     return replace(min(every, key=lambda c: c.found), proven=min(c.proven for c in every))
 
@@ -48,7 +48,7 @@ def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, chec
     """Return a proven lower bound of the distances of the pairs `which` (n,) along a path.
 
     Args:
-        seen: the path.
+        seen: the path with its stations.
         pairs: all pairs of bodies.
         which: (n,) indices of the pairs whose distance is bounded.
         within: accepted difference in m between the smallest distance found and the bound.

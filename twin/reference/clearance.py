@@ -18,7 +18,7 @@ from twin.model.hull import require_hull
 from twin.model.mechanism import Mechanism
 
 TOUCHING = 0.05 * MM
-"""Largest distance in m at which two parts of jointed bodies mate in the CAD (pin and bore, washer and eye)."""
+"""Distance in m up to which two parts of jointed bodies count as mating in the CAD (pin and bore, washer and eye)."""
 
 
 @dataclass(frozen=True)
@@ -229,8 +229,9 @@ def _first_bound(a: Shape, b: Shape, link_poses: Mapping[str, Array]) -> float:
 def distance_between(a: Shape, b: Shape, Ta: Array, Tb: Array, most: float = np.inf) -> float:
     """Return the distance in m between two meshes at poses (4, 4), but at most `most`; 0 if they collide.
 
-    coal skips all parts that are farther apart than the smallest known distance, which is `most` at first. With a small
-    `most`, this is faster than coal's collision test with a margin, which is slow for meshes that are close everywhere.
+    coal skips all parts that are farther apart than the smallest known distance; this distance is `most` at first. With
+    a small `most`, the computation is faster than coal's collision test with a margin: that test is slow for meshes
+    that are close everywhere.
     """
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     result.min_distance = min(most, result.min_distance)

@@ -32,13 +32,13 @@ _JUMP = 0.5
 """Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
 
 _STRIDE = {True: 0.1, False: 0.02}
-"""Motion of a driven joint (rad if an angle, else m) in one step from a known state, where the mode must be certain."""
+"""Step of a driven joint (rad if an angle, else m) from a known state, if the assembly mode must be certain."""
 
 _FINER = (1, 8)
-"""Factors by which steps are smaller than `_STRIDE`, in the order of trial: near a singularity, motion is fast."""
+"""Divisors of `_STRIDE`, in the order of trial: near a singularity, passive joints move fast and need small steps."""
 
 _COARSE = 8
-"""Number of stations of a path at which loops are closed in sequence; at all other stations, in one batch."""
+"""Number of stations of a path at which loops are closed one by one; the other stations are closed in batches."""
 
 _ENOUGH = 1e-14
 """Sum of squares of loop gaps in m2 that is small enough for a search."""
@@ -47,11 +47,11 @@ _FLOOR = 1e-12
 """Damping of the linear equations of the rates, relative to their mean diagonal; see `newton`."""
 
 _KNOWN = 20_000
-"""Number of kept states that were not reached in small steps, above which the older half of these states is dropped."""
+"""Maximum number of stored states that were not reached in small steps; above it, their older half is dropped."""
 
 
 class Closing:
-    """Configurations of a mechanism with closed loops at driven joint values.
+    """Computes configurations of a mechanism at given driven joint values, with all loops closed.
 
     Attributes:
         linear: (G (nv, n), x0 (nv,)) such that x = G q + x0 closes the mechanism; None if the mechanism has loops that
@@ -59,7 +59,7 @@ class Closing:
     """
 
     def __init__(self, model: ReferenceModel, weights: Array) -> None:
-        """Define the mechanism; the distance of states is weighted by `weights` (n,), m per rad or m of each joint."""
+        """Define the mechanism; distances of states use `weights` (n,), in m per unit (rad or m) of each joint."""
         self._model, self._tree, self._weights = model, model.tree, weights
         self._driven = np.array([self._tree.configuration[j.name] for j in model.mechanism.active], int)
         self.linear = self._coupled()
@@ -96,9 +96,9 @@ class Closing:
     def states(self, q: Array, *, thorough: bool = True) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq), (k,) bool: whether the loops close) at joint values q (k, n).
 
-        Each state is reached in small steps from the nearest known state, and kept. If not `thorough`, it is reached in
-        one step. One step is fast but not certain: loops that can close may be reported as open, and the state may be
-        in another assembly mode. The mode is tested when a path to this state is followed.
+        Each state is reached in small steps from the nearest known state, and stored as known. If not `thorough`, the
+        state is reached in one step. One step is fast but not certain: loops that can close may be reported as open,
+        and the state may be in another assembly mode. The mode is tested when a path to this state is followed.
         """
         if self.linear is not None:
             return self.placed(q), np.ones(len(q), bool)
@@ -123,7 +123,7 @@ class Closing:
         return X, good
 
     def keep(self, q: Array, X: Array, *, sure: bool = True) -> None:
-        """Keep configurations X (k, nq) at q (k, n) as known states; `sure`: whether small steps have reached them."""
+        """Store configurations X (k, nq) at q (k, n) as known states; `sure`: whether small steps reached X."""
         self._row |= {key: len(self._q) + i for i, key in enumerate(_keys(q))}
         self._q, self._x = np.concatenate([self._q, q]), np.concatenate([self._x, X])
         self._sure = np.append(self._sure, np.full(len(q), sure))
@@ -138,7 +138,7 @@ class Closing:
         self._row = {key: i for i, key in enumerate(_keys(self._q))}
 
     def known(self, q: Array) -> Array | None:
-        """Return the kept configuration (nq,) at joint values q (n,); None if there is none."""
+        """Return the stored configuration (nq,) at joint values q (n,); None if none is stored."""
         row = self._row.get(_keys(np.asarray(q, float)[None])[0])
         return None if row is None else self._x[row]
 
@@ -213,7 +213,7 @@ class Closing:
 
     @cached_property
     def _independent(self) -> np.ndarray:
-        """Independent rows of the loop equations in the rest poses, as many as passive coordinates; else none."""
+        """Independent rows of the loop equations in the rest poses, one per passive coordinate; empty if too few."""
         A = self._loops(self._model.home().x[None], np.zeros(1, int))[1][0][:, self._tree.passive]
         if not A.size:
             return np.zeros(0, int)
@@ -224,9 +224,9 @@ class Closing:
 
     @cached_property
     def _blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Rows of the loop equations and passive coordinates of each group of loops that share no coordinate.
+        """(Rows of the loop equations, passive coordinates) of each group of loops; groups share no coordinate.
 
-        Empty if the equations do not determine the passive coordinates (an internal freedom).
+        The list is empty if the equations do not determine the passive coordinates (an internal freedom).
         """
         rows, columns, tree = self._independent, self._tree.passive, self._tree
         if not len(rows):
@@ -259,8 +259,8 @@ class Closing:
     def along(self, path: Callable[..., Array], x: Array, s: Array, check: Callable[[], None]) -> Array | None:
         """Return configurations (k, nq) of a path at stations s (k,) from the configuration x at s[0].
 
-        None if the loops open, or if the assembly mode changes (a coordinate changes by more than `_JUMP` between two
-        stations). `check` is called between the steps.
+        None if the loops open, or if the assembly mode changes (a determinant changes its sign, or a coordinate changes
+        by more than `_JUMP` between two stations). `check` is called between the steps.
         """
         for ahead in (_COARSE, len(s) - 1)[: 1 + (len(s) - 1 > _COARSE)]:
             if (X := self._along(path(s), x, ahead, check)) is not None:
@@ -268,7 +268,7 @@ class Closing:
         return None
 
     def _along(self, q: Array, x: Array, ahead: int, check: Callable[[], None]) -> Array | None:
-        """Return configurations (k, nq) at q (k, n); loops are closed in sequence at about `ahead` of them."""
+        """Return the result of `along` at q (k, n); loops are closed one by one at about `ahead` of these stations."""
         X = np.tile(x, (len(q), 1))
         done = np.unique(np.linspace(0, len(q) - 1, min(ahead, len(q) - 1) + 1).astype(int))
         for i, j in pairwise(done.tolist()):
@@ -314,5 +314,5 @@ class Closing:
 
 
 def _keys(q: Array) -> list[bytes]:
-    """Return a key of each row of joint values q (k, n), the same for values that differ by rounding."""
+    """Return a key for each row of joint values q (k, n); rows that differ by rounding only have equal keys."""
     return [row.tobytes() for row in np.rint(q / ROUNDING).astype(np.int64)]

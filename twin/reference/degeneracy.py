@@ -29,8 +29,8 @@ KINDS = ("loops", "drives", "tool")
 class Degeneracy:
     """Possible motions of a mechanism, and the distance of its states from degeneracy.
 
-    A redundant mechanism can always move with its tool at rest. Its motion therefore counts as degenerate only if the
-    named points of its bodies are also at rest.
+    A redundant mechanism can always move with its tool at rest. Such a motion therefore counts as degenerate only if
+    the named points of the bodies are also at rest.
 
     The position of the tool alone may have as many degrees of freedom as the mechanism (a planar arm with two links, or
     three joints that position a point). A motion then counts as degenerate if the tool's position is at rest, even if
@@ -92,7 +92,7 @@ class Degeneracy:
         return there, np.asarray(closed, bool)
 
     def _jacobians(self, states: Array) -> tuple[Array, Array, Array]:
-        """Return scaled Jacobians of the loops (k, m, nv) and of tool and named points (k, n, nv), and the poses."""
+        """Return (scaled loop Jacobians (k, m, nv), scaled Jacobians (k, n, nv) of tool and points, joint poses)."""
         tree = self.model.tree
         poses, J = tree.update(states, closing_only=True)
         A = tree.loops.evaluate(states, poses, J)[1] * self.scale

@@ -6,7 +6,7 @@ Pinocchio computes the equations of the spanning tree in its velocities V (compo
 Newton-Euler). Loops and couplings, A V = 0, are included by projection on the active joints: V = G qd and dV/dt = G qdd
 - A_p^+ (dA/dt V), where A_p are the columns of A for the passive joints. By virtual work, tau = G^T tau_tree, because
 the forces in the loops do no work. Rotors turn with the motors, m = T^-1 q, where T is the matrix of the transmission;
-the rotor inertias J_m thus have the inertia T^-T J_m T^-1 at the joints.
+the rotor inertias J_m are thus equivalent to T^-T J_m T^-1 at the joints.
 
 Sources: R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapters 5, 6 and 8; R. M. Murray, Z. Li,
 S. S. Sastry, A Mathematical Introduction to Robotic Manipulation, CRC Press 1994, sections 4.3 and 6.1; Y. Nakamura,
@@ -32,7 +32,7 @@ from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
 _IDLE = 1e-12
-"""Inertia in kg m2 or kg below which a joint counts as moving no mass; parts have far more, rounding errors less."""
+"""Inertia in kg m2 or kg below which a joint counts as moving no mass: far below real parts, above rounding errors."""
 
 _FLAT = 1e-9
 """Singular values below this fraction of the largest one count as zero."""
@@ -44,8 +44,8 @@ State = ArrayLike | Assembly
 class Dynamics:
     """Equations of motion in the n active joints, in the order of `mechanism.active`.
 
-    Efforts are in N m for angles and in N for lengths; inertias are in kg m2, kg m or kg accordingly. A state is q
-    (n,), for which the loops are closed starting from home, or an `Assembly` of `model`, which is used unchanged.
+    Efforts are in N m for angles and in N for lengths; inertias are in kg m2, kg m or kg accordingly. A state is either
+    q (n,) or an `Assembly` of `model`. For q, loops are closed starting from home; an `Assembly` is used unchanged.
 
     Attributes:
         mechanism: the mechanism with masses; a body without inertia is massless.
@@ -120,7 +120,7 @@ class Dynamics:
         return x
 
     def near(self, q: ArrayLike, before: State | None = None) -> State:
-        """Return the state at q (n,); loops are closed starting from the assembly `before`, if given."""
+        """Return the state at q (n,); loops are closed starting from the assembly `before`, if given, or from home."""
         if not self._tied:
             return np.asarray(q, float)
         return self.model.solve(np.asarray(q, float), before if isinstance(before, Assembly) else None)
@@ -216,7 +216,7 @@ class Dynamics:
 
     @cached_property
     def _scatter(self) -> Array:
-        """G (nv, n), as returned by `_gain`, of a tree without loops: couplings move passive joints, others rest."""
+        """G (nv, n), as returned by `_gain`, of a tree without loops: only couplings move passive joints."""
         if not self._tree.loops.names:
             return np.eye(self._pin.nv)[:, self._tree.active]
         return self.model.gains(self._home[None])[0]
@@ -228,13 +228,13 @@ class Dynamics:
 
     @cached_property
     def _follow(self) -> Array:
-        """Change of the joints `_followers` per change of each active joint, (followers, n)."""
+        """Matrix (followers, n): change of each joint in `_followers` per change of each active joint."""
         columns = {i: k for c in self._tree.loops.couplings for i, k in zip(c.places, c.columns, strict=True)}
         return self._scatter[[columns[i] for i in self._followers]]
 
     @cached_property
     def _idle(self) -> str:
-        """A passive joint that can move a mass while all active joints are at rest (at home); "" if there is none."""
+        """A passive joint, as text, that can move a mass at home with all active joints at rest; "" if none can."""
         passive = self._tree.passive
         if not len(passive):
             return ""

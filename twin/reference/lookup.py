@@ -26,11 +26,11 @@ GRID = 20
 of the first value, box of the surface (6), error, known, far (see `bounds.Grid`)."""
 
 PAIR = 6
-"""Count of numbers that describe a pair: count of all shapes, indices of the shape with the grid, of the shape with the
-balls, of the grid, of the first ball, and of the last ball + 1."""
+"""Count of numbers that describe a pair: count of all shapes, then five indices: shape with the grid, shape with the
+balls, grid, first ball, last ball + 1."""
 
 _ROUGH = 0.75
-"""Fraction of the upper bound at which a lower bound is sufficient in a search."""
+"""In a search, a lower bound is sufficient if it is at least this fraction of the upper bound."""
 
 _DOUBLE, _FLOAT, _INT, _POINTER = ir.DoubleType(), ir.FloatType(), ir.IntType(64), ir.PointerType()
 

@@ -22,8 +22,8 @@ AXES = ("offset x", "offset y", "offset z", "turn x", "turn y", "turn z", "sum")
 class Coupled:
     """A linear coupling of tree joints: the sum of `ratios` times joint values equals `total`, in rad or m.
 
-    `places` and `columns` are the indices of the joints in the configuration and in the velocity. `angle`: whether the
-    first joint is an angle.
+    `places` are the configuration indices of the joints, `columns` their velocity indices. `angle`: whether the first
+    joint is an angle.
     """
 
     name: str
@@ -108,9 +108,9 @@ class Loops:
         Frame 0 of a loop joint is on its parent, frame 1 on its child. The residual contains the offset R0^T (p1 - p0)
         and the rotation R = R0^T R1, both in the axes of frame 0, which rotate with the angular velocity w0. The second
         derivative of R is (hat(dw/dt) + hat(w)^2) R, where w is the angular velocity of frame 1 relative to frame 0.
-        `poses` (k, joints, 4, 4) come from `Tree.update`. `twists` and `biases` (k, joints, 6) are the twists of the
-        tree's joints, and their spatial accelerations at constant velocities, in base at the base origin, linear part
-        first.
+        `poses` (k, joints, 4, 4) come from `Tree.update`. `twists` (k, joints, 6) are the twists of the tree's joints,
+        `biases` (k, joints, 6) the spatial accelerations of these joints at constant velocities; both are in base at
+        the base origin, linear part first.
         """
         T0, T = self.relative(poses)
         (a, b), R0t = (self._ids[:, 0], self._ids[:, 1]), np.swapaxes(T0[..., :3, :3], -1, -2)
@@ -140,9 +140,9 @@ class Loops:
         """Return (residuals (k, loops, 6), derivatives (k, loops, 3, 3) of the locked rotations).
 
         For a joint that only keeps its two z axes parallel, the rotation residual is the tilt between these axes,
-        independent of the rotation about z. For a fixed or prismatic joint, which locks all three rotations, it is half
-        the antisymmetric part of R: rotation axis times sine of the angle. Beyond 90°, where the sine decreases, the
-        residual is continued as an increasing function, so that no joint converges to an inverted state.
+        independent of the rotation about z. For a fixed or prismatic joint, which locks all three rotations, the
+        residual is half the antisymmetric part of R: rotation axis times sine of the angle. Beyond 90°, where the sine
+        decreases, the residual is continued as an increasing function, so that no joint converges to an inverted state.
         """
         R = T[..., :3, :3]
         residual = np.zeros((*T.shape[:2], 6))

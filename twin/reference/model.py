@@ -36,7 +36,7 @@ _JUMP = 0.5
 """Largest change (m, rad) of a coordinate in one step; a larger change means another assembly mode."""
 
 _AT_ONCE = 32
-"""Maximum number of coarse samples that are solved together if the motion is predictable."""
+"""Maximum number of knots (see `walk`) that are solved together if the motion is predictable."""
 
 _SURPRISE = 0.2
 """Prediction error, relative to the step, above which samples are solved one by one."""
@@ -124,7 +124,7 @@ class ReferenceModel:
     # -- along samples --------------------------------------------------------------------------------
 
     def run(self, q: Array, seed: Assembly | None = None, progress: Progress | None = None) -> Run:
-        """Solve for active joint values q (k, n) along a motion.
+        """Return the states at active joint values q (k, n), solved along a motion.
 
         Raises:
             AssemblyError: the loops cannot be closed at a sample; the message names the sample.
@@ -169,7 +169,7 @@ class ReferenceModel:
         progress: Progress | None = None,
         near: Array | None = None,
     ) -> Run:
-        """Solve for tool poses (k, 4, 4) along a motion; see `run`.
+        """Return the states with the tool at the given poses (k, 4, 4), solved along a motion; see `run`.
 
         If the mechanism is `redundant` or has auxiliary joints, a pose has many solutions. If `near` (k, n) is given,
         the solution with the smallest motion from these active joint values is returned.
@@ -205,7 +205,7 @@ class ReferenceModel:
 
     @property
     def redundant(self) -> bool:
-        """Whether more active joints move the tool than there are directions, so that a pose has many solutions."""
+        """Whether the number of active joints that move the tool exceeds `freedoms`: a pose has many solutions."""
         return self.freedoms < len(self.mechanism.active) - len(self.mechanism.auxiliary)
 
     def collect(self, states: Array) -> Run:
@@ -230,9 +230,9 @@ class ReferenceModel:
     def motion(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
         """Return (V, dV/dt, G): velocities and accelerations of the tree (k, nv) with closed loops, gains G (k, nv, n).
 
-        V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V). A is the loop Jacobian, A_p its columns of the passive joints,
-        which are solved in the least-squares sense. `states` are configurations (k, nq); qd and qdd (k, n) are rates
-        and accelerations of the active joints.
+        V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V). A is the loop Jacobian; A_p are its columns of the passive joints.
+        The equations of the passive joints are solved in the least-squares sense. `states` are configurations (k, nq);
+        qd and qdd (k, n) are rates and accelerations of the active joints.
         """
         A, _ = self._jacobians(states)
         gain = self.gains(states, A)
@@ -291,10 +291,12 @@ class ReferenceModel:
         return self._in_turns(start, q, lambda x: self._reach(x, q, self._move_driven))
 
     def _in_turns(self, start: Array, q: Array, reach: Callable[[Array], Array]) -> Array:
-        """Return `reach(start)`; if the way to q (n,) is blocked, from the turns nearest to q, at the same poses.
+        """Return `reach(x)` for x = `start` unwound towards q (n,); if blocked, for the x with the turns nearest to q.
+
+        Unwinding by full turns changes no pose; see `_unwound`.
 
         Raises:
-            AssemblyError: both ways are blocked.
+            AssemblyError: `reach` fails for both.
         """
         direct, nearest = self._unwound(start, q), self._unwound(start, q, np.rint)
         try:
@@ -307,8 +309,8 @@ class ReferenceModel:
     def _unwound(self, x: Array, q: Array, turns: Callable[[Array], Array] = np.trunc) -> Array:
         """Return configurations (..., nq) at the same poses, with driven joints nearer to q (..., n) by full turns.
 
-        By default, only differences of a full turn or more are reduced: a shorter way may lead through angles that
-        the mechanism cannot reach. Joints of couplings keep their turns: these count in the coupling.
+        By default, only differences of a full turn or more are reduced: a shorter motion may lead through angles that
+        the mechanism cannot reach. Joints of couplings are not changed, because a full turn changes the coupling's sum.
         """
         x = x.copy()
         past = np.divide(q - x[..., self._active_q], self._turns, out=np.zeros(q.shape), where=self._turns > 0)
@@ -446,8 +448,8 @@ class ReferenceModel:
         """Return first guesses (k, nq) for all samples from the solved states (j, nq) at samples `at`.
 
         For driven motions, the constraint Jacobian gives the slopes of all joints from the slopes of the active joints.
-        The active joints have an interpolation error where a bang-bang acceleration switches. The Jacobian also
-        converts this error to the passive joints. One iteration then suffices for nearly all samples.
+        Where a bang-bang acceleration switches, the interpolated active joints have an error. This error is removed,
+        and the Jacobian corrects the passive joints accordingly. One iteration then suffices for nearly all samples.
         """
         if targets.ndim == 3 or len(at) < 2:
             slopes = np.gradient(knots, at.astype(float), axis=0) if len(at) > 1 else np.zeros_like(knots)

@@ -20,8 +20,8 @@ _MAX_ITERATIONS = 40
 _FLOOR = 1e-13
 """Minimum damping, relative to the mean diagonal.
 
-It selects the shortest step if the mechanism has an internal freedom (a rod that spins between two ball joints), and
-has no effect otherwise.
+This damping selects the shortest step if the mechanism has an internal freedom (a rod that spins between two ball
+joints); otherwise it has no effect.
 """
 
 _FLOOR_REACHED = 1e-9

@@ -23,7 +23,7 @@ from twin.reference.model import ReferenceModel
 from twin.reference.travel import Levers, Reach
 
 _GJK = 1e-5
-"""Maximum error in m by which a computed hull distance is too large."""
+"""Maximum excess in m of a computed hull distance over the true distance."""
 
 SEARCHED = 2 * MM
 """Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
@@ -70,9 +70,9 @@ class Pairs:
         Args:
             model: the mechanism's model.
             stills: the obstacles.
-            clearance: required distance in m; for two bodies of the mechanism at most half of their distance in the
-                rest poses.
-            arms: name of the arm of each body, for a mechanism that is `twin.model.joined`. Two bodies of different
+            clearance: required distance in m. For two bodies of the mechanism, at most half of their distance in the
+                rest poses is required.
+            arms: name of the arm of each body, for a mechanism made by `twin.model.joined`. Two bodies of different
                 arms must have the full clearance, even if they are nearer in the rest poses.
         """
         self._tree, self._clearance = model.tree, clearance
@@ -194,7 +194,7 @@ class Pairs:
     def distance(self, pair: int, poses: Array, most: float = np.inf) -> float:
         """Return the distance in m of a pair's meshes at shape poses (shapes, 4, 4), at most `most`; 0: they collide.
 
-        It takes less time for a smaller `most`.
+        The computation is faster for a smaller `most`.
         """
         a, b = self.rows[pair]
         return distance_between(self.shapes[a], self.shapes[b], poses[a], poses[b], most)
@@ -238,8 +238,8 @@ class Pairs:
 
         A pair seems near if the mean of the bounds `low` and `high` (n,) is below its required distance. For large
         bodies, which have large balls, the mean may be too large. Therefore, if `low` is 0 and the required distance is
-        the full clearance, the exact distance decides. It is computed only in the states marked by `matter` (k,), and
-        in each of them only until one pair is near.
+        the full clearance, the exact distance decides. Exact distances are computed only in the states for which
+        `matter` (k,) is true, and in each of these states only until one pair is near.
         """
         required = self.required[pairs]
         out = (low + high) / 2 < required

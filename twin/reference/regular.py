@@ -19,7 +19,7 @@ from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 
 SINGULAR = 1e-4
-"""Ratio of smallest to largest singular value of the loop Jacobian below which a state is singular."""
+"""Value of `Regularity.margin` below which a state is singular."""
 
 _RANK = 1e-6
 """Relative size below which a singular value counts as zero: its constraint is redundant in all states."""
@@ -38,7 +38,7 @@ class Regularity:
     Attributes:
         rank, usual: rank at the state, and largest rank at the state and at nearby states.
         margin: singular value number `usual` at the state (counted from 1, largest first), divided by the largest
-            singular value; 0 if the rank is lower.
+            singular value; about 0 if the rank is lower than `usual`.
     """
 
     rank: int
@@ -52,7 +52,7 @@ class Regularity:
 
 
 def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularity]:
-    """Return the regularity of each closed state (nq,); `usual` includes all states, and states near the first."""
+    """Return the regularity of each closed state (nq,); `usual` is the largest rank at all these and near the first."""
     beside = closed_beside(model, states[0])
     every = [_values(model, x) for x in (*states, *beside)]
     ranks = [int((s > _RANK * max(s[0], 1e-12)).sum()) if len(s) else 0 for s in every]

@@ -12,7 +12,7 @@ from twin.core.spatial import Array, Index
 from twin.reference.degeneracy import Degeneracy
 
 Values = Callable[[Array], Array]
-"""Functions to search: states (k, nq) -> values (k, rows)."""
+"""Functions whose zeros are searched: states (k, nq) -> values (k, rows)."""
 
 Mask = NDArray[np.bool_]
 
@@ -144,7 +144,7 @@ def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array
     """Return steps (w, freedom) modified to avoid singularities at which the function does not vanish.
 
     X (w, nq) are states and N (w, nv, freedom) the motions there; `slopes` (w, freedom) is the gradient of the
-    logarithm of the function. `steps` (w, freedom) is modified.
+    logarithm of the function; `steps` (w, freedom) are the original steps.
     """
     near = np.flatnonzero(motions.of(X).min(axis=1) < _NEAR)
     if not len(near):

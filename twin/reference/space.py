@@ -34,7 +34,7 @@ _STATION = {True: 0.1, False: 0.02}
 """Motion of a driven joint (rad if an angle, else m) between two stations (states with closed, tested loops)."""
 
 _FINE = 512
-"""Number of intervals of a path. The assumed speed in an interval is the larger speed of its ends times `_BETWEEN`."""
+"""Number of intervals of a path; the speed assumed in an interval is `_BETWEEN` times the larger speed at its ends."""
 
 _BETWEEN = 1.05
 """Safety factor: in a corner rounded over 1/80 of a path (six intervals), the speed within an interval exceeds the
@@ -53,7 +53,7 @@ _NARROW = 3.0
 """Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
 
 _SEARCH = 6 * MM
-"""Largest motion in m of two bodies from the nearest tested state, in a search; a found path is tested completely."""
+"""In a search: largest relative motion in m of two bodies from a tested state. A found path is tested completely."""
 
 _BLOCK = 2048
 """Number of states whose distances are computed together."""
@@ -74,9 +74,9 @@ class JointSpace:
     touch in the rest poses. Meshes are surfaces: a body that is completely inside another one is not detected.
 
     Attributes:
-        clearance: required distance in m between two bodies. For two bodies of the mechanism, half of their distance in
-            the rest poses is required if this is less. Between the tested values of s, half of the required distance
-            is guaranteed.
+        clearance: required distance in m between two bodies. If half of the distance of two bodies of the mechanism in
+            the rest poses is less than `clearance`, this half is required. Between the tested values of s, half of the
+            required distance is guaranteed.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class JointSpace:
             clearance: required distance in m between bodies; see the class.
             keep: additional test of states; None: all states are allowed.
             around: function that returns the obstacles, called at first use; None: there are none.
-            arms: name of the arm of each body of a mechanism that is `twin.model.joined`; see `joined.owners`.
+            arms: name of the arm of each body, for a mechanism made by `twin.model.joined`; see `joined.owners`.
         """
         self._arms = arms
         self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
@@ -518,7 +518,7 @@ class JointSpace:
     def certify_each(
         self, path: Callable[..., Array], group: Callable[[str, str], str], within: float = 0.5 * MM
     ) -> dict[str, Certificate]:
-        """Return the result of `certify` for each group of pairs; `group` returns the group of two bodies by name.
+        """Return the result of `certify` for each group of pairs, by name; `group(a, b)` names the group of two bodies.
 
         Raises:
             MechanismError: as in `certify`.

@@ -21,7 +21,7 @@ class Stations:
         s: (k,) values of s at the stations.
         X: (k, nq) configurations at the stations.
         fine: (m,) values of s from 0 to 1.
-        moved: (m, nv) in m or rad, upper bound of the path length of each coordinate from s = 0 to `fine`.
+        moved: (m, nv) in m or rad, upper bound of the path length of each coordinate from s = 0 to each `fine`.
     """
 
     path: Callable[[Array], Array]

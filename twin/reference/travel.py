@@ -5,8 +5,9 @@ any point of the body by at most rho dx, where rho is the largest possible dista
 Let the axis be that of joint 1, and let joints 2, 3, ... follow up to the body. At any joint values, rho is at most the
 sum of four terms: the distance of the origin of joint 2 from the axis; the lengths of the offsets from joint 2 to joint
 3 and so on; the largest distance of the body's points from the origin of its last joint; the extensions of sliding
-joints between axis and body. Let L(s0, s1) be the path length of a coordinate along q(s): two points of the pair
-approach each other by at most the sum of rho L(s0, s1).
+joints between axis and body. For a slide, let rho be 1. Let L(s0, s1) be the path length of a coordinate along q(s)
+from s0 to s1: there, two points of the pair approach each other by at most the sum of rho L(s0, s1) over all
+coordinates.
 """
 
 from __future__ import annotations

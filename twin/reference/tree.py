@@ -40,8 +40,8 @@ class Tree:
     Attributes:
         model, data: Pinocchio's model and data.
         joint_id: Pinocchio's joint number, by joint name; fixed joints are missing.
-        coordinate, configuration: index of each joint with a single coordinate in the velocity and in the
-            configuration, by joint name.
+        coordinate, configuration: velocity index and configuration index of each joint with a single coordinate, by
+            joint name.
         quaternions: configuration index of the first of the four numbers of each quaternion.
         active, passive: velocity indices of the active joints, in the order of q, and of all others.
     """
@@ -111,7 +111,8 @@ class Tree:
     def _look(self) -> dict[bool, list[Array]]:
         """Return views of Pinocchio's memory: rotation (3, 3) and position (3, 1) of joint 1, then of joint 2, ...
 
-        The key is `closing_only` of `update`. Copying all views at once takes half the time of one call per pose.
+        The key is the argument `closing_only` of `update`. Copying all views at once takes half the time of copying the
+        poses one by one.
         """
         found = {True: self._closing, False: self._all}
         poses = {key: [self.data.oMi[i] for i in numbers] for key, numbers in found.items()}

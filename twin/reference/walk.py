@@ -31,7 +31,8 @@ def knots(targets: Array) -> Index:
 def distance(a: Array, b: Array) -> float:
     """Return the distance of two targets in m or rad.
 
-    For joint values, it is the largest difference; for poses, the larger of the translation and the rotation angle.
+    The distance of joint values is the largest difference; the distance of poses is the larger of the translation and
+    the rotation angle.
     """
     if a.ndim == 1:
         return float(np.abs(a - b).max(initial=0.0))

@@ -2,9 +2,10 @@
 
 A protocol names the frame that it moves (`tool`, `endoscope_tip`, ...). Positions are positions of the origin of this
 frame in base. Angles are always the angles of the `tool` frame, about the axes named by `rotation`, in this order
-("zyx": R_base_tool = Rz(psi) Ry(theta) Rx(phi)), so that a table of poses in a paper can be copied for any reference
-point. The shaft passes through the origin of the moved frame along `shaft_axis`, which is given in this frame and
-points from the platform to the tip. The depth is measured along the shaft from the RCM to this origin.
+("zyx": R_base_tool = Rz(psi) Ry(theta) Rx(phi)). A table of poses in a paper can therefore be copied, whatever its
+reference point. The shaft passes through the origin of the moved frame. Its direction is `shaft_axis`, a vector in the
+moved frame that points from the platform to the tip. The depth is the distance along the shaft from the RCM to the
+origin of the moved frame.
 
 Each phase type is defined in one file in `phases`.
 

@@ -114,9 +114,9 @@ class Protocol:
     def first_rcm(self) -> Array | None:
         """The RCM (3,) in base in m that the motion needs first.
 
-        It is the protocol's unnamed trocar or RCM if there is one. Otherwise it is that of the first phase which names
-        a trocar or begins an insertion, for which the RCM is the waypoint where it begins. None if the protocol has no
-        RCM, or if only the mechanism defines the position of its trocar.
+        If the protocol has an unnamed trocar or an RCM, this position is returned. Otherwise, the position follows from
+        the first phase that names a trocar (position of the trocar) or is an insertion (waypoint at its start). None if
+        the protocol has no RCM, or if only the mechanism defines the position of its trocar.
         """
         if "" in self.trocars or self.rcm is not None:
             return self.trocars.get("", self.rcm)
@@ -130,13 +130,14 @@ class Protocol:
         return None
 
     def places_of(self, trocars: Sequence[str]) -> dict[str, Array]:
-        """Return the positions (3,) in base in m, by name, of the mechanism's trocars that the protocol places.
+        """Return the positions that the protocol assigns to the mechanism's trocars: (3,) in m in base, by name.
 
         Args:
             trocars: names of the mechanism's trocars.
 
         Raises:
-            ProtocolError: a trocar of the protocol is neither in the mechanism nor used by a phase.
+            ProtocolError: a named trocar of the protocol is neither in the mechanism nor used by phases or patient;
+                or the protocol has an unnamed trocar, but the mechanism does not have exactly one trocar.
         """
         held = ", ".join(trocars)
         if "" in self.trocars and len(trocars) != 1:

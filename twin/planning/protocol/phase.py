@@ -100,7 +100,7 @@ class Walk:
         return self._folder / name
 
     def text(self, path: Path, kind: str) -> str:
-        """Return the text of a file, of a kind of `core.foreign.budget`.
+        """Return the text of a file; `kind` is its kind in `core.foreign.budget`, which limits its size.
 
         Raises:
             OSError, UnicodeDecodeError: the file cannot be read.
@@ -155,7 +155,7 @@ class Walk:
 
 
 class PhaseTable(Table):
-    """A table of a phase in the file; a phase type is a subclass with `type: Literal["..."]`."""
+    """Base class of the table of a phase in the file; each phase type has a subclass with `type: Literal["..."]`."""
 
     name: Identifier
 
@@ -167,7 +167,7 @@ class PhaseTable(Table):
 
     @abstractmethod
     def follow(self, walk: Walk) -> None:
-        """Check that the phase can follow the phases before it; set the waypoint at which it ends in `walk`."""
+        """Check that the phase can follow the phases before it, and set in `walk` the waypoint at the phase's end."""
 
     @abstractmethod
     def phase(self, walk: Walk) -> Phase:
@@ -225,7 +225,7 @@ class Begin:
     def pose(self, name: str) -> tuple[Array, Array]:
         """Return angles (3,) in rad and position (3,) in m of a waypoint.
 
-        If the waypoint has joint values and the mechanism determines the path, the present values are returned.
+        If the waypoint has joint values and the mechanism determines the path, the current pose is returned.
 
         Raises:
             ProtocolError: the waypoint has no position.

@@ -17,14 +17,14 @@ _TIP, _TURN = (0.2, 2000.0), (1.0, 720.0)
 """Plausible ranges of tip speed in mm/s and rotation speed in deg/s."""
 
 _RAMP = (2e-3, 30.0)
-"""Plausible range in s of the time from rest to full speed; a tenth of this range applies to full acceleration."""
+"""Plausible range in s of the time from rest to full speed; to full acceleration, a tenth of the minimum suffices."""
 
 _DEPTH = 0.5
 """Insertion depth in mm below which the number looks like metres."""
 
 _NEAR, _FAR = 1.0, 100.0
-"""Distances in mm from the origin: a position nearer than the first is probably in metres if another position is
-farther than the second."""
+"""Distances in mm from the origin. A position nearer than `_NEAR` is probably in metres if another position is farther
+than `_FAR`."""
 
 
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:

@@ -22,7 +22,7 @@ class InsertionTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered, register one, and set the waypoint `to`, if given, as the end."""
+        """Check that no RCM is registered, and register one; if `to` is given, set it as the end of the phase."""
         walk.outside(self.type)
         if self.trocar is None and len(walk.trocars) > 1:
             text = f"[trocars_mm] has {', '.join(walk.trocars)}: name the trocar of this insertion"
@@ -33,14 +33,14 @@ class InsertionTable(PhaseTable):
             walk.go(self.to, "an insertion", "position_mm")
 
     def phase(self, walk: Walk) -> Insertion:
-        """Return the phase in SI; if the table names no trocar and the protocol has only one, that one is used."""
+        """Return the phase in SI units; its trocar is the named trocar, otherwise the only trocar of the protocol."""
         only = walk.trocars[0] if len(walk.trocars) == 1 else ""
         return Insertion(self.name, self.depth_mm * MM, self.to, self.trocar or only)
 
 
 @dataclass(frozen=True)
 class Insertion(Phase):
-    """Move along the shaft by `depth` in m; the start, at the `trocar` if one is named, becomes the RCM."""
+    """Move along the shaft by `depth` in m; the tip's initial position, at the `trocar` if named, becomes the RCM."""
 
     depth: float
     to: str | None = None
@@ -49,5 +49,5 @@ class Insertion(Phase):
     registers: ClassVar[bool] = True
 
     def end_after(self, at: Begin) -> End:
-        """Return the state at the end: the tip moved along the shaft, with the RCM at the start."""
+        """Return the state at the end: the tip has moved along the shaft; the RCM is the tip's initial position."""
         return End(at.angles, at.tip + self.depth * at.shaft, at.tip, self.to, "enforced", self.depth, depth0=0.0)

@@ -78,7 +78,7 @@ class SamplesTable(PhaseTable):
 
 
 def _table(text: str) -> tuple[list[str], Array]:
-    """Return the names of the joint columns, and the numbers (k, 1 + n) of a CSV text, time first.
+    """Return (names (n,) of the joint columns, numbers (k, 1 + n) with the time in column 0) of a CSV text.
 
     Raises:
         ValueError: the text is no table of samples.
