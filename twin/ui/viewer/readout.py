@@ -1,4 +1,4 @@
-"""Write the readings as HTML."""
+"""Format the readings of a robot as HTML."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def angle(radians: float) -> str:
 
 
 def table(reading: Reading, variants: str = "") -> str:
-    """Return the panel with all readings as HTML; values beyond their limits are red."""
+    """Return all readings as an HTML table; values beyond their limits are red."""
     columns = f"{_GRID};grid-template-rows:repeat({(len(reading.coordinates) + 1) // 2},auto)"
     rows = [f"<div style='{columns}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]
     if variants:
@@ -116,7 +116,7 @@ def _line(name: str, text: str, color: str = "") -> str:
 
 
 def _bar(limit: Limit) -> str:
-    """Return the position of a joint between its limits as an HTML bar; red within 2 % of the range from a limit."""
+    """Return an HTML bar with a joint's position between its limits; red if a limit is nearer than 2 % of the range."""
     text = f"{limit.value:.3f} {limit.unit}".replace("-0.000 ", "0.000 ")
     part = limit.part
     if part is None:
