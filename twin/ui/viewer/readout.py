@@ -35,7 +35,7 @@ def angle(radians: float) -> str:
 
 
 def table(reading: Reading, variants: str = "") -> str:
-    """Return all readings as an HTML table; values beyond their limits are red."""
+    """Return the panel with all readings as HTML; values beyond their limits are red."""
     columns = f"{_GRID};grid-template-rows:repeat({(len(reading.coordinates) + 1) // 2},auto)"
     rows = [f"<div style='{columns}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]
     if variants:
