@@ -21,7 +21,7 @@ from websockets.http11 import Response
 from twin.ui.door.limits import BYTES, FRAMES, Bucket, Doorman, household
 
 HEAD_SECONDS = 5.0
-"""Maximum time in s from the connection until the head of the HTTP request is complete."""
+"""Maximum time in s between the start of a connection and the end of the HTTP request's head."""
 
 _HEAD_BYTES, _TARGET_BYTES = 16_384, 2048
 _SLICE = 1024
@@ -34,13 +34,13 @@ _REQUEST = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
 
 
 class Connection(ServerConnection):
-    """A connection with limits; the subclass of a server sets `doorman`, and may set `bytes` and `frames`.
+    """A connection with limits; a server uses a subclass that sets `doorman` and may set `bytes` and `frames`.
 
     Attributes:
         doorman: counter of connections.
         bytes: limit of received bytes: (per second, burst).
         frames: limit of received frames: (per second, burst).
-        household: client's IPv4 address or IPv6 /64 network, by which connections are counted.
+        household: the client's IPv4 address or IPv6 /64 network; connections are counted for each household.
         head_only: whether the request method was HEAD.
     """
 

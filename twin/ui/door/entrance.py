@@ -62,9 +62,9 @@ def visit(gate: Gate, connection: ServerConnection, request: Request) -> Visit |
 
 
 def page(gate: Gate, seen: Visit, files: Mapping[str, File]) -> Response:
-    """Return the response for a file, found by its exact path.
+    """Return the response to a request for the file at an exact path.
 
-    A new client must send the token with its request for "/"; the response then sets a session cookie.
+    A client without a session must send the token with its request for "/"; the response then sets a session cookie.
     """
     cookie = None
     if not seen.known:

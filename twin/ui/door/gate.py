@@ -38,7 +38,7 @@ class Gate:
     def __init__(self, host: str, port: int, secure: bool, announce: Callable[[str], object]) -> None:
         """Set the rules for a server on host and port.
 
-        `secure`: whether the server uses TLS; cookies are then sent only by TLS. `announce` receives each new token.
+        `secure`: whether the server uses TLS; if so, cookies are sent over TLS only. `announce` receives new tokens.
         """
         self.open = not is_local(host)
         self._announce, self._secure = announce, secure
@@ -56,9 +56,9 @@ class Gate:
         self._announce(self.token)
 
     def answers_to(self, host: str | None, own: str) -> bool:
-        """Return whether a Host header contains the name of this server; `own` is the local address of the connection.
+        """Return whether a Host header contains a name of this server or `own`, the connection's local address.
 
-        This check prevents DNS rebinding, by which the host name of another site resolves to this machine.
+        This check prevents DNS rebinding: an attack in which the host name of another site resolves to this machine.
         """
         try:
             name = urlsplit(f"//{host or ''}").hostname
@@ -89,7 +89,7 @@ class Gate:
         return morsel is not None and morsel.value in self._sessions
 
     def enter(self, token: str) -> str | None:
-        """Return a Set-Cookie header for a valid token, and announce the next token; None for an invalid token."""
+        """If a token is valid, announce the next token and return a Set-Cookie header; otherwise return None."""
         if not self.spend(token):
             return None
         session = secrets.token_urlsafe(24)
@@ -100,7 +100,7 @@ class Gate:
         return f"{self._cookie}={session}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
     def spend(self, token: str) -> bool:
-        """Invalidate the token; return whether it was valid."""
+        """Invalidate a token, if it is valid, and announce the next one; return whether it was valid."""
         if not self.token or not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
             return False
         self._renew()

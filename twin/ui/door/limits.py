@@ -12,7 +12,7 @@ CLIENTS, CLIENTS_OF_ONE = 48, 32
 """Maximum number of simultaneous WebSockets: in total, and from one address."""
 
 OPENINGS = (40.0, 160.0)
-"""Limit of new connections from one address: (per second, burst); a page consists of few files."""
+"""Limit of new connections from one address: (per second, burst); a page needs few, because it has few files."""
 
 MESSAGES = (200.0, 400.0)
 """Limit of messages from one client: (per second, burst); dragging sends 60 to 120 messages per second."""
@@ -31,7 +31,7 @@ ADDRESSES = 4096
 
 
 class Bucket:
-    """Token bucket, full at the time `now` in s: capacity of `size` tokens, refilled at `rate` tokens per second."""
+    """Token bucket with a capacity of `size` tokens and `rate` new tokens per second; full at the time `now` in s."""
 
     def __init__(self, rate: float, size: float, now: float) -> None:
         self.rate, self.size, self.level, self.last = rate, size, size, now
@@ -47,7 +47,7 @@ class Bucket:
 
 
 class Doorman:
-    """Counter of connections for each household: an IPv4 address, or an IPv6 /64 network.
+    """Counter of the connections of each household; a household is an IPv4 address or an IPv6 /64 network.
 
     Args:
         clients: maximum number of simultaneous WebSockets in total.
@@ -61,7 +61,7 @@ class Doorman:
         self._openings: OrderedDict[str, Bucket] = OrderedDict()
 
     def admit(self, address: str, now: float) -> bool:
-        """Return whether a household may open a connection at the time `now` in s; count an allowed connection."""
+        """Return whether a household may open a connection at the time `now` in s; if so, count the connection."""
         bucket = self._openings.pop(address, None) or Bucket(*OPENINGS, now)
         self._openings[address] = bucket
         while len(self._openings) > ADDRESSES:
@@ -76,7 +76,7 @@ class Doorman:
         _give_back(self._sockets, address)
 
     def join(self, address: str) -> bool:
-        """Return whether a household may open a WebSocket; count an allowed WebSocket."""
+        """Return whether a household may open a WebSocket; if so, count the WebSocket."""
         if not _room(self._clients, address, self._most, self._of_one):
             return False
         self._clients[address] = self._clients.get(address, 0) + 1

@@ -1,8 +1,8 @@
-"""Receive the motion scale of a console from an MQTT broker, to which a tablet can send it, and publish the scale.
+"""Receive the motion scale of a console over MQTT, for example from a tablet, and publish the current scale.
 
 A message to `<topic>/set` contains the new scale as decimal text, such as 0.25. This client publishes the current
 scale to `<topic>`, and `online` to `<topic>/available` while it is connected; both messages are retained. The console
-of the SILS paper receives its scale from a tablet by MQTT; the paper prints neither the topic nor the format.
+of the SILS paper receives its scale from a tablet over MQTT; the paper states neither the topic nor the format.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
 """Socket option to send small messages at once; without it, TCP can delay a message by 40 ms."""
 
 _QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
-"""Minimum time in s since the last invalid payload; an invalid payload that follows sooner is not reported. Maximum
-number of bytes of a payload in a report. Maximum number of characters of a topic."""
+"""Minimum time in s between two invalid payloads for the second to be reported; maximum number of bytes of a payload in
+a report; maximum number of characters of a topic."""
 
 
 class ScaleTopic:

@@ -1,4 +1,4 @@
-"""UDP socket for programs of haptic pens and other input devices: it receives packets and sends forces."""
+"""UDP socket for the programs of haptic pens and other input devices; it receives hand states and sends forces."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from twin.simulation.devices.packets import HAND, Packets
 from twin.ui.door.reports import Reports
 
 _MOST = 256
-"""Maximum number of packets read at a time, so that too many packets do not delay the ticks."""
+"""Maximum number of waiting packets; a flood of packets then does not delay the ticks."""
 
 _QUIET = 5.0
-"""Minimum time in s since the last problem of the same kind; a problem that follows sooner is not reported."""
+"""Minimum time in s between two problems of the same kind for the second to be reported."""
 
 Address = tuple[str, int]
 
@@ -26,16 +26,16 @@ Address = tuple[str, int]
 class PacketDoor:
     """A UDP socket whose packets move the hands of the device `Packets`.
 
-    The caller of `World.step` must call `pump` before each group of ticks. A hand is controlled by the address that
-    first sent a packet for this hand; the control ends when this address is silent for longer than
-    `device.patience` s. By default, only programs on this machine can send packets.
+    The caller of `World.step` must call `pump` before each group of ticks. The address that first sends a packet for a
+    hand controls this hand; the control ends when the address is silent for longer than `device.patience` s. By
+    default, only programs on this machine can send packets.
 
     Attributes:
         port: port on which the socket listens.
-        holder: name of another device that controls the hands; all packets are refused while it is set. None: no
-            other device.
-        refused: number of well-formed packets that were refused, because another address or device controls the hand,
-            or because the camera pedal was pressed in the first packet.
+        holder: name of another device that controls the hands; None: no other device. While a name is set, all packets
+            are refused.
+        refused: number of well-formed packets that were refused because another address or device controls the hand,
+            or because the camera pedal was pressed in a hand's first packet.
         reports: reporter of refused and malformed packets.
     """
 
@@ -63,9 +63,9 @@ class PacketDoor:
         self.port: int = self._socket.getsockname()[1]
 
     def pump(self, t: float, parts: int = 1) -> int:
-        """Pass received packets to the device before the tick at time t in s; return how many it accepted.
+        """Pass received packets to the device before the tick at time t in s; return the number of accepted packets.
 
-        The ticks of a frame may be computed in several groups; `parts` is the number of groups that remain, this one
+        The ticks of a frame may be computed in several groups; `parts` is the number of remaining groups, this one
         included. Each call passes 1 / `parts` of the waiting packets, so that the hands move in every group.
         """
         while len(self._waiting) < _MOST:

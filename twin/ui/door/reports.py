@@ -1,4 +1,4 @@
-"""Report each problem of a connection once while it lasts, so that many faulty messages do not fill the log."""
+"""Report each lasting problem of a connection only once, so that many faulty messages do not fill the log."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class Reports:
     """Reporter of problems; it skips a problem that follows within `quiet` s after a problem of the same kind.
 
     Attributes:
-        quiet: minimum time in s since the last problem of the same kind, reported or skipped.
+        quiet: minimum time in s between a reported problem and the problem of the same kind before it.
         tell: function that receives the text of each reported problem.
     """
 

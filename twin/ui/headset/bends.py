@@ -39,11 +39,10 @@ class Bends:
         return self.feed.touching if isinstance(self.feed, Follower) and not self._broken else {}
 
     def follow(self, links: Callable[[], Mapping[str, Mapping[str, Array]]], passed: float, t: float) -> None:
-        """Update the deformables that follow the links to the present poses of the links.
+        """Deform the deformables that follow links, according to the present link poses.
 
         Args:
-            links: function that returns the pose T_world_link (4, 4) of at least the links in `needs`, by robot and
-                link.
+            links: function that returns poses T_world_link (4, 4), by robot and link, at least of the links in `needs`.
             passed: time in s since the last call.
             t: time in s of the scene.
         """

@@ -17,7 +17,7 @@ STALL = 10.0
 """Time in s after which a client that receives no data is disconnected."""
 
 _NEWEST = ("state", "target")
-"""Kinds of documents of which a client receives only the newest, if several are queued."""
+"""Kinds of documents of which at most one, the newest, is queued for a client."""
 
 WAITING = 64
 """Maximum number of queued documents for one client; a client with more is disconnected."""
@@ -59,7 +59,7 @@ class Client:
         heard: time in s of the client's last message.
         documents: queued documents: (kind, text).
         behind: whether the newest frame has not been sent to the client yet.
-        stalled: time in s from which on the connection has accepted no data; None if it accepts data.
+        stalled: time in s since which the connection has accepted no data; None if the connection accepts data.
         told_rate: time in s at which the client was last told that it sends too many messages.
     """
 

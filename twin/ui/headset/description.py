@@ -96,7 +96,7 @@ def _title(robot: Robot, protocol: str) -> str:
 
 
 def _variants(desk: Desk) -> list[str]:
-    """Return the values that the message `variant` accepts: name and "equation=name" of each unused variant."""
+    """Return the values that the message `variant` accepts: "name" and "equation=name" for each variant not in use."""
     if desk.kin is None:
         return []
     own = desk.kin.variants
@@ -105,9 +105,9 @@ def _variants(desk: Desk) -> list[str]:
 
 
 def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[str, Patient]:
-    """Return the patient of each protocol, by protocol name; unreadable protocols are omitted.
+    """Return the patients by protocol name; invalid protocols and protocols without a patient are omitted.
 
-    `protocols` contains arguments of `Robot.protocol` by protocol name. Protocols without a patient are omitted.
+    `protocols` contains the argument of `Robot.protocol` for each protocol, by protocol name.
     """
     floor = floor_of(desk.mechanism, desk.assembly.link_poses)
     out = {}
@@ -119,7 +119,7 @@ def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[
 
 
 def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> dict[str, Any]:
-    """Return the height of the floor in m, and by protocol the patient with table, or why there is none."""
+    """Return the height of the floor in m and, for each protocol, its patient or why there is no patient."""
     none = {}
     for name, source in protocols.items():
         with contextlib.suppress(TwinError):

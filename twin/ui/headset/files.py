@@ -37,7 +37,7 @@ def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
     """Return all files in the folder of the page, by path; index.html is also at "/".
 
     Args:
-        folder: folder of the page; if it is missing or empty, so is the result.
+        folder: folder of the page; if it is missing or empty, the result is empty.
         preload: paths of files that a browser loads in parallel with the script of index.html.
     """
     out = {}

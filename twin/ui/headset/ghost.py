@@ -16,7 +16,7 @@ _CHUNK = 8
 """Number of samples that one job of the worker solves."""
 
 _PATIENCE = 10
-"""Pause after a sample that has no solution, as a multiple of the time for this sample, as drags have priority."""
+"""Pause after a pose without a solution, as a multiple of the time spent on this pose; drags have priority."""
 
 
 class Ghost:
@@ -39,7 +39,7 @@ class Ghost:
         self._next = 0.0
 
     def forget(self, name: str | None) -> None:
-        """Hide the ghost and store the name of the next variant; the ghost is shown again after `choose`."""
+        """Hide the ghost until the next call of `choose`, and store `name` as the name of the variant."""
         self.name, self._track, self._kin = name, None, None
 
     def choose(self, name: str | None) -> str:
@@ -56,7 +56,7 @@ class Ghost:
         return ""
 
     def follow(self, playback: Playback) -> None:
-        """Compute the ghost at the samples of a protocol; the trocars of the desk must be those of this protocol."""
+        """Set the protocol at whose samples `more` computes the ghost; the desk must have this protocol's trocars."""
         self._playback = playback
         if self._chosen is not None:
             self.choose(self._chosen)
@@ -75,8 +75,8 @@ class Ghost:
     def more(self) -> bool:
         """Process the next samples of the protocol; return False if all samples were already processed.
 
-        A sample without a solution takes a hundred times as long as a sample with a solution. Therefore, samples are
-        skipped after a failure; their number increases with each further failure.
+        A sample without a solution takes a hundred times as long as a sample with a solution. Therefore, after a
+        failure some samples are skipped; each further failure in succession increases the number of skipped samples.
         """
         track, playback, kin = self._track, self._playback, self._kin
         if track is None or playback is None or kin is None or self._solved >= len(track):

@@ -21,7 +21,7 @@ class Hold:
         client: identifier of the client.
         target: "tool", "joint" or "link".
         joint: index of the grabbed joint in the active joints; -1 if the target is not a joint.
-        body: name in the message: the grabbed link or joint; "" for the tool.
+        body: name of the grabbed link or joint, as in the message; "" for the tool.
         point: grabbed point (3,) in m in the frame of the link; () if the target is not a link.
     """
 

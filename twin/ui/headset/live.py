@@ -155,9 +155,9 @@ class Live:
         return None
 
     def _of(self, client: str, message: wire.OfRobot) -> Twin:
-        """Return the robot for a request.
+        """Return the robot to which a request applies.
 
-        If the request does not name a robot, this is the only robot or, for a drag, the only robot held by the client.
+        A request without a robot's name applies to the only robot, a drag to the only robot that the client holds.
         """
         if message.robot is not None:
             if message.robot not in self.twins:

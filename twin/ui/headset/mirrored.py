@@ -81,7 +81,7 @@ class Mirrored:
         return pack_scene(self._seq - 1, server_time, 0.0, 0, parts, ())
 
     def state(self) -> dict[str, Any]:
-        """Return the document `state`: run level of the machine and, if the robot does not follow it, the reason."""
+        """Return the document `state`: run level of the machine, and the reason if the robot does not follow."""
         m = self.mirror
         one = {"level": m.level, "phase": "follow", "why": None, "problem": m.problem or None}
         return wire.still(self._posed.bodies) | {"machines": {"view": "real", "mode": "", "robots": {m.name: one}}}

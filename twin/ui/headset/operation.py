@@ -38,7 +38,7 @@ from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import HEARTBEAT, RATE
 
 REPORT = "/report-{}.html"
-"""URL path of the report of an attempt at a task, by the number of the attempt."""
+"""URL path of the report of an attempt at a task; {} is the number of the attempt."""
 
 _PAPER = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 """Content-Security-Policy of a report, which has no scripts and contains its styles and pictures."""
@@ -51,10 +51,10 @@ class Operation(LiveConsole):
     """Source of a stream: the robots of a scene, controlled by its console.
 
     Attributes:
-        device: the input device, which receives the hands of a client, or of UDP packets.
-        owner: identifier of the client whose hands control the robots; `UDP`: packets; None: no owner.
-        packets: receiver of the hands' UDP packets; None before `listen`.
-        tablet: topic by which the motion scale is set over MQTT; None before `connect`.
+        device: the input device, which receives the hand states of a client or of UDP packets.
+        owner: identifier of the client whose hands control the robots; `UDP` if UDP packets do; None: no owner.
+        packets: receiver of UDP packets with hand states; None before `listen`.
+        tablet: MQTT topic by which the motion scale is set; None before `connect`.
         send: function that sends a document to all clients.
         files: reports of finished attempts, by path.
     """
@@ -68,7 +68,8 @@ class Operation(LiveConsole):
         """Create the World with the robots at the places of the scene.
 
         Raises:
-            TwinError: the scene has no console, the console does not match its robots, or the task its props.
+            TwinError: the scene has no console, its robots do not match the console, or its props do not match the
+                task.
             OutputError: the session cannot be written.
         """
         self.packets: PacketHands | None = None
@@ -198,7 +199,7 @@ class Operation(LiveConsole):
         return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, self._bends.packed)
 
     def _send_forces(self) -> None:
-        """Send the forces to all clients while they are not zero, and once when they end."""
+        """Send the forces on the hands to all clients while a force is not zero, and once after that."""
         forces = {hand: [round(float(x), 3) + 0.0 for x in force] for hand, force in self.forces().items()}
         if forces != self._forces:
             self._forces = forces
@@ -245,7 +246,7 @@ class Operation(LiveConsole):
         self._posed.look({**links, wire.OBJECTS: {item.name: links[item.name][item.name] for item in self.objects}})
 
     def _publish(self) -> None:
-        """Offer the newest report as a file."""
+        """Add the newest report to `files`."""
         if (made := self.report()) is not None and made[1] is not None and REPORT.format(made[0]) not in self.files:
             self.files[REPORT.format(made[0])] = File(made[1], "text/html; charset=utf-8", policy=_PAPER)
 

@@ -1,4 +1,4 @@
-"""Hands that are moved by UDP packets, as one device of the running console; forces are sent back."""
+"""Hands that are moved by UDP packets instead of a client of the running console; forces are sent back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.simulation.world import Signals
 from twin.ui.door.packets import PacketDoor
 
 UDP = "udp"
-"""Identifier of the packets as owner of the hands; clients of the stream have the identifiers c1, c2, ..."""
+"""Identifier of the owner of the hands if UDP packets move them; the identifiers of clients are c1, c2, ..."""
 
 _GONE = 5.0
 """Time in s without a packet after which the packets no longer own the hands."""

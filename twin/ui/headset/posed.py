@@ -15,11 +15,11 @@ class Posed:
     """Link poses of several robots.
 
     Attributes:
-        bodies: names of each robot's links, in the order of the frames; by robot.
+        bodies: names of the links of each robot, by robot; in the order of the links in a frame.
     """
 
     def __init__(self, bodies: Mapping[str, Sequence[str]], bases: Mapping[str, Array]) -> None:
-        """Prepare for robots with the base poses T_world_base (4, 4)."""
+        """Set the links and the base poses T_world_base (4, 4) of the robots, both by robot."""
         self.bodies = {n: tuple(names) for n, names in bodies.items()}
         self._T_base_world = {n: spatial.inverse(bases[n]) for n in bodies}
         self._sevens: dict[str, Array] = {}
@@ -37,9 +37,9 @@ class Posed:
             self._sevens[name] = wire.near_signs(poses, self._sevens.get(name))
 
     def pack(self, name: str, seq: int, server_time: float, q: Array) -> bytes:
-        """Return the part of a scene's frame for the robot `name`, with number `seq` and active joints q (n,).
+        """Return the part of a scene's frame for the robot `name` with the active joint values q (n,).
 
-        `server_time` is the time of the poses in s on the monotonic clock.
+        `seq` is the number of the frame, `server_time` the time of the poses in s on the monotonic clock.
         """
         poses = self._sevens[name]
         return wire.pack(seq, server_time, 0.0, 0, wire.pack_body(poses, q, None), len(poses), len(q))

@@ -94,7 +94,7 @@ def pack_body(poses: np.ndarray, q: np.ndarray, ghost: np.ndarray | None) -> byt
 
 
 def size_of(data: bytes) -> int:
-    """Return the length in bytes of the frame at the start of the data, from its header.
+    """Return the length in bytes, according to its header, of the frame at the start of the data.
 
     Raises:
         TwinError: the data do not begin with a frame.
@@ -137,9 +137,9 @@ def pose_of(seven: Any) -> Array:
 
 
 def near_signs(sevens: Array, last: Array | None) -> Array:
-    """Return poses (n, 7) in which each quaternion has the sign that is nearer to the previous poses `last` (n, 7).
+    """Return poses (n, 7) with the sign of each quaternion chosen nearest to the same pose in `last` (n, 7).
 
-    If `last` is None or has a different number of poses, the poses are unchanged.
+    `last` are the previous poses. If `last` is None or has a different number of poses, no sign changes.
     """
     if last is None or len(last) != len(sevens):
         return sevens
@@ -176,7 +176,7 @@ class _Message(BaseModel):
 
 
 class _OfRobot(_Message):
-    """A message for one robot of a scene; the robot's name may be omitted if it is unambiguous."""
+    """A message for one robot of a scene; the robot's name may be omitted if only one robot is possible."""
 
     robot: _Name | None = None
 
@@ -335,7 +335,7 @@ class Haptics(_Message):
 
 
 class Fulcrum(_Message):
-    """Choose which end of the instruments the hands move: "compensated" the tip, "direct" the outer end."""
+    """Choose which end of the instruments the hands move: the tip ("compensated") or the outer end ("direct")."""
 
     type: Literal["fulcrum"]
     mode: Literal["compensated", "direct"]
@@ -372,7 +372,7 @@ class Tool(_Message):
 
 
 class Ping(_Message):
-    """Request a `pong` with the same t and the server's time; a grab is not released while a client sends pings."""
+    """Request a `pong` with the same t and the server's time; while a client sends pings, its grab is not released."""
 
     type: Literal["ping"]
     t: Annotated[float, Field(ge=-1e15, le=1e15)]

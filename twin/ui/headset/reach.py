@@ -38,7 +38,7 @@ class Reach:
         self._cloud.close()
 
     def ask(self, on: bool) -> None:
-        """Start the computation, or stop it and clear the points.
+        """Start the computation (`on` is True), or stop it and clear the points.
 
         Raises:
             RefusedError: the robot has no closed-form inverse.

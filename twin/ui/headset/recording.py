@@ -42,8 +42,8 @@ class Recording:
 
     Attributes:
         running: whether a recording is in progress.
-        path: file of the present recording or, between two recordings, of the next; the name of the second file of a
-            server ends with -2.
+        path: file of the present recording or, between two recordings, of the next recording. The name of a server's
+            second file ends with -2.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Recording:
         joints: tuple[str, ...],
         version: int = wire.ALONE,
     ) -> None:
-        """Begin the first recording; in version `wire.VERSION`, `robot` and `links` belong to the scene."""
+        """Begin the first recording; in version `wire.VERSION`, `robot` is the scene and `links` are its links."""
         self.path, self._stem, self._saved, self._written = Path(path), Path(path).stem, 0, 0
         self._version = version
         self._of = {"robot": robot, "model_hash": model_hash, "links": list(links), "joints": list(joints)}
@@ -199,7 +199,7 @@ class Replay:
         self._others: dict[tuple[str, str], dict[str, Any]] = {}
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
-        """Return the frame of the next recorded tick, with its recorded time; None if this tick has no frame."""
+        """Return the frame of the next recorded tick, with its recorded time; None without a frame, or in a pause."""
         if self._at >= self.last:
             self._running = False
         if not self._running:
@@ -209,7 +209,7 @@ class Replay:
         return self._frames.get(self._at)
 
     def _play(self, tick: int) -> None:
-        """Store the documents of a recorded tick."""
+        """Store the documents of a recorded tick as the last played documents."""
         for document in self._documents.get(tick, ()):
             if document.get("type") == "state":
                 self._state = document

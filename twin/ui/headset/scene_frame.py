@@ -1,8 +1,7 @@
 """Frame of a scene: the frames of its robots, followed by the vertices of its deformables (fields).
 
-The part of a robot is a complete frame of `protocol`, as for a single robot, so that the code of clients for one robot
-can be reused. Vertices are stored as 16-bit fractions of the field's bounding box; the resolution is 16 µm for a box of
-1 m.
+For each robot, it contains a complete frame of the module `protocol`, so that clients can reuse their code for a single
+robot. Vertices are stored as 16-bit fractions of the field's bounding box; the resolution is 16 µm for a box of 1 m.
 """
 
 from __future__ import annotations
@@ -39,7 +38,8 @@ class SceneFrame:
         time: time of the scene's clock in s.
         flags: `wire.PLAYING`, and `wire.HELD` if a client holds a robot.
         robots: frames of the robots, in the order of the scene.
-        fields: vertices (n, 3) float32 in m in the world frame, in the order of the scene; n = 0: unknown at this time.
+        fields: vertices (n, 3) of each field, float32, in m in the world frame, in the order of the scene; n = 0 if
+            the vertices are unknown at this time.
     """
 
     seq: int

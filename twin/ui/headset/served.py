@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from twin.ui.session.mirror import Mirror
 
 _ROBOTS = "robots/{}/"
-"""URL path of the folder with the files of a robot in a scene, by the name of its place."""
+"""URL path of the folder with the files of a robot in a scene; {} is the name of the robot's place."""
 
 _PROPS, _OBJECTS = "props.glb", "objects.glb"
 
@@ -112,14 +112,14 @@ def of_console(
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
     Args:
-        loaded: the scene; the models of its machines are shown beside them.
+        loaded: the scene; the models of its machines are shown beside the machines.
         exercise: task, condition, session file and report.
         packets: host and port at which poses of the hands are received by UDP; None: no UDP.
         mqtt: address of the MQTT broker for the motion scale; None: no broker.
         topic: topic of the motion scale; None: twin/<scene>/scale.
 
     Raises:
-        TwinError: the scene has no console, the console does not match its robots, or the port of packets is in use.
+        TwinError: the scene has no console, its robots do not match the console, or the port for packets is in use.
         OutputError: the session cannot be written.
     """
     # It imports MuJoCo and the simulation, which a single robot does not need.
@@ -228,7 +228,7 @@ def _field(name: str, surface: Surface) -> dict[str, Any]:
 
 
 def _ports(place: Place) -> list[dict[str, Any]]:
-    """Return the patient's ports for a robot, in the frame of its base."""
+    """Return the ports in the patient that a robot uses, with positions in the robot's base frame."""
     T = spatial.inverse(place.T_world_base)
     return [
         {"trocar": trocar, "name": place.ports[trocar], "at": numbers((T @ np.append(p, 1.0))[:3])}

@@ -85,7 +85,7 @@ class StreamServer:
         self.port = int(next(iter(self._server.sockets)).getsockname()[1])
 
     async def run(self) -> None:
-        """Send a frame at each tick until `stopping` is set; after a delay, at most one missed tick is made up for."""
+        """Send a frame at each tick until `stopping` is set; a single missed tick is made up for (see `_due`)."""
         begin = self._begin = time.monotonic()
         ends = asyncio.ensure_future(self.stopping.wait())
         try:
@@ -117,9 +117,10 @@ class StreamServer:
     # -- the stream -----------------------------------------------------------------------------------
 
     def _due(self, now: int) -> int:
-        """Return the tick to send at tick `now`: the tick before it if only this tick was missed, else `now`.
+        """Return the tick to send at tick `now`: tick `now` - 1 if this is the only missed tick, otherwise `now`.
 
-        A tick is not made up for directly after another one: on a slow machine, all frames would then be late.
+        Directly after a tick that was made up for, a missed tick is skipped; otherwise, all frames would be late on a
+        slow machine.
         """
         made_up = now - self._tick == 2 and self._at <= now - 1 and not self._made_up
         self._made_up = made_up
@@ -153,8 +154,9 @@ class StreamServer:
     def _respond(self, now: float) -> None:
         """Send the effect of a message `hands` as soon as `GAP` allows, instead of at the next tick.
 
-        The pause before a frame is as long as the computation of the last frame, but at most a tick. Without the pause,
-        messages on a slow machine would wait for more and more frames: the delay would grow without limit.
+        The pause before a frame is as long as the computation of the last frame, at least `GAP` and at most a tick.
+        Without the pause, messages on a slow machine would wait for more and more frames, and the delay would grow
+        without limit.
         """
         self._response = None
         if (wait := self._pause - (now - self._framed)) > 0:

@@ -84,10 +84,10 @@ def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> floa
 
 
 def measured(reading: Reading | None, ghost: float | None) -> dict[str, Any]:
-    """Return the readings for the document `state`; `ghost` is the distance in m between ghost and tool, or None.
+    """Return the readings for the document `state`; `ghost`: distance in m between ghost and tool, None: no ghost.
 
-    The residual is the largest difference between equations and mechanism (a length or an angle) or, with a ghost, the
-    distance between ghost and tool.
+    With a ghost, the residual is this distance; without a ghost, it is the largest difference (a length or an angle)
+    between equations and mechanism.
     """
     residual = None if reading is None or ghost is not None else reading.residual
     length = ghost if residual is None or residual.is_angle else residual.size

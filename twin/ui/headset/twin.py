@@ -42,7 +42,7 @@ class Twin:
 
     Attributes:
         desk: state of the robot while it does not play; only jobs of the worker thread change it.
-        clock: clock of the protocol, which all robots of a scene share.
+        clock: clock of the playback; all robots of a scene share this clock.
         patients: patients by protocol name.
         send: function that sends a document to all clients.
         planned: function called when a protocol has been planned.
@@ -65,7 +65,8 @@ class Twin:
             protocol: the initial protocol; None: the robot's default protocol.
             plans: whether the robot plans and plays protocols.
             clock: clock of the playback; None: a new clock.
-            place: place in a scene, whose surroundings are shown; None: the only robot, shown with its own patient.
+            place: the robot's place in a scene, which has its own surroundings; None: no scene, the patients of the
+                robot's protocols can be shown.
         """
         self.robot, self.source, self.place = robot, source, place
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
@@ -105,7 +106,7 @@ class Twin:
     # -- time -----------------------------------------------------------------------------------------
 
     def poll(self, tick: float) -> None:
-        """Apply results of processes and requests of clients that have arrived since the last tick."""
+        """Apply a finished plan and a waiting request for a move at the start of a tick."""
         self._tick = tick
         if self._planner is not None and self._planner.done:
             self._take_plan()
@@ -284,7 +285,7 @@ class Twin:
     # -- jobs and their results -----------------------------------------------------------------------
 
     def _move(self, move: Callable[[], Moved]) -> None:
-        """Move the desk as the newest request states, at most once per tick, and display the result."""
+        """Execute the newest request for a move of the desk, at most one per tick, and display the result."""
         if self._moved == self._tick:  # only one solution is displayed per tick
             self._wish = move
             return
@@ -312,7 +313,7 @@ class Twin:
         return Shown(poses, assembly.q, ghost, reason)
 
     def _show(self, shown: Shown) -> None:
-        """Display a sample, with signs of quaternions continuous with the previous sample."""
+        """Display a state, with each quaternion's sign chosen for continuity with the previously displayed state."""
         last = getattr(self, "_shown", shown)
         ghost = shown.ghost
         if ghost is not None and last.ghost is not None:
@@ -320,7 +321,7 @@ class Twin:
         self._shown = Shown(wire.near_signs(shown.poses, last.poses), shown.q, ghost, shown.reason)
 
     def _again(self) -> None:
-        """Display the present sample again with a changed ghost."""
+        """Display the present state again, because the ghost has changed."""
         if self._sample is not None:
             self.stand()
         else:

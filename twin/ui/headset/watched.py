@@ -24,7 +24,7 @@ _AGAIN, _PATIENCE = 1.0, 10.0
 
 
 class Watched:
-    """The stream of a running server, read by a thread. After a break, the server must show the same as before.
+    """The stream of a running server, read by a thread. After a reconnection, the server must show the same data.
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.
@@ -57,8 +57,8 @@ class Watched:
     def take(self) -> tuple[dict[str, dict[str, Array]], dict[str, Array]] | None:
         """Return (link poses, vertices) of the newest frame; None if no frame has arrived since the last call.
 
-        Poses are T_base_link (4, 4), by robot and link; those of movable objects, under "objects", are in the World.
-        Vertices are (n, 3) in m in the World, by deformable.
+        Link poses are T_base_link (4, 4), by robot and link; the entry "objects" has the poses T_world_object (4, 4) of
+        the movable objects. Vertices are (n, 3) in m in the world frame, by deformable.
         """
         data, self._frame = self._frame, None
         if data is None:
@@ -76,7 +76,7 @@ class Watched:
         """Return the document scene.json of the server.
 
         Raises:
-            TwinError: no server answers, or it serves something else.
+            TwinError: no server answers, or the server shows a different scene.
         """
         port, scene = self._port, self._scene
         try:

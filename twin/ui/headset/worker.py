@@ -12,8 +12,8 @@ from typing import Any
 class Worker:
     """Worker thread with a queue of jobs; a new job replaces a waiting job of the same kind, so that delays are short.
 
-    All methods must be called in the event loop. When a job ends, the function `done` given with the job is called in
-    the event loop with the job's result.
+    All methods must be called in the event loop. When a job ends, its function `done` is called in the event loop with
+    the job's result.
     """
 
     def __init__(self, broken: Callable[[Exception], object]) -> None:

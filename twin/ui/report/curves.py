@@ -14,11 +14,11 @@ POINTS = 2000
 
 
 def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
-    """Return at most `points` samples (t, y) of a curve, so chosen that its plot looks the same.
+    """Return at most `points` samples (t, y) of a curve, chosen so that the plot of the curve looks the same.
 
-    The samples are divided into equally long intervals, of which the minimum, the maximum and the first gap (NaN) are
-    kept; so are the first and the last sample of the curve. t (k,) are increasing times; y (k,) is NaN where the curve
-    has a gap. `points` is at least 16.
+    The samples are divided into equally long intervals. The minimum, the maximum and the first gap (NaN) of each
+    interval are kept, and the first and the last sample of the curve. t (k,) are increasing times; y (k,) is NaN where
+    the curve has a gap. `points` is at least 16.
     """
     k = len(y)
     if k <= points:
@@ -40,9 +40,9 @@ def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
 
 
 def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | None:
-    """Return (t, values) of the series `key`, with times from the series `times`.
+    """Return (t, values): the series `times` and the series `key`.
 
-    None if a series is missing, has fewer than two samples or no finite value, or if the lengths differ.
+    None if one of the series is missing or has fewer than two samples, if no value is finite, or if the lengths differ.
     """
     t, y = report.series.get(times), report.series.get(key)
     if t is None or y is None:
@@ -63,7 +63,7 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
-    """Return the residuals of a quantity, in this unit and for this pair of models ("A-B"); "": any unit or pair."""
+    """Return the residuals of a quantity in a unit ("": any unit) and for a pair of models such as "A-B" ("": any)."""
     return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
 
 

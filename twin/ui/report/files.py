@@ -55,11 +55,11 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
 
 _PICTURES = ("console", "hazards", "operate", "procedure", "scene", "session", "stroke", "study", "sweep", "tolerance")
 _PICTURES += ("track", "trends", "workspace")
-"""Kinds of results with a picture; the module with the same name draws it with `figure(result)`."""
+"""Kinds of results with a picture; the picture is drawn by `figure(result)` of the module with the kind's name."""
 
 
 def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
-    """Write a result into a folder: <name>.json, <name>.html, for some kinds <name>.png, and the result's data files.
+    """Write a result into a folder: <name>.json, <name>.html, the result's data files, and for some kinds <name>.png.
 
     `name` is the file name without suffix; "": the kind of the result. For an atomic write, use
     `twin.core.assets.atomic_folder`.

@@ -23,9 +23,10 @@ _MANY = 300
 
 
 def figure(found: Hazards) -> Figure:
-    """Return a figure of peak deviations (a row of points for each class of faults), ROC curves and reaction times.
+    """Return a figure of peak deviations (one row for each class of faults), ROC curves and reaction times.
 
-    A point is a session; the ROC curves show the detection of dangerous sessions; the reaction times are the trainee's.
+    Each point of a row is a session. The ROC curves show the detection of dangerous sessions. The reaction times are
+    those of the trainee.
     """
     with styled():
         n = len(found.by_class)
@@ -105,7 +106,7 @@ def _times(ax: Axes, found: Hazards) -> None:
 
 
 def _logarithmic(ax: Axes) -> None:
-    """Make the x axis logarithmic, with plain numbers."""
+    """Make the x axis logarithmic, with decimal numbers as tick labels."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     ax.set_xscale("log")

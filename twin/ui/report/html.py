@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 VERDICTS = {"agree": "Equations (A), CAD (B) and USD (C) agree", "disagree": "", "unchecked": "Could not check"}
-"""Headline of the report for each verdict; for a disagreement, `word` returns the headline."""
+"""Headline of the report for each verdict; "": `word` computes the headline."""
 
 CAPTIONS = {
     "residual_matrix": "Worst residual of every compared quantity over all samples. Read a row from left to right: the "
@@ -111,9 +111,9 @@ def reason(report: Report) -> str:
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
-    """Return the key numbers of the report, each as label, value, note and state ("good", "near", "bad" or "none").
+    """Return the key numbers of the report, each with the entries label, value, note, state and optionally link.
 
-    If the models disagree, the first number is that of the first cause.
+    The state is "good", "near", "bad" or "none". If the models disagree, the first number belongs to the first cause.
     """
 
     def worst(name: str, rows: list[Residual]) -> dict[str, str]:
@@ -171,7 +171,7 @@ def _sentence(finding: Finding) -> str:
 
 
 def _headline_figure(report: Report) -> list[dict[str, str]]:
-    """Return the value of the first cause, which `reason` also states; [] if there is none."""
+    """Return the key number of the first cause, which `reason` also states; [] without a cause or its value."""
     if report.verdict != "disagree" or report.causes[0].head.size is None:
         return []
     cause = report.causes[0]
@@ -182,7 +182,7 @@ def _headline_figure(report: Report) -> list[dict[str, str]]:
 
 
 def _rcm_figure(report: Report) -> dict[str, str]:
-    """Return the RCM error of the mechanism, else of the planned motion, and the maximum allowed by the protocol."""
+    """Return the RCM error and its limit from the protocol; error of the mechanism or, if unknown, of the plan."""
     rows, planned = curves.rows(report, "rcm", "m"), curves.pair(report, "rcm_error")
     if not rows and planned is None:
         return {"label": "RCM error", "value": fmt.NONE, "note": "no RCM registered", "state": "none"}
@@ -225,7 +225,7 @@ def _counts(report: Report) -> list[str]:
 
 
 def _groups(report: Report) -> list[dict[str, Any]]:
-    """Return the residuals by pair of models, failing residuals first, each followed by its consequences."""
+    """Return the residuals grouped by pair of models; failing ones first, consequences directly after their cause."""
     out = []
     for pair in pair_names(report):
         rows = [r for r in report.residuals if r.pair == pair]
@@ -255,7 +255,7 @@ def _aliases(row: Residual) -> set[str]:
 
 
 def _parameters(report: Report) -> list[tuple[str, list[Parameter]]]:
-    """Return (title, parameters) of two groups: equations and motion, and CAD; assumed parameters are first."""
+    """Return (title, parameters) of two groups, equations with motion and CAD, each with assumed parameters first."""
     ordered = sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance))
     drawn = [p for p in ordered if p.name.startswith("drawing.")]
     return [
@@ -273,9 +273,10 @@ def _when(row: Residual) -> str:
 
 
 def _bar(f: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
-    """Return the positions of a finding's size and limit on a linear bar from 0 to 100; None without size or limit.
+    """Return the positions, 0 to 100, of a finding's size and limit on a linear bar; None without size or limit.
 
-    The end of the bar is the largest size of the findings `beside` in the same unit or, if larger, twice the limit.
+    The bar ends at the largest of these values: the size, twice the limit, and the sizes of the findings `beside` in
+    the same unit.
     """
     if f.size is None or not f.limit or not math.isfinite(f.size):
         return None

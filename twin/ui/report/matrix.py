@@ -117,7 +117,7 @@ def residual_matrix(report: Report) -> Figure | None:
 
 
 def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
-    """Return at most `_MOST_ROWS` row names, in their order, without the rows furthest below their tolerance."""
+    """Return the names of at most `_MOST_ROWS` rows in unchanged order; omit those furthest below the tolerance."""
     if len(table) <= _MOST_ROWS:
         return list(table)
 

@@ -37,7 +37,10 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
 
 
 def headed(parts: Sequence[str | Table]) -> Iterator[tuple[Literal["heading", "text", "table"], str | Table]]:
-    """Yield the parts with their kinds; a last line directly above a table is its heading if it is not indented."""
+    """Yield (kind, part) for each part; the last line of a text is the heading of a table directly below it.
+
+    A line that is indented, or that belongs to a paragraph, is not a heading.
+    """
     for part, after in zip(parts, [*parts[1:], None], strict=True):
         if isinstance(part, Table):
             yield "table", part
@@ -53,7 +56,7 @@ def headed(parts: Sequence[str | Table]) -> Iterator[tuple[Literal["heading", "t
 
 
 def merged(parts: Iterable[Part]) -> Iterator[str | Table]:
-    """Yield the parts of a text without the findings: each table, and all lines between two tables as one block."""
+    """Yield each table, and the lines between two tables as one block of text; findings are omitted."""
     block: list[str] = []
     for part in parts:
         if isinstance(part, Table):

@@ -97,7 +97,7 @@ def tool_motion(report: Report) -> Figure | None:
 
 
 def residuals(report: Report) -> Figure | None:
-    """Draw the differences between formula and mechanism over time: tool, named points, driven joints, rotation."""
+    """Draw differences between formula and mechanism over time: tool and points, driven joints, tool rotation."""
     driven: dict[str, list[tuple[str, Array, Array]]] = {"m": [], "rad": []}
     for name, t, y in curves.named(report, "residual_driven", "t_coarse"):
         driven[curves.joint_unit(report, name)].append((name, t, y))
@@ -169,7 +169,7 @@ def fulcrum(report: Report) -> Figure | None:
 
 
 def margins(report: Report) -> Figure | None:
-    """Draw the distances to the joint limits and to the end of the reach, and the singularity measures, over time."""
+    """Draw over time: distance to the nearest joint limit, distances to the end of the reach, singularity measures."""
     limit = curves.pair(report, "limit_margin")
     reach = list(curves.named(report, "reach"))
     measures = list(curves.named(report, "singularity"))
@@ -214,7 +214,7 @@ def clearance(report: Report) -> Figure | None:
 
 
 def path_cost(report: Report) -> Figure | None:
-    """Draw, for each phase whose path was searched, the cost of the path over the number of samples of the search."""
+    """Draw the path cost over the number of samples of the search, for each phase with a searched path."""
     searches = {p.name: p.rounds for p in report.phases if p.rounds is not None}
     return rounds.figure(headline("Paths around obstacles", report), searches) if searches else None
 

@@ -1,7 +1,7 @@
 """Draw the measured values of a procedure over time, and the ends of its stages.
 
-The values are the lift of the organ, the largest pull of a tool, the visible share of the vessel, the detached share
-of the organ's bed, and the depth of the tools in other organs.
+The values are the lift of the organ, the largest pull of a tool, the visible fraction of the vessel, the detached
+fraction of the organ's bed, and the depth of the tools in other organs.
 """
 
 from __future__ import annotations

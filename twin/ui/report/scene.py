@@ -20,12 +20,12 @@ LEAST = 0.1
 """Smallest drawn distance in mm; smaller distances are drawn at this value."""
 
 _STYLES = ("-", ":", "-.")
-"""Styles of lines: the next one begins where the colours repeat."""
+"""Line styles; each time all colours have been used, the next style follows."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Name of a robot, and (start, end) of its phases in s."""
+    """Name of a robot, and (start, end) in s of each of its phases."""
 
     name: str
     phases: Sequence[tuple[float, float]]
@@ -42,7 +42,10 @@ def figure(played: Played) -> Figure:
 def distances(
     title: str, t: Array, pairs: Mapping[tuple[str, str], Array], required: float, rows: Sequence[Row]
 ) -> Figure:
-    """Return a figure with two panels: distances (k,) in m of pairs over times t (k,) in s, and phases of robots."""
+    """Return a figure with two panels: distances of pairs over time, and phases of robots.
+
+    `pairs` has the distances (k,) in m of each pair at the times t (k,) in s; `required` is the required distance in m.
+    """
     height = 4.6 + 0.32 * len(rows)
     out = sheet(title, height)
     top, below = out.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [4, 0.45 * len(rows)], "hspace": 0.12})

@@ -13,12 +13,12 @@ HEADING = "self-test of the validator on this robot"
 
 
 def with_selftest(report: Report, path: Path) -> Report:
-    """Return the report with the score in a file `selftest.json`, or unchanged if the file does not match.
+    """Return the report with the score from a file `selftest.json`.
 
     Args:
         report: the report.
-        path: the file. If it is missing or malformed, or for another robot or another state of its input files, the
-            report is returned unchanged.
+        path: the file. The report is returned unchanged if the file is missing or malformed, or if its score belongs to
+            another robot or to other input files.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _VIEWS = (("from above", 0, 1), ("from the feet", 0, 2))
-"""(Title, index of the World's axis to the right, index of the World's axis upwards) of each view of the paths."""
+"""(Title, horizontal axis, vertical axis) of each view of the paths; an axis is the index of an axis of the World."""
 
 _POINTS = 2000
 """Maximum number of points of a path and of a curve, because the page contains all points."""
@@ -32,8 +32,8 @@ _POINTS = 2000
 def figure(found: ConsoleSession) -> Figure:
     """Return a figure of tip paths and targets in two views, speeds of the tips, and states of pedals and grippers.
 
-    In a camera task, the picture and its angle replace the two views; with machines, their deviation from the models
-    replaces the second view.
+    In a camera task, the picture and the angle in the picture replace the two views. With machines, the deviation of
+    the machines from their models replaces the second view.
     """
     table = console_scene.console_of(found.scene)
     arms = [(hand, name) for hand in HANDS for name in getattr(table, hand)]
@@ -78,7 +78,7 @@ def figure(found: ConsoleSession) -> Figure:
 
 
 def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
-    """Draw the line and the upper side of the rectangle in the picture, at the start and at the end."""
+    """Draw the target line, and the rectangle's upper side at the start and at the end, as seen in the picture."""
     line = goal.line
     ax.plot([-line, line], [0, 0], color=INK, lw=3, alpha=0.35)
     for ends, style in ((aligned.course[0], "--"), (aligned.course[-1], "-")):
@@ -90,7 +90,7 @@ def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alig
 
 
 def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
-    """Draw the angle in the picture between the rectangle's upper side and the line over time, with its tolerance."""
+    """Draw over time the angle in the picture from the target line to the rectangle's upper side, and its tolerance."""
     way = aligned.course[:, 1] - aligned.course[:, 0]
     ax.plot(*thin(found.t, np.arctan2(way[:, 1], way[:, 0]) / DEG, _POINTS), color=PALETTE[2], lw=1.0)
     ax.axhspan(-goal.tolerance / DEG, goal.tolerance / DEG, color=NEAR, alpha=0.4, lw=0)
@@ -99,7 +99,7 @@ def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignm
 
 
 def _deviation(ax: Axes, found: ConsoleSession) -> None:
-    """Draw the deviation of the machines from their models over time, with the limit of the cue and the replays."""
+    """Draw the deviation of the machines from their models over time, the limit of the cue, rehearsals and replays."""
     for k, machine in enumerate(found.training):
         times, shown = thin(machine.t, machine.deviation / MM, _POINTS)
         ax.plot(times, shown, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
@@ -145,7 +145,7 @@ def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: 
 
 
 def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
-    """Draw one band for each pedal and state over time; the angle of a gripper is a curve in its band."""
+    """Draw one band over time for each pedal, state and gripper; the gripper's angle is a curve in its band."""
     kept, t = found.ran.kept, found.t
     rows: list[tuple[str, np.ndarray, str]] = [
         ("clutch", kept[f"{PEDALS}.clutch"][:, 0] > 0.5, NEAR),
@@ -184,7 +184,7 @@ def _contacts(found: ConsoleSession) -> bool:
 
 
 def _hits(found: ConsoleSession, robot: str) -> np.ndarray:
-    """Return (k,) bool: whether an instrument touches a fixed part or the other instrument."""
+    """Return (k,) bool: whether a robot's instrument touches a fixed part or the other instrument at each tick."""
     return np.any([found.ran.kept[f"{robot}.{what}"][:, 0] > 0.5 for what in ("touches", "meets")], axis=0)
 
 

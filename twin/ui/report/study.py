@@ -1,4 +1,4 @@
-"""Draw the measures of groups of users: a box and all values for each group, and the medians over the sessions."""
+"""Draw the measures of groups of users: box plot and values of each group, and the medians over the sessions."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ _ROW = 2.1
 
 @styled()
 def figure(found: Ranks) -> Figure:
-    """Return a figure with a row for each measure: boxes and values of each group; values and medians over sessions.
+    """Return a figure with a row for each measure: box plots of the groups and, for several sessions, their medians.
 
-    A measure that is equal in all rows has no row, but is named below the title.
+    The values themselves are drawn, too. A measure with the same value for all users has no row; it is named below the
+    title.
     """
     users = found.users
     same = {name: x for name, x in ((n, np.unique(x)) for n, x in users.measures.items()) if len(x) == 1}

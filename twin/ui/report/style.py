@@ -73,7 +73,7 @@ _RC: Any = {
 
 @contextlib.contextmanager
 def styled(salt: str = "twin") -> Iterator[None]:
-    """Apply the style within a `with` block, whatever the user's matplotlibrc says.
+    """Apply the style within a `with` block, independently of the user's matplotlibrc.
 
     `salt` is the salt of the ids in SVG; pictures with different salts have different ids.
     """
@@ -169,7 +169,10 @@ def panels(
 
 
 def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> None:
-    """Shade every second phase; write phase names above the first row, or phase numbers where a name does not fit."""
+    """Shade every second phase; write the name of each phase above the first row.
+
+    Where a name does not fit, it is shortened, or the number of the phase is written instead.
+    """
     if not phases:
         return
     t0, t1 = phases[0].t0, phases[-1].t1
@@ -210,7 +213,7 @@ def legend_beside(ax: Axes) -> None:
 
 
 _LEAST = 1e-16
-"""Lower limit of every logarithmic axis, in m or degrees."""
+"""Smallest lower end of a logarithmic axis, in m or degrees."""
 
 
 def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float]) -> None:
@@ -249,7 +252,7 @@ def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) ->
 def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
     """Mark the sample (t, value) with a ring, and write `text` beside the ring.
 
-    The text is above the ring or, if `below` is true, below the ring, and on the other side where space is missing.
+    The text is above the ring or, if `below` is true, below the ring; if there is no space, on the opposite side.
     """
     ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
     left, right = ax.get_xlim()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SHOWN = 14
-"""Maximum number of contributions with their own bar; the remaining contributions share one bar."""
+"""Maximum number of contributions with a bar of their own; one more bar is the sum of the remaining contributions."""
 
 
 @styled()

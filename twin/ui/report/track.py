@@ -1,4 +1,4 @@
-"""Draw results of computed-torque control: tip error and efforts over time, tip error over the inertia error."""
+"""Draw results of computed-torque control: tip error and efforts over time; tip error as a function of mismatch."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _TICKS = 25
 
 @styled()
 def figure(result: Tracking) -> Figure:
-    """Return a figure with three panels: tip errors of all runs, efforts in the worst run, and tip error over mismatch.
+    """Return a figure with three panels: tip errors of all runs, efforts in the worst run, tip error over mismatch.
 
-    The mismatch is the error in % of the masses and inertias in the controller's model; without runs at several
-    mismatches, the third panel is omitted.
+    The mismatch is the error in % of all masses and inertias in the controller's model. The third panel is omitted if
+    there are no runs at several mismatches.
     """
     runs, worst, curves = result.runs, result.runs[result.worst], result.curves
     w = worst.conditions.w

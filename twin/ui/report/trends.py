@@ -1,6 +1,6 @@
 """Draw the published experiments of `twin.simulation.hazards.trends`: deviation of the tips from the model.
 
-The deviation is drawn at each motion scale, and over time with a stuck motor command.
+The deviation is drawn as a function of the motion scale and, for stuck motor commands, over time.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _LEAST = 1e-2
 
 
 def figure(found: Trends) -> Figure:
-    """Return a figure with simulated and published deviation at each motion scale, and a panel for each stuck command.
+    """Return a figure with the deviation at each motion scale, simulated and published, and at stuck motor commands.
 
-    The panel of a stuck motor command shows the deviation of the tip in mm over time.
+    For each stuck motor command, a panel shows the deviation of the tip in mm over time.
     """
     with styled():
         n = len(found.stuck)

@@ -1,4 +1,4 @@
-"""Draw a workspace: sections through its best conditioned region, and its size over the minimum conditioning."""
+"""Draw a workspace: sections through the best conditioned region; size as a function of the minimum conditioning."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 @styled()
 def figure(found: Workspace) -> Figure:
-    """Return a figure with sections of the workspace, and its size over the minimum conditioning.
+    """Return a figure with sections of the workspace, and the workspace size as a function of minimum conditioning.
 
     There are three sections, or one if all positions are in one plane. If no condition number was computed, the margin
     to the joint limits is drawn instead of the conditioning.
@@ -65,7 +65,7 @@ def figure(found: Workspace) -> Figure:
 
 
 def _flat(axes: tuple[int, ...]) -> tuple[int, int, int]:
-    """Return the section that contains all positions, which differ only along these axes."""
+    """Return the section that contains all positions, for positions that differ only along these axes."""
     return next(s for s in _SECTIONS if set(axes) <= set(s[:2]))
 
 
@@ -78,7 +78,7 @@ def _around(summary: Mapping[str, Any]) -> str:
 
 
 def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
-    """Return the indices (3,) of the cell in which the sections intersect: the centre of the best tenth of cells."""
+    """Return the indices (3,) of the cell in which the sections intersect: the most central of the best 10 % cells."""
     if not reached.any():
         return (0, 0, 0)
     good = np.argwhere(reached & (np.nan_to_num(shown) >= np.nanquantile(shown, 0.9)))
@@ -88,7 +88,7 @@ def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
 
 
 def _sizes(ax: Axes, shown: np.ndarray, values: np.ndarray, found: Workspace, label: str) -> None:
-    """Draw, as a function of a minimum value, the size of the cells whose conditioning is at least this value."""
+    """Draw the total size of the cells with at least a minimum conditioning, as a function of this minimum."""
     m = found.measure
     cell = m.cell(found.grid.step) if m is not None else 1
     share = values[:, 0].astype(float)

@@ -1,7 +1,7 @@
-"""A scene controlled from its console: a World stepped in real time, the client whose hands control it, and reports.
+"""Control a scene from its console: step the World in real time, give one client control of the hands, make reports.
 
 The hands of a client become states of the input device `GivenHands`. Silence, jumps and limits are reported in the
-state and in the log. Web page and viewer both use this class; they differ in the source of the hands and the display.
+state and in the log. Web page and viewer both use `LiveConsole`, each with its own source of hand states and display.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _BUDGET, _CHUNK = 0.012, 4
 """Maximum real time in s that a call of `advance` steps the World; number of steps between two checks of this time."""
 
 _OWED = 0.1
-"""Maximum delay in s that the World makes up for; any further delay remains, so that it runs slower than real time."""
+"""Maximum delay in s that the World makes up for; with a longer delay, the World falls behind real time."""
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report; its lower priority keeps the World in real time."""
@@ -67,7 +67,7 @@ class LiveConsole:
     Attributes:
         scene: the scene.
         world: the World.
-        device: the input device, which receives the hands of a client.
+        device: the input device, which receives the hand states of a client.
         owner: identifier of the client whose hands control the robots; None: no client.
         members: mechanism and equations of each robot, by the name of its place.
         task: the task; None: no task.
@@ -88,7 +88,8 @@ class LiveConsole:
         """Create the World with the robots at the places of the scene.
 
         Raises:
-            TwinError: the scene has no console, the console does not match its robots, or the task its props.
+            TwinError: the scene has no console, its robots do not match the console, or its props do not match the
+                task.
             WorldError: a link is inside an organ at the start.
             OutputError: the session cannot be written.
         """
@@ -210,7 +211,8 @@ class LiveConsole:
     def report(self) -> tuple[int, bytes | None, str] | None:
         """Return the newest report: (number of the attempt, page as bytes, error); None if there is no report yet.
 
-        While the report is made, page and error are None and ""; after a failure, page is None and error the reason.
+        While the report is being made, the page is None and the error is "". After a failure, the page is None and the
+        error is the reason.
         """
         if self._report is None:
             return None
@@ -283,7 +285,7 @@ class LiveConsole:
         return _CHUNK
 
     def _before_steps(self, parts: int) -> None:
-        """Prepare a group of steps of the World; `parts` is the number of groups still to come."""
+        """Prepare a group of steps of the World; `parts` is the number of remaining groups, this one included."""
         if self.machines is not None:
             self.machines.exchange.send()
             self.machines.exchange.receive()
@@ -322,7 +324,7 @@ class LiveConsole:
 
     @property
     def silent(self) -> bool:
-        """Whether no state of one of the hands has been received for `device.patience` s."""
+        """Whether at least one hand is silent: no state of this hand has been received for `device.patience` s."""
         return any(self.device.silent(hand, self.world.t) for hand in (0, 1))
 
     def rescale(self, client: str, scale: float) -> None:
@@ -426,7 +428,7 @@ class LiveConsole:
             self.device.leave()
 
     def require_free(self, client: str) -> None:
-        """Check that no other client controls the hands; control by a client whose hands are silent may be taken over.
+        """Check that no other client controls the hands; a client whose hands are silent is ignored.
 
         Raises:
             HeldError: another client controls the hands.
@@ -448,7 +450,7 @@ class LiveConsole:
         return self._places[name].T_world_base @ self.members[name].kin.forward(q, goal)
 
     def moved(self, hand: str) -> Array:
-        """Return the pose (4, 4) in the World of what a hand moves: its tool, or the target of a plan."""
+        """Return the pose (4, 4), in the World, of the object that a hand moves: its tool, or the target of a plan."""
         if self.planning.phase != "aim" or self.planning.hand != hand:
             return self.tool(hand)
         name = self.planning.robot

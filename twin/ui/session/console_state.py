@@ -25,13 +25,13 @@ class ConsoleState:
     """Reader of the state of pedals, hands and camera in a World with a console."""
 
     def __init__(self, setup: Setup, world: World) -> None:
-        """Describe a World from its start."""
+        """Set the World whose state `read` returns; the World must be at its start."""
         self._scene, self._members, self._procedure = setup.scene, setup.members, setup.procedure
         self._table = console_scene.console_of(setup.scene)
         self._world, self._pressed = world, 0.0
 
     def read(self, arms: Mapping[str, str]) -> dict[str, Any]:
-        """Return the present state; `arms` is the name of the robot that each hand controls, by hand."""
+        """Return the present state; `arms` maps each hand to the name of the robot that this hand controls."""
         signals, t = self._world.signals, self._world.t
         mode, silent = float(signals["console.mode"][0]), bool(signals[f"{PEDALS}.silent"][0])
         if mode == TOOLS or silent:
@@ -58,7 +58,7 @@ class ConsoleState:
         return {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps, **tools}
 
     def _tools(self, arm: str) -> dict[str, Any]:
-        """Return the chosen tool of an arm; in a procedure also what it carries, and why it has not changed."""
+        """Return the chosen tool of an arm; in a procedure also the mounted tool, and why the two still differ."""
         signals, names = self._world.signals, [*self._scene.tools]
         tool = names[int(signals[f"{arm}.tool"][0])]
         if f"{arm}.carries" not in signals or self._procedure is None:
@@ -77,10 +77,10 @@ class ConsoleState:
 
 
 def log_changes(old: Mapping[str, Any], new: Mapping[str, Any], patience: float) -> list[str]:
-    """Log what is new in the state `new` compared with `old`: silence, a stuck pedal, jumps and limits.
+    """Log what is in the state `new` but not in the state `old`: silence, a stuck pedal, jumps and limits.
 
-    Return the messages about jumps, because the pages do not show jumps otherwise. `patience` is the time in s without
-    a state of the hands that counts as silence.
+    Return the messages about jumps, because the pages do not show jumps otherwise. `patience` is the time in s after
+    which hands whose states are no longer received count as silent.
     """
     log, said = logging.getLogger(__name__), []
     if new["silent"] and not old["silent"] and new["owner"] is not None:  # not after a release

@@ -116,10 +116,10 @@ class Desk:
     # -- moving ---------------------------------------------------------------------------------------
 
     def move_tool(self, T_base_tool: Array) -> Moved:
-        """Move the tool to a pose T_base_tool (4, 4); the equations compute the joint values, if the robot has any.
+        """Move the tool to a pose T_base_tool (4, 4); if the robot has equations, they compute the joint values.
 
-        If a robot with fewer than six degrees of freedom or with trocars cannot reach the pose, it moves only the
-        tool's origin towards the target.
+        If the pose cannot be reached by a robot with trocars or with fewer than six degrees of freedom, only the tool's
+        origin is moved towards the target.
         """
 
         def go() -> Assembly:
@@ -184,7 +184,7 @@ class Desk:
         self._kept[name] = self.assembly.q.copy()
 
     def show(self, assembly: Assembly, asked: Array | None = None) -> None:
-        """Set the state to an assembly of the same model, such as a sample of a protocol whose tool pose is `asked`."""
+        """Set the state to an assembly of the same model, such as a protocol's sample; `asked`: requested tool pose."""
         with self.lock:
             self.assembly, self.asked, self.moved = assembly, asked, Moved(True)
 

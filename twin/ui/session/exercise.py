@@ -26,13 +26,13 @@ class Exercise:
     Attributes:
         task: the task; None: no task. For a task with rings, the World has movable objects and contact; for a
             procedure, it has organs, vessels and clips.
-        session: session file of the first attempt; a number is appended to the names of later files. None: no file, or
-            a temporary file if a report is made.
+        session: session file of the first attempt; the files of later attempts have a number appended to this name.
+            None: a temporary file if a report is made, otherwise no file.
         report: function that makes the report of an attempt, in another process; None: no reports.
         condition: condition of the experiment, which also states whether the hands feel forces; None: the default of
             the scene.
-        fulcrum: end of the instruments that the hands control at the start: "compensated" the tips, "direct" the outer
-            ends (see `twin.simulation.controllers.pivot`).
+        fulcrum: which end of the instruments the hands control at the start: the tips ("compensated") or the outer ends
+            ("direct"); see `twin.simulation.controllers.pivot`.
     """
 
     task: Task | None = None

@@ -75,9 +75,9 @@ class Hand:
         return self._closed(now, dragged), dragged
 
     def tools(self, now: Assembly, q: Array) -> list[Array]:
-        """Return tool poses (4, 4) at q (n,), one for each initial guess with which the loops close.
+        """Return the tool poses (4, 4) at q (n,) for all initial guesses from which the loops can be closed.
 
-        Initial guesses are the home state, the present state, and the present state dragged to q.
+        The initial guesses are the home state, the present state, and the present state dragged to q.
         """
         dragger, out = self.dragger, []
         with contextlib.suppress(AssemblyError, MechanismError):

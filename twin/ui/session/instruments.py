@@ -18,7 +18,7 @@ from twin.ui.session.trocars import InTrocar, in_trocars
 
 
 class Residual(NamedTuple):
-    """Largest difference between equations and mechanism: `size` in m (rad if `is_angle`) of the quantity `what`."""
+    """Difference `size`, in m or (if `is_angle`) rad, between equations and mechanism in the quantity `what`."""
 
     size: float
     what: str
@@ -26,7 +26,7 @@ class Residual(NamedTuple):
 
 
 AGREE = 1e-6
-"""Difference in m or rad between equations and mechanism above which it is shown red; reports have smaller limits."""
+"""Largest difference in m or rad that counts as agreement; larger ones are shown red. Reports have smaller limits."""
 
 OTHER = "not comparable: different assembly modes"
 BEYOND = "not comparable: beyond the reach of the equations"
@@ -58,14 +58,15 @@ class Reading:
         limits: value and limits of each active joint.
         gap: largest loop gap in m.
         branch: label of the assembly mode, computed by the equations; "" without equations.
-        condition: condition number of the Jacobian, whose rotations are scaled by the characteristic length; infinite
-            at a singularity; None without equations.
-        singular: (name, "type1" or "type2", ratio) of each singularity measure; the ratio is the absolute value of the
-            measure divided by its alarm value; the robot is too near to a singularity if the ratio is at most 1.
+        condition: condition number of the Jacobian, with rotations scaled by the characteristic length; infinite at a
+            singularity; None without equations.
+        singular: (name, "type1" or "type2", ratio) of each singularity measure. The ratio is the measure's absolute
+            value divided by its alarm value; at a ratio of at most 1, the robot is too near to a singularity.
         trocars: the instruments in their trocars, or the instrument at the RCM of a protocol.
         residual: largest difference between equations and mechanism; None without equations.
-        scope: why equations and mechanism cannot be compared at this state; "" if they can. If their assembly modes
-            differ, the residual is the tool error at the joint values that the equations compute, in their mode.
+        scope: why equations and mechanism cannot be compared at this state; "" if they can. If they are in different
+            assembly modes, the residual is the tool error of the mechanism at the joint values from the equations, in
+            the assembly mode of the equations.
         points: named points (3,) in m in the base frame, computed by the equations.
         actual: the same points (3,) in m in the base frame, computed by the mechanism.
         reason: why the last request was refused; "" if it was not.
@@ -106,7 +107,7 @@ class Reading:
 
 
 def read(desk: Desk, rcm: Array | None = None) -> Reading:
-    """Return the readings at the desk's state; `rcm` (3,) in m in base is the RCM, used if there are no trocars."""
+    """Return the readings at the desk's state; without trocars, `rcm` (3,) is the RCM in m in the base frame."""
     with desk.lock:
         kin, now, T = desk.kin, desk.assembly, desk.assembly.T_base_tool
         asked, joints = desk.asked, desk.joints
@@ -162,12 +163,12 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
 def _residual(
     desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
 ) -> tuple[Residual, str]:
-    """Return (largest difference between equations and mechanism, scope; see `Reading`).
+    """Return (residual, scope) as in `Reading`: the largest difference between equations and mechanism, and its scope.
 
     Joint values, named points and tool are compared. A tool pose may be reached in several assembly modes, and
     equations for one mode cannot be compared with a mechanism in another mode. The equations are nevertheless correct
-    if the mechanism has the same tool pose at the joint values of the equations. Equations are for the assembly mode of
-    home if they compute the home joint values from the home tool pose.
+    if, at the joint values that they compute, the mechanism has the same tool pose. If the equations compute the home
+    joint values from the home tool pose, they are for the assembly mode of the home state.
     """
     kin, q, T = desk.kin, now.q, now.T_base_tool
     assert kin is not None

@@ -19,7 +19,7 @@ from twin.simulation.world import World
 
 
 class LiveMachines:
-    """Connections to the machines of a scene, which remain while each attempt at a task has a new World.
+    """Connections to the machines of a scene; they remain open when a new attempt at a task begins in a new World.
 
     Attributes:
         parts: parts of each machine, by robot; see `Machines`.
@@ -29,12 +29,12 @@ class LiveMachines:
     exchange: Exchange
 
     def __init__(self, scene: Scene, machines: Machines, device: GivenHands) -> None:
-        """Take the connections, which `close` ends, and the device that passes on the requests of clients."""
+        """Use the connections `machines`, which `close` ends, and the device that passes on the requests of clients."""
         self._trainer, self._machines, self._device = scene.trainer, machines, device
         self.parts, self._asked = machines.parts, 0
 
     def connect(self) -> tuple[list[MachineStates], Outbox]:
-        """Connect a new World to the machines; return the devices and the block that this World needs.
+        """Connect a new World to the machines; return (devices, block), which must be added to this World.
 
         The devices receive the states of the machines; the block sends packets to the machines.
         """
@@ -60,7 +60,8 @@ class LiveMachines:
         """Return the state of the trainer and of each machine as plain data; None without a trainer.
 
         "view" is "real" if the machines are drawn solid, "virtual" if the models are; "mode" is the requested mode.
-        The state of a machine consists of its run level, its phase, the trainer's reason for it, and its problem.
+        The state of a machine consists of its run level, its phase, the trainer's reason for this phase, and the
+        problem of its connection.
         """
         if self._trainer is None:
             return None

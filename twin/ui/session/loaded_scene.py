@@ -22,9 +22,9 @@ class LoadedScene:
     Attributes:
         scene: the scene.
         robots: robots by the names of their places.
-        props: mechanism of the props; None: no props. It is required for a task with rings and for contact forces.
+        props: mechanism of the props; None: no props. Props are required for a task with rings and for contact forces.
         feed: source of deformables that are shown but not simulated by the World; None: no deformables.
-        organs: the organs of the scene; only needed for a procedure, whose World has them.
+        organs: the organs of the scene; only needed for a procedure, in which the World simulates the organs.
         machines: connections to the machines of the scene, which the console ends; None: the scene has no machines.
     """
 

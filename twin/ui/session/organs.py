@@ -21,7 +21,7 @@ the next picture late, too. On a slower page, the organs lag behind the links.""
 
 _AWAY = spatial.pose(p=np.array([0.0, 0.0, 100.0]))
 """Pose of the links before the first picture, far from the organs. A link that is inside an organ in the first picture
-thus counts as having jumped into it, and does not touch it until it is outside."""
+thus counts as having jumped into the organ; the link touches the organ only after it has been outside."""
 
 
 class OrganFeed:

@@ -1,4 +1,4 @@
-"""The patient of a protocol and the operating table: shapes of cad/patients, placed with the port at the RCM."""
+"""The patient of a protocol, with operating table: shapes from cad/patients, placed so that the port is at the RCM."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Patient:
     """A placed patient, for a robot and a protocol.
 
     Attributes:
-        mechanism: a fixed body for each part, with its name in the file, and with a mesh in m in the base frame.
+        mechanism: a fixed body for each part, with the part's name in the file and a mesh in m in the base frame.
         port: position (3,) of the port, which is the RCM, in m in the base frame.
         port_radius: radius of the port in m.
         opens: names of parts that inserted instruments may penetrate at the port.
@@ -92,7 +92,9 @@ class Patient:
 
 
 def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None:
-    """Return the patient of a protocol; None if it has none. `floor` is the height in m of the floor in base.
+    """Return the patient of a protocol; None for a protocol without a patient.
+
+    `floor` is the height of the floor in m in the base frame.
 
     Raises:
         TwinError: the patient, port, trocar or a replaced link does not exist, or the protocol has no RCM.
@@ -186,7 +188,7 @@ def _fixed(name: str, meshes: tuple[Mesh, ...]) -> Mechanism:
 
 
 def _mesh(part: PartTable, T_base_patient: Array, floor: float) -> Mesh:
-    """Return the mesh of a part in the base frame; a part with `floor` reaches the floor at this height in m."""
+    """Return the mesh of a part in the base frame; `floor` is the height in m of the floor in this frame."""
     x, y, z = (0.5 * s * MM for s in part.size_mm)
     about_x, about_y = (
         spatial.exp_so3([part.angles_deg[2] * DEG, 0, 0]),

@@ -1,8 +1,8 @@
 """Two handles that a page moves by gizmos and sliders; a `LiveConsole` uses them as its hands.
 
 The pose of a handle is in {H}, the axes of the endoscope's picture. A page requests a displacement of the tool, an
-opening of the gripper, or a position of the camera. This module converts these requests to motions of the handles that
-the console accepts: the steps are too small to count as jumps, and a handle moves only when its tool follows.
+opening of the gripper, or a position of the camera. This module converts these requests to handle motions that the
+console accepts: the steps are too small to count as jumps, and a handle moves only while its tool follows.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SQUEEZE = 4.0
 """Largest angular speed of a gripper in rad/s."""
 
 ROLL = 5 * DEG
-"""Rotation in rad of a handle about its axis, which shows the console that a person holds it; it requires 4 deg."""
+"""Rotation in rad of a handle about its axis, by which the console detects that a hand holds it (minimum: 4 deg)."""
 
 IDLE = 5.0
 """Time in s without a request after which a client's hands are released for other clients."""
@@ -44,7 +44,7 @@ class Pen:
         grip: requested angle of the gripper in rad.
         at, turned, gripped: position (3,) in m, attitude (3, 3) and gripper angle in rad last sent to the console.
         used: whether a request has moved the handle since the client took the hands.
-        rolled: number of the last state in which the handle was rotated by `ROLL`; -1: it was not.
+        rolled: number of the last state in which the handle was rotated by `ROLL`; -1 before the first such rotation.
     """
 
     p: Array
@@ -69,9 +69,10 @@ class Pen:
         self.p, self.R, self.grip = self.at.copy(), self.turned.copy(), self.gripped
 
     def next(self, seconds: float) -> None:
-        """Compute the next state to send, after an elapsed time in s.
+        """Compute the next state to send, when the time `seconds` in s has passed since the last one.
 
-        It is nearer to the requested state by at most `STEP` in m, `TURN` in rad, and `SQUEEZE` times the elapsed time.
+        The state changes towards the requested state by at most `STEP`, `TURN`, and, for the gripper, `SQUEEZE` times
+        this time.
         """
         way = self.p - self.at
         length = float(np.linalg.norm(way))
@@ -116,7 +117,7 @@ class Pens:
     # -- requests of clients --------------------------------------------------------------------------
 
     def use(self, client: str) -> None:
-        """Give the handles to a client if they are free, and restart the time until they are released.
+        """Give the handles to a client, and restart the time `IDLE` after which they are released.
 
         Raises:
             HeldError: another client controls the hands.
@@ -239,9 +240,9 @@ class Pens:
             self.release()
 
     def settle(self, hand: str) -> None:
-        """Move a handle back to its tool if the arm cannot reach the goal, so that the tool follows the next motion.
+        """Move a handle back to its tool if the tool could not reach its goal; the tool then follows the next motion.
 
-        In planning mode nothing is moved, because the arm is at rest.
+        In planning mode, the handle is not moved, because the arm is at rest.
         """
         if self.client is None or self.console.planning.phase != "off":
             return

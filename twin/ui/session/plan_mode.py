@@ -1,4 +1,4 @@
-"""Planning mode of a console: a hand moves a target; a motion of its arm to the target is planned, shown and made.
+"""Planning mode of a console: a hand moves a target; its arm's motion to the target is planned, shown and executed.
 
     off -> aim -> plan -> preview -> run -> off
 
@@ -37,7 +37,7 @@ _SPEED, _TURN = 60 * MM, 45 * DEG
 """Largest speeds of a tool in m/s and rad/s in a planned motion (ASSUMED: well below the limits of the joints)."""
 
 _SHARE = 0.75
-"""Speed limits of a machine's plan, as a fraction of those of its packets, so that the packets follow it closely."""
+"""Speed limits of a plan for a machine as a fraction of the trainer's limits; packets then follow the plan closely."""
 
 _MOVED = 1e-3
 """Joint difference in rad or m above which an arm has moved since the plan was made."""
@@ -50,8 +50,8 @@ _SAME = 1e-4
 
 _NEAR = 0.1 * MM, 0.1 * DEG
 """Largest motion of the target in m and rad that the ghost does not follow. Such a motion is too small to be seen, and
-smaller than an arm's deviation at the end of a motion. A trembling hand thus counts as at rest, and its target is
-tested and planned for only once."""
+smaller than an arm's deviation at the end of a motion. A trembling hand thus counts as at rest: the target is tested,
+and a plan to the target is computed, only once."""
 
 _AWAY = 1 * MM, 1 * DEG
 """Motion of the target in m and rad after which an error is no longer shown (ASSUMED)."""
@@ -65,9 +65,9 @@ class _Ahead:
     """A search that began before the pedal was released.
 
     Attributes:
-        job: what is planned.
-        pieces: what was found so far.
-        end: None while it runs; then "" or the error.
+        job: the plan to compute.
+        pieces: results yielded so far.
+        end: None while the search runs; then "" (success) or the error.
     """
 
     job: Plan
@@ -77,7 +77,7 @@ class _Ahead:
 
 @dataclass
 class Preview:
-    """A planned motion: the motion, the clearances computed so far, and the proven bound (None: not yet known)."""
+    """A planned motion with the clearances computed so far and the proven bound (None until it is known)."""
 
     found: Found
     clear: list[Clear] = field(default_factory=list)
@@ -102,7 +102,7 @@ class PlanMode:
     """
 
     def __init__(self, scene: Scene, members: Mapping[str, Member], world: Callable[[], World]) -> None:
-        """Prepare for a scene with a console."""
+        """Create planning mode, switched off, for the arms of a scene with a console; `world` returns the World."""
         assert scene.console is not None
         self._scene, self._members, self._world = scene, members, world
         self._table, self._machines = scene.console, set(scene.trainer.robots) if scene.trainer else set()
@@ -131,7 +131,7 @@ class PlanMode:
     # -- requests -------------------------------------------------------------------------------------
 
     def aim(self, hand: str, robot: str) -> None:
-        """Let a hand move the target of its arm; in a preview, move the same target again.
+        """Let a hand move the target of its arm; in the phase "preview", let the hand move the same target again.
 
         Raises:
             TwinError: planning mode is on for another arm, an arm follows a plan, or no plan is possible for this arm.
@@ -248,9 +248,9 @@ class PlanMode:
     # -- time -----------------------------------------------------------------------------------------
 
     def poll(self, arm: str) -> None:
-        """Take the results of the other process, and move the ghost to the target.
+        """Receive the results of the planning process, and move the ghost to the target.
 
-        `arm` is the arm that the attribute `hand` controls now; if it is another arm, planning mode ends.
+        `arm` is the arm that the hand `hand` controls now; if it is not `robot`, planning mode ends.
         """
         if self.phase == "off":
             return
@@ -287,7 +287,7 @@ class PlanMode:
             self.changes += 1
 
     def _ended(self, error: str) -> None:
-        """Note that a job has ended; `error` is "" if it is done."""
+        """Handle the end of a job; `error` is "" after success."""
         self._checks = False
         if not error:
             self.ready = True
@@ -302,7 +302,7 @@ class PlanMode:
             self.changes += 1
 
     def _follow(self) -> None:
-        """Compute the ghost at the target, and test it when the last test has ended."""
+        """Compute the ghost at the target; test the target or, once it is at rest, begin the search."""
         target = self._world().signals[f"{self.robot}.target"][1:].reshape(4, 4)
         if self.plans.state != OFF and not _near(target, self._seen, *_NEAR):
             first = not len(self._seen)
@@ -333,11 +333,11 @@ class PlanMode:
         return job.room is self._room and bool(goes)
 
     def _plan(self, start: Array) -> Plan:
-        """Return the plan from start (n,) to the target."""
+        """Return the job that plans a motion from start (n,) to the target."""
         return Plan(self._require_room(), start, self._q, *self._limits())
 
     def _reach(self, member: Member, T: Array) -> str:
-        """Move the ghost to a pose (4, 4) in base; return why it stays, or ""."""
+        """Move the ghost to a pose (4, 4) in the base frame; return why this is not possible, or ""."""
         kin, mechanism, last = member.kin, member.mechanism, self._q
         stays = "; the ghost stays at the last pose within reach"
         try:
@@ -362,7 +362,7 @@ class PlanMode:
         return links(q)
 
     def _watch(self) -> None:
-        """Note how far the motion is, and its end."""
+        """Update the completed fraction of the motion, and end planning mode at the end of the motion."""
         self.done = self.plans.fraction
         if self.plans.state != OFF:
             return
@@ -373,7 +373,7 @@ class PlanMode:
         self._tell(there if arrived else why, not arrived)
 
     def _tell(self, text: str, bad: bool) -> None:
-        """Tell how planning mode has ended."""
+        """Set the message on how planning mode has ended."""
         self.said, self.bad, self._told = text, bad, self._world().t
 
     # -- what surrounds the arm -----------------------------------------------------------------------
@@ -422,7 +422,7 @@ class PlanMode:
 
 
 def _near(T: Array, other: Array, length: float, angle: float) -> bool:
-    """Return whether two poses (4, 4) differ by at most a length in m and an angle in rad; not if `other` is empty."""
+    """Return whether two poses (4, 4) are within a distance in m and an angle in rad; False if `other` is empty."""
     if not len(other):
         return False
     apart = float(np.linalg.norm(T[:3, 3] - other[:3, 3]))

@@ -20,7 +20,7 @@ _PAUSE = 0.6
 
 
 def status(state: Mapping[str, Any] | None, preview: Preview | None) -> tuple[str, str] | None:
-    """Return (tone, text) on planning mode; the tone is "good", "warn" or "bad". None if there is nothing to say.
+    """Return the status of planning mode as (tone, text); tone: "good", "warn" or "bad". None if there is no status.
 
     Args:
         state: the state of planning mode, as `PlanMode.state` returns it.
@@ -57,7 +57,7 @@ def clearance(preview: Preview) -> str:
 
 
 def curve(preview: Preview) -> tuple[Array, Array]:
-    """Return the clearances computed so far of a planned motion: times (k,) in s, minimum distances (k,) in m."""
+    """Return times (k,) in s of a planned motion, and the clearances (k,) in m computed so far at these times."""
     t, distance = ([getattr(c, name) for c in preview.clear] for name in ("t", "distance"))
     return np.concatenate([*t, np.zeros(0)]), np.concatenate([*distance, np.zeros(0)])
 

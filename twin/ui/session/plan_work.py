@@ -34,8 +34,8 @@ _PLACES = 64
 """Number of points along a motion at which the clearance is computed."""
 
 _CLEARANCE = 2 * MM
-"""Minimum clearance of a plan in m. With a smaller one, a search would take seconds, and an arm that follows the plan
-could deviate from it by more than the clearance."""
+"""Minimum clearance of a plan in m. With a smaller minimum, a search would take seconds, and an arm could deviate from
+the plan by more than the clearance."""
 
 _SPEED, _RISE = (0.1, 1.0), 0.25
 """Speed limits in m/s and rad/s for joints without a speed limit; time in s in which a joint without an acceleration
@@ -47,7 +47,7 @@ class Room:
     """Surroundings in which an arm moves.
 
     Attributes:
-        number: number that is different for each state of the other robots.
+        number: identifies the state of the other robots; a different state has a different number.
         scene: the scene file.
         robot: the name of the arm's place.
         poses: T_world_body (4, 4) of the bodies of the other robots, by place and body.
@@ -115,7 +115,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Clear:
-    """Smallest distances (k,) in m of the arm from other bodies at times (k,) in s of a motion, by exact geometry."""
+    """Times (k,) in s of a motion, and minimum distances (k,) in m between arm and other bodies, by exact geometry."""
 
     t: Array
     distance: Array
@@ -123,7 +123,7 @@ class Clear:
 
 @dataclass(frozen=True)
 class Proven:
-    """Clearance of a whole motion: proven lower bound in m, smallest computed distance in m, and its two bodies."""
+    """Clearance of a whole motion: proven lower bound in m; smallest computed distance in m; the two nearest bodies."""
 
     proven: float
     found: float
@@ -147,7 +147,7 @@ def work(job: Check | Plan) -> Iterator[Any]:
 
 
 def _beside(job: Plan) -> Iterator[Any]:
-    """Yield the results of a plan, and its progress at least every `_EVERY`."""
+    """Yield the results of a plan and, at least every `_EVERY` s, the completed fraction of the search."""
     said: queue.SimpleQueue[Any] = queue.SimpleQueue()
     ends, done = threading.Event(), [0.0]
 
@@ -220,14 +220,14 @@ def plan(
 
 
 def _tips(arm: _Arm, trees: Sequence[Any]) -> Array:
-    """Return the tips (edges, 2, 3) in base at both ends of the connections of the last tree."""
+    """Return the tip positions (edges, 2, 3) in m in the base frame at both ends of each edge of the last tree."""
     if not trees or not len(trees[-1].branches):
         return np.zeros((0, 2, 3))
     return arm.kin.forward_many(trees[-1].q)[:, :3, 3][trees[-1].branches]
 
 
 def _timed(path: Any, arm: _Arm, job: Plan) -> Array:
-    """Return s (k,), one value every `DT`: the fastest motion within joint limits, slowed to the tool's limits."""
+    """Return path parameters s (k,), one every `DT` s: fastest motion within the joint limits and the tool's limits."""
     from twin.planning.timing import time_path
 
     timing = time_path(path, arm.speed, arm.acceleration, dt=DT)
@@ -243,7 +243,7 @@ def _timed(path: Any, arm: _Arm, job: Plan) -> Array:
 
 @dataclass(frozen=True)
 class _Arm:
-    """The arm of a room: its joint space, equations, link poses, and limits (n,) of speed and acceleration."""
+    """The arm of a room: joint space, equations, link poses, speed limits (n,) and acceleration limits (n,)."""
 
     space: Any
     kin: Any
@@ -256,7 +256,7 @@ _arms: dict[str, tuple[int, _Arm]] = {}
 
 
 def _arm_of(room: Room) -> _Arm:
-    """Return the arm of a room; the arm of the last room of each robot is kept."""
+    """Return the arm of a room, from a cache that stores the last arm of each robot."""
     known = _arms.get(room.robot)
     if known is None or known[0] != room.number:
         known = _arms[room.robot] = room.number, _make(room)

@@ -9,7 +9,7 @@ from twin.core.errors import TwinError
 
 
 def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
-    """Return the arguments of `Robot.protocol` by protocol name: the robot's protocols, and `given`.
+    """Return the argument of `Robot.protocol` for each protocol of the robot and for `given`, by protocol name.
 
     Args:
         robot: the robot.

@@ -32,7 +32,7 @@ class Recorder:
         return self._writer is not None
 
     def write(self, ticks: int) -> None:
-        """Write the ticks on the tape, up to the number `ticks`; an error ends the recording, but not the World."""
+        """Write ticks from the tape until the file has `ticks` ticks; an error ends the recording, not the World."""
         writer, rows = self._writer, self._tape.take()
         if writer is None:
             return
@@ -51,7 +51,7 @@ class Recorder:
             logging.getLogger(__name__).error("the session is no longer recorded: %s", error)
 
     def close(self, ticks: int) -> None:
-        """Write the remaining ticks, up to the number `ticks`, and complete the file."""
+        """Write the remaining ticks until the file has `ticks` ticks, and complete the file."""
         self.write(ticks)
         writer, self._writer = self._writer, None
         try:

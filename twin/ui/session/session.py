@@ -23,7 +23,7 @@ MOST = 20_000
 """Maximum number of moments (recorded states) in a session, enough for five minutes of continuous motion."""
 
 _COMMAS, _KEYS = 64 * MOST, 16
-"""Maximum numbers of values in a session file, and of keys in one of its objects, because the file is untrusted."""
+"""Maximum number of values in a session file; maximum number of keys in one JSON object. The file is untrusted."""
 
 
 @dataclass(frozen=True)

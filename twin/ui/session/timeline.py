@@ -26,8 +26,8 @@ class Playback:
         protocol, title: name and title of the protocol.
         t: times (k,) in s.
         x: configurations (k, nq) of the independent model, which has nq coordinates.
-        q, qd, qdd: positions (m or rad), speeds (m/s or rad/s) and accelerations (m/s2 or rad/s2) (k, n) of the active
-            joints.
+        q, qd, qdd: values (m or rad), speeds (m/s or rad/s) and accelerations (m/s2 or rad/s2) of the active joints,
+            each (k, n).
         Ts_base_tool: planned tool poses (k, 4, 4).
         tip: origin (k, 3) of the frame that the protocol moves, in m in the base frame.
         shaft: unit vectors (k, 3) along the shaft towards the tip, in the base frame.
@@ -63,7 +63,7 @@ class Playback:
 
 
 def prepare(robot: str, protocol: str | None) -> Playback:
-    """Plan a protocol of a robot, and solve the mechanism for each sample; None: the robot's default protocol.
+    """Plan a protocol (None: the robot's default protocol), and solve the mechanism at each sample.
 
     This function takes several seconds and should run in a separate process.
 

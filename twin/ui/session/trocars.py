@@ -17,7 +17,7 @@ class InTrocar:
     """An instrument in its trocar.
 
     Attributes:
-        name: name of the trocar; "": the RCM of a protocol, for mechanisms without trocars.
+        name: name of the trocar; "" for a mechanism without trocars, where `place` is the RCM of a protocol.
         place: position (3,) of the trocar in m in the base frame.
         error: trocar error: distance in m from the trocar to the shaft axis.
         axis: unit vector (3,) along the shaft in the base frame; towards the tip, if `tip` is not None.
@@ -35,9 +35,9 @@ class InTrocar:
 
 
 def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
-    """Return the instruments in their trocars; if the mechanism has no trocars, the instrument at the RCM, if any.
+    """Return the instruments in their trocars.
 
-    `rcm` is the RCM (3,) in m in the base frame; None: no RCM.
+    For a mechanism without trocars, return the instrument at `rcm`, the RCM (3,) in m in the base frame; None: no RCM.
     """
     tip, axis = desk.shaft()
     mechanism, now = desk.mechanism, desk.assembly
@@ -62,7 +62,7 @@ def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
 
 
 def rcm_at(playback: Playback | None, time: float) -> Array | None:
-    """Return the RCM (3,) in m in base at a time in s of a protocol; None if no RCM is registered at this time."""
+    """Return the RCM (3,) in m in the base frame at a protocol time in s; None if no RCM is registered at this time."""
     if playback is None:
         return None
     k = int(np.clip(np.searchsorted(playback.t, time), 0, len(playback.t) - 1))

@@ -1,4 +1,4 @@
-"""Name, as a text, the limit that keeps an arm from its goal, or the camera from moving further."""
+"""Texts on limits: the joint limit that keeps an arm from its goal, and the limit that a camera has reached."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from twin.simulation.controllers.camera import Drag
 from twin.simulation.setup import Member
 
 _WALL = (0.5 * MM, 1 * DEG)
-"""Minimum distance in m and angle in rad between goal and tool at which a joint limit is reported."""
+"""A joint limit is reported if goal and tool differ by at least this distance in m or this angle in rad."""
 
 
 def of_arm(member: Member, q: Array, goal: Array) -> str | None:
-    """Return a text on the joint limit that keeps an arm at q (n,) from its goal (4, 4) in base; None if none does."""
+    """Return a text on the joint limit that keeps an arm at q (n,) from its goal T_base_tool (4, 4); None: no limit."""
     T = member.kin.forward(q, goal)
     way = float(np.linalg.norm(goal[:3, 3] - T[:3, 3]))
     if way < _WALL[0] and float(spatial.rotation_angle(goal[:3, :3] @ T[:3, :3].T)) < _WALL[1]:
@@ -29,7 +29,7 @@ def of_arm(member: Member, q: Array, goal: Array) -> str | None:
 
 
 def of_camera(at: Array, drag: Drag) -> str | None:
-    """Return a text on the limit that one of pan, tilt, depth, roll `at` (4,) in rad and m has reached, else None."""
+    """Return a text on the limit that the camera has reached, or None; `at` (4,): pan, tilt, depth, roll in rad, m."""
     names, units = ("pan", "tilt", "depth", "roll"), (DEG, DEG, MM, DEG)
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         if at[k] - drag.lower[k] < 1e-9 or drag.upper[k] - at[k] < 1e-9:

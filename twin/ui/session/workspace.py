@@ -1,6 +1,6 @@
-"""Compute the tool positions that a robot can reach at its present orientation, in a separate process.
+"""Compute, in a separate process, the tool positions that a robot can reach with the present tool orientation.
 
-A process of low priority does not slow down dragging; a thread would share the interpreter with dragging.
+A process of low priority does not slow down dragging; a thread would, because it would share the interpreter.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Job:
     Attributes:
         robot, variants, parameters: arguments of `twin.load`.
         limits: limits (n, 2) of the active joints, in rad or m; infinite without a limit.
-        T_base_tool: present tool pose (4, 4), which is the orientation of all poses and the centre of the searched box.
+        T_base_tool: present tool pose (4, 4): orientation of all poses, and centre of the searched box.
         reach: half the edge length of the searched box in m.
         count: total number of poses.
         bounds: limits of joints, of motors, and of the distances between two carriages on a rail.
@@ -83,7 +83,7 @@ def evaluate(job: Job) -> Iterator[Chunk]:
     """Yield the reachable positions of a job in chunks, evaluated with the same kernel as `twin workspace`.
 
     Raises:
-        TwinError: the robot is unknown or has no closed-form inverse, the job does not match it, or nothing is
+        TwinError: the robot is unknown or has no closed-form inverse, the job does not match the robot, or no pose is
             reachable.
     """
     from twin.api import load

@@ -1,4 +1,4 @@
-"""Feed the pages with the deformables of a procedure (organs and vessels), whose vertices the World computes."""
+"""Source of the deformables of a procedure (organs and vessels) for the pages; the World computes their vertices."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ _BED = (0.9, 0.75, 0.35)
 
 
 class WorldFeed:
-    """Source of the deformables of a World; a World that is started again must have the same deformables.
+    """Source of the deformables of a World; the World of a new attempt must have the same deformables.
 
     The surface `<organ>_bed` marks the cells of an organ that are still attached to its bed.
 
     Attributes:
         surfaces: triangles and colours by name.
         duration: 0, because no protocol is played.
-        touching: no links, because the World computes which links touch its deformables.
+        touching: empty, because the World itself computes which links touch the deformables.
     """
 
     duration = 0.0
     touching: Mapping[str, Sequence[str]] = {}
 
     def __init__(self, world: Callable[[], World], organ: Tissue) -> None:
-        """Prepare for the deformables of the World that `world` returns, and for the bed of an organ."""
+        """Read the deformables of the World that `world` returns, and the bed of an organ."""
         self._world, self._organ, self._bed = world, organ, f"{organ.name}_bed"
         deformables = world().deformables
         self.surfaces = {d.name: Surface(d.mesh.triangles, d.mesh.color_rgba[:3]) for d in deformables}

@@ -1,7 +1,7 @@
 """The page of a scene that is controlled from its console: the same World as in `twin serve`, with viser's controls.
 
-Arrows at both tools, sliders and pedals move two handles (`twin.ui.session.pens`); the handles are the input of the
-World (`twin.ui.session.console`).
+Two handles (`twin.ui.session.pens`) are moved by arrows at the tools, sliders and pedals. The handles are the input of
+the World (`twin.ui.session.console`).
 """
 
 from __future__ import annotations
@@ -48,11 +48,12 @@ AWAY = 0.7
 """Factor on the usual distance of the camera in the views from outside, below 1 because the scene is wide and low."""
 
 FAR, CAVITY = 100.0, 0.4
-"""Maximum drawn distance in m: in views of the room, and in the endoscope's view, which shows only the cavity."""
+"""Maximum distance in m from the camera at which objects are drawn: in views of the room; in the endoscope's view,
+where only the cavity is to be visible."""
 
 BEFORE_LENS, THICK = 0.01, 0.006
-"""Distance in m from the lens to the target line of a camera task; thickness of this line, divided by the height of the
-picture."""
+"""Distance in m from the lens to the target line of a camera task; thickness of this line as a fraction of the
+picture's height."""
 
 _FELT = 0.05
 """Smallest force on a hand in N that is shown."""
@@ -61,10 +62,10 @@ STILL = 1e-9
 """Largest joint motion in rad or m between two frames that counts as rest; at a limit, rounding errors move an arm."""
 
 RESTS = 0.2
-"""Time in s without motion after which handles are moved back to tools that could not reach their goals."""
+"""Time in s without motion after which a handle is moved back to its tool if the tool could not reach its goal."""
 
 TOUCHED = 0.7
-"""Time in s after a user's change of a control during which the control is not set to the value in the World."""
+"""Time in s for which a control that a user has changed is not set to the value in the World."""
 
 _CAMERA = (("pan [°]", DEG, 0.5), ("tilt [°]", DEG, 0.5), ("depth [mm]", MM, 0.5), ("roll [°]", DEG, 0.5))
 _TONES = {"good": "#1f8a55", "warn": "#c77700", "bad": "#d62f2f", "plain": "inherit"}
@@ -97,10 +98,11 @@ class ConsoleFront(Loop):
             loaded: a scene with a console; the models of its machines are shown as ghosts.
             server: the server of viser.
             exercise: task, condition, session file and report.
-            stopping: set when the page shall end.
+            stopping: event that ends the page.
 
         Raises:
-            TwinError: the scene has no console, the console does not match its robots, or the task its props.
+            TwinError: the scene has no console, its robots do not match the console, or its props do not match the
+                task.
         """
         super().__init__(server, title, stopping)
         self.console = LiveConsole(loaded, exercise)
@@ -145,7 +147,7 @@ class ConsoleFront(Loop):
     # -- the loop -------------------------------------------------------------------------------------
 
     def frame(self, passed: float, wished: bool) -> None:
-        """Send the hands to the World, step the World by the elapsed time, and show its state."""
+        """Send the hand states to the World, step the World by the elapsed time `passed`, and show its state."""
         self.pens.say(passed)
         for text in self.console.advance(passed):
             self.say(text, bad=True)
@@ -168,7 +170,7 @@ class ConsoleFront(Loop):
         self._show()
 
     def _bend(self, fields: FieldNodes) -> None:
-        """Show the deformables, and their first error."""
+        """Show the deformables, and the error if it is their first."""
         if wrong := fields.show(self.console.world.t):
             self.say(wrong, bad=True)
 
@@ -215,7 +217,7 @@ class ConsoleFront(Loop):
             self._dragged.add(hand)
 
     def _follow(self) -> None:
-        """Move the arrows to the tools or the target, except arrows that are dragged or that are not reached yet."""
+        """Move the arrows to the tools or the target, except arrows that a user drags or a tool has yet to reach."""
         for hand, arrows in self.arrows.items():
             if hand in self._dragged or hand in self._left_to_settle or self.wished(hand):
                 continue
@@ -235,7 +237,7 @@ class ConsoleFront(Loop):
     # -- views ----------------------------------------------------------------------------------------
 
     def _draw_line(self, server: viser.ViserServer, camera: CameraTable, length: float) -> None:
-        """Draw a grey line before the lens; `length` is divided by the height of the picture."""
+        """Draw a grey line before the lens; `length` is a fraction of the picture's height."""
         frame = self.console.members[camera.robot].mechanism.frame(camera.frame)
         T = frame.T_body_frame @ camera.in_frame
         height = 2 * BEFORE_LENS * np.tan(self._view_angle / 2)
@@ -436,7 +438,10 @@ class ConsoleFront(Loop):
             self._score.show(self.console.reading["task"])
 
     def _set(self, control: Any, kind: str, value: Any, apart: float = 0.0) -> None:
-        """Set a control if the World's value has changed, and differs by more than `apart`; keep new input by users."""
+        """Set a control to the World's `value` if this has changed and differs from the control by more than `apart`.
+
+        A control that a user has just changed is not set.
+        """
         if (
             value == self._written.get(kind)
             or self.wished(kind)
@@ -459,8 +464,8 @@ def _name(client: viser.ClientHandle) -> str:
 def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -> tuple[str, str]:
     """Return (tone, text) with the most important information on the state of a `LiveConsole`.
 
-    The tone is "good", "warn", "bad" or "plain". `planned` is the status (tone, text) of planning mode, None if there
-    is nothing to say about planning mode.
+    The tone is "good", "warn", "bad" or "plain". `planned` is the status (tone, text) of planning mode; None: no
+    status.
     """
     moved = [h["robot"] for h in reading["hands"].values() if h["follows"]]
     walls = [f"{h['robot']}: {h['wall']}" for h in reading["hands"].values() if h["wall"]]

@@ -18,12 +18,12 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
 _SAME = 1 * UM
-"""Minimum distance in m between two origins that define a line."""
+"""Distance in m up to which two origins count as equal and define no line."""
 
 
 @dataclass(frozen=True)
 class Distance:
-    """Two joints of one body, and the distance in m between the origins of their frames on this body."""
+    """Two joints of one body, and the distance in m between the origins of the two joint frames on this body."""
 
     body: str
     joint: str
@@ -47,15 +47,15 @@ def distances(mechanism: Mechanism) -> list[Distance]:
 
 
 def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float) -> Mechanism:
-    """Return the mechanism with one joint frame moved on its body, and all other data unchanged.
+    """Return the mechanism with the frame of `joint` moved to a `distance` in m from `other`, otherwise unchanged.
 
-    The frame of `joint` on the body that both joints share is moved, without rotation, along the line through the
-    origins of both frames, until the origins are `distance` (m) apart. If this line is oblique to the joint axes (two
-    bores at different heights), the shift has a component along the axes, which opens a planar loop
-    (`Assembly.worst_gap`). A shift along the axis of a prismatic joint changes only the zero position of this joint.
+    Both joints have a frame on the body that they share. The frame of `joint` is shifted, without rotation, along the
+    line through the origins of the two frames, until the origins are `distance` apart. If this line is oblique to the
+    joint axes (two bores at different heights), the shift has a component along the axes; this component opens a planar
+    loop (`Assembly.worst_gap`). A shift along the axis of a prismatic joint only changes the joint's zero position.
 
     Raises:
-        MechanismError: a joint is unknown, the joints share no body or two bodies, their origins coincide, or the
+        MechanismError: a joint is unknown, the joints share no body or two bodies, the origins coincide, or the
             distance is not positive.
     """
     a, b = mechanism.joint(joint), mechanism.joint(other)

@@ -209,7 +209,7 @@ class DesignPanel:
     def other_poses(self, a: Actor) -> dict[str, Array] | None:
         """Return the link poses of the unedited mechanism at the present joint values, for a ghost.
 
-        None if the mechanism is not edited, or if the unedited one cannot be assembled at these values.
+        None if the mechanism is not edited, or if the unedited mechanism cannot be assembled at these joint values.
         """
         if a.desk.mechanism is a.desk.robot.mechanism:
             return None
@@ -300,7 +300,7 @@ class DesignPanel:
         self.front.ask("design", go)
 
     def _again(self, a: Actor) -> None:
-        """Move to the last requested tool pose with the changed equations."""
+        """Move the robot again to the last requested tool pose, now with the changed equations."""
         asked = a.desk.asked if a.desk.asked is not None else a.desk.assembly.T_base_tool
         a.desk.move_tool(asked)
         self.front.rebuilt(a)

@@ -52,7 +52,7 @@ class DeviationCurve:
 
 
 def largest(apart: Sequence[float], joints: Sequence[Joint]) -> str:
-    """Return a text with the joint that differs most, and its difference; `apart` (n,) is in rad or m."""
+    """Return a text on the joint with the largest of the joint differences `apart` (n,) in rad or m."""
     shown = [(abs(v) / (DEG if j.is_angle else MM), j) for v, j in zip(apart, joints, strict=True)]
     size, joint = max(shown, key=lambda pair: pair[0])
     return f"Largest joint difference: {joint.name} {size:.2f}{'°' if joint.is_angle else ' mm'}"

@@ -22,10 +22,10 @@ class FieldNodes:
         self.broken = ""
 
     def follow(self, links: Callable[[str], Mapping[str, Array]], passed: float) -> bool:
-        """Deform the organs that follow the links, with the present poses of the links; return whether an organ moved.
+        """Deform the fields that follow links, according to the present link poses; return whether a vertex has moved.
 
-        `links` takes the name of a robot and returns T_world_link (4, 4) by link; `passed` is the time in s since the
-        last call.
+        `links` returns the poses T_world_link (4, 4), by link, of the robot with the given name; `passed` is the time
+        in s since the last call.
         """
         if not isinstance(self._feed, Follower) or self.broken:
             return False
@@ -36,7 +36,7 @@ class FieldNodes:
             return True
 
     def show(self, t: float) -> str:
-        """Show all fields at a time in s; return the error if it is the first, else "".
+        """Show all fields at a time in s; return the first error in the fields, but only once; "" otherwise.
 
         Fields without vertices are not drawn.
         """

@@ -1,7 +1,7 @@
 """Send link poses to the browser as complete frames, including very small changes.
 
-The setters of viser handles ignore changes below the tolerance of numpy.allclose (5 um at 0.5 m). They also send
-separate messages, so that a browser may show links of two different frames together.
+The setters of viser handles ignore changes below the tolerance of numpy.allclose (5 um at 0.5 m). Each setter also
+sends a separate message, so that a browser may show links from two different frames together.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class _Node:
-    """Access to the internals of viser for one scene node: pose messages, queue, and the handle's copy of its pose."""
+    """Access to viser's internal data of one scene node: pose messages, queue, and the pose stored in the handle."""
 
     def __init__(self, handle: viser.SceneNodeHandle) -> None:
         self._state: Any = handle._impl

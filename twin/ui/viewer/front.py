@@ -27,8 +27,8 @@ _READ = 0.1
 """Minimum time in s between two updates of the readings; each update redraws the panels."""
 
 _DRAWN, _NOBODY = 1.5, 4.0
-"""Times in s after which protocols are planned: since a browser has connected (it then has drawn its first picture),
-and since the start if no browser has connected."""
+"""Times in s after which the planning of protocols begins: after the first browser has connected (it has then drawn its
+first picture), but at the latest after the start."""
 
 
 @dataclass
@@ -102,7 +102,8 @@ class Front(Loop):
         terminal: terminal that asks for confirmations; None: the page never changes a robot's files.
         clock: clock of the protocols.
         feed: deformables; None: no deformables.
-        nodes, ghosts: scene nodes of each robot, and of each ghost that has been drawn, by name of the robot.
+        nodes: scene nodes of each robot, by name of the robot.
+        ghosts: scene nodes of each ghost that has been drawn, by name of the robot.
     """
 
     def __init__(
@@ -188,7 +189,7 @@ class Front(Loop):
             self._gizmo_to_tool()
 
     def bend(self, passed: float) -> None:
-        """Deform the organs with the present poses of the robots; `passed`: time in s since the last call."""
+        """Deform the organs according to the present link poses; `passed` is the time in s since the last call."""
         if self._fields is not None:
             self._stale |= self._fields.follow(self._links_of, passed)
 
@@ -206,7 +207,7 @@ class Front(Loop):
         self.scenery.update()
 
     def stand(self) -> None:
-        """Move every robot that has a planned protocol to its pose in the protocol at the clock's time."""
+        """Move every robot with a planned protocol to the state in its protocol at the clock's time."""
         for a in self.actors:
             if a.playback is None:
                 continue

@@ -37,7 +37,7 @@ from twin.ui.session.session import Session as Session
 from twin.ui.viewer.rewrite import rewrite
 
 _DIGITS = {"mm": 6, "deg": 8}
-"""Number of decimals of values in mm and deg: a resolution of 1 nm, for angles at the end of an arm of 5 m."""
+"""Number of decimals of values in mm and deg: a resolution of 1 nm (for angles, at a radius of 5 m)."""
 
 
 def identifier(name: str) -> str:
@@ -82,7 +82,7 @@ def save_posture(description: Path, name: str, values: Mapping[str, float], *, r
 
 
 def append_phase(protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Array) -> None:
-    """Add a waypoint and a last phase of type "positioning", which moves there, to a protocol; both are named `name`.
+    """Add a waypoint to a protocol, and a last phase of type "positioning" to this waypoint; both are named `name`.
 
     Args:
         protocol: trajectories/<robot>/<protocol>.toml.
@@ -129,7 +129,7 @@ def append_phase(protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Ar
 
 
 def _last_angles(p: Protocol) -> Array:
-    """Return the angles (3,) in rad at the end of the last phase."""
+    """Return the orientation angles (3,) in rad at the end of a protocol's last phase."""
     goals = [phase.to for phase in p.phases if isinstance(phase, Positioning | Pivot | Home)]
     return p.waypoints[goals[-1] if goals else p.start].angles
 
@@ -145,7 +145,7 @@ def _ends_inside(p: Protocol) -> bool:
 
 
 def _in_file_units(path: Path, d: descriptions.Description, name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Return a posture as in the file: rounded values in mm or deg, by joint name with unit."""
+    """Return a posture as written to the file: rounded values in mm or deg; each key is a joint name with the unit."""
     keys = {j.name: f"{j.name}_{references.UNITS.get(j.type, 'mm')}" for j in d.joint if j.active}
     limits = {joint: spec for spec in d.limit for joint in spec.joints}
     for joint in values:

@@ -121,10 +121,10 @@ class Letters:
         self._decoders = {False: _decoder(_ORDINARY), True: _decoder(_LONG)}
 
     def belong_to(self, server: viser.ViserServer) -> None:
-        """Set the server; messages may refer to its page elements. Before this call, all messages are dropped.
+        """Set the server to whose page elements messages may refer. Before this call, all messages are dropped.
 
         Raises:
-            TwinError: this version of viser stores the elements differently.
+            TwinError: this version of viser stores the page elements in an unsupported way.
         """
         if not isinstance(getattr(server.gui, "_gui_input_handle_from_uuid", None), dict):
             raise TwinError(f"viser {viser.__version__} stores its elements in another way: install viser 1.1")
@@ -237,7 +237,7 @@ class Letters:
 
 
 def _numbers(value: Any, name: str = "") -> None:
-    """Raise `NonsenseError` if a message has implausible numbers or a quaternion whose length is not 1."""
+    """Raise `NonsenseError` if a message has a number beyond `_FAR` or a quaternion that is far from length 1."""
     if isinstance(value, msgspec.Struct):
         for field in value.__struct_fields__:
             _numbers(getattr(value, field), field)

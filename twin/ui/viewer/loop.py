@@ -56,9 +56,9 @@ class Loop(ABC):
             self._wishes[kind] = wish
 
     def repeat(self, kind: str, more: Callable[[], bool]) -> None:
-        """Store a request `more`, which is repeated in the next frame if it returns True, unless a new request came.
+        """Store a request `more`, which is repeated in each frame until it returns False.
 
-        Only a new request of the same kind ends the repetition.
+        A new request of the same kind ends the repetition, too.
         """
 
         def wish() -> None:
@@ -69,7 +69,7 @@ class Loop(ABC):
         self.ask(kind, wish)
 
     def wished(self, kind: str) -> bool:
-        """Return whether a request waits whose kind begins with `kind`; its control must not be changed meanwhile."""
+        """Return whether a request whose kind begins with `kind` is waiting; if so, its control must not be changed."""
         with self._lock:
             return any(k.startswith(kind) for k in self._wishes)
 

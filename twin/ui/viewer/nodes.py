@@ -21,13 +21,13 @@ _GHOST_OPACITY = 0.28
 
 
 def object_nodes(server: viser.ViserServer, item: Movable, T_world_object: Array) -> RobotNodes:
-    """Return the scene nodes of a movable object at a pose (4, 4); its only body has its name."""
+    """Return the scene nodes of a movable object at a pose (4, 4): a robot with one body named like the object."""
     alone = Mechanism(item.name, item.name, (Body(item.name, (item.mesh(),)),), ())
     return RobotNodes(server, f"/{item.name}", alone, {item.name: T_world_object})
 
 
 class RobotNodes:
-    """Scene nodes of a robot; the root node has the robot's place and scale, its children are in m in the base frame.
+    """Scene nodes of a robot; the root node has the robot's pose and scale, all others are in m in the base frame.
 
     Attributes:
         root: node of the base frame in the world.
@@ -92,13 +92,13 @@ class RobotNodes:
         self.root.wxyz = spatial.quat_from_matrix_wxyz(T_world_base[:3, :3])
 
     def to_base(self, p_world: Array) -> Array:
-        """Convert a point (3,) from the displayed world to the robot's base frame, in m, without display scale."""
+        """Convert a point (3,) from the displayed world, with display scale, to the robot's base frame, in m."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz)), self.root.position
         return T[:3, :3].T @ (np.asarray(p_world, float) - T[:3, 3]) / float(np.atleast_1d(self.root.scale)[0])
 
     def to_world(self, p_base: Array) -> Array:
-        """Convert a point (3,) in m from the robot's base frame to the displayed world, with display scale."""
+        """Convert a point (3,) from the robot's base frame, in m, to the displayed world, with display scale."""
         R = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz))
         return np.asarray(self.root.position) + float(np.atleast_1d(self.root.scale)[0]) * R @ p_base
 
@@ -155,8 +155,8 @@ class RobotNodes:
         If no body has two points, nothing is drawn.
 
         Args:
-            points: positions (3,) in m in the base frame, computed by the equations, by name.
-            actual: positions (3,) in m in the base frame of the same points of the mechanism, by name.
+            points: positions (3,) in m in the base frame by name, computed by the equations.
+            actual: positions (3,) in m in the base frame by name, computed by the mechanism.
             agrees: whether equations and mechanism agree; the lines are then green, otherwise red.
             exaggerated: factor by which the differences between `points` and `actual` are drawn larger.
         """
@@ -182,8 +182,8 @@ class RobotNodes:
     def section(self, poses: Mapping[str, Array], point: Array | None, normal: Array) -> None:
         """Hide the part of the robot in front of a plane, on the side of the normal.
 
-        `poses` are the link poses T_base_body (4, 4), `point` (3,) in m and `normal` (3,) are in the base frame; if
-        `point` is None, the whole robot is shown.
+        The plane contains `point` (3,) in m and has the normal `normal` (3,), both in the base frame; if `point` is
+        None, the whole robot is shown. `poses` are the link poses T_base_body (4, 4).
         """
         for (body, (vertices, triangles, *_)), (_, handle) in zip(self._looks, self.meshes, strict=True):
             shown, faces = vertices, triangles

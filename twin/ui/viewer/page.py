@@ -20,7 +20,7 @@ def open_page(
     Args:
         title: title of the page.
         actors: the robots; the first is active.
-        props: props of the scene; None: the user can show table and patient of the protocol instead.
+        props: props of the scene; None: no props, but the user can show table and patient of the protocol.
         server: the server of viser.
         more: further arguments of `Front`.
     """

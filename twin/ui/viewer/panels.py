@@ -128,7 +128,7 @@ class Panels:
         self._protocol.value = next((n for n, p in listed.items() if p == loaded), self._protocol.options[0])
 
     def _chosen(self) -> str | None:
-        """Return the argument of `Robot.protocol` for the protocol that is selected."""
+        """Return the argument of `Robot.protocol` for the selected protocol; None if none is selected."""
         return self._protocols[self.front.hand.name].get(self._protocol.value)
 
     def _toggle(self) -> None:
@@ -250,7 +250,7 @@ class Panels:
     # -- reading --------------------------------------------------------------------------------------
 
     def equations_shown(self) -> bool:
-        """Return whether the checkbox that shows the named points computed by the equations is set."""
+        """Return whether the user has chosen to show the named points that the equations compute."""
         return self._equations.value
 
     def ghost(self, visible: bool) -> None:
@@ -259,14 +259,14 @@ class Panels:
         self.front.show_ghost(visible)
 
     def exaggeration(self) -> float:
-        """Return the factor by which the errors of the points of the equations are drawn larger."""
+        """Return the factor by which the errors of the equations' named points are drawn larger."""
         return float(self._times.value.split()[0])
 
     def ghost_poses(self, a: Actor) -> dict[str, Array] | None:
-        """Return the link poses T_base_body (4, 4) of the ghost of a robot; None if they cannot be computed.
+        """Return the link poses T_base_body (4, 4) of a robot's ghost; None if they cannot be computed.
 
-        If the mechanism is edited, the ghost is the unedited mechanism at the same joint values, otherwise the
-        mechanism at the requested tool pose.
+        If the mechanism is edited, the ghost is the unedited mechanism at the same joint values. Otherwise, the ghost
+        is the mechanism at the requested tool pose.
         """
         other = self.design.other_poses(a)
         if other is not None:
@@ -312,7 +312,7 @@ class Panels:
         self.design.show(reading)
 
     def _draw_curves(self, force: bool = False) -> None:
-        """Draw the chosen curves of the protocol, with a dot at the clock's time."""
+        """Draw the chosen curves of the protocol, with a vertical line at the clock's time."""
         playback = self.front.hand.playback
         if playback is None:
             return
@@ -355,7 +355,7 @@ _SMALL = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12))
 def curves(playback: Playback, what: str, joints: list[str], angles: list[bool]) -> tuple[list[str], Array]:
     """Return (names with units, values (m, k)) of the m curves of a playback with k samples; `what`: see `CURVES`.
 
-    `joints` are the names of the active joints, `angles` states for each of them whether it is an angle.
+    `joints` are the names of the active joints; `angles` states for each active joint whether its value is an angle.
     """
     if what == "tip":
         return [f"{a} [mm]" for a in "xyz"], playback.tip.T / MM

@@ -33,10 +33,10 @@ Ask = Callable[[Any, str, Callable[[str], object]], None]
 
 
 class PlanningPanel:
-    """Buttons of planning mode, and its displays in the scene; all browsers show the same state."""
+    """Buttons and displays of planning mode; all browsers show the same state."""
 
     def __init__(self, server: viser.ViserServer, console: LiveConsole, pens: Pens, on_click: Ask) -> None:
-        """Add the controls; `on_click` connects a button to a request with the name of the client."""
+        """Add the controls; `on_click` connects a button to a request, which receives the name of the client."""
         self._server, self._console, self._pens = server, console, pens
         gui = server.gui
         with gui.add_folder("Plan a motion"):
@@ -83,13 +83,16 @@ class PlanningPanel:
         self._console.plan(client, do, hand or self._console.planning.hand)
 
     def _again(self, client: str) -> None:
-        """Plan a motion; in a preview, let the hand move the target again."""
+        """Plan a motion to the target; in the phase "preview", let the hand move the target again."""
         self._ask(client, "aim" if self._console.planning.phase == "preview" else "find")
 
     # -- display --------------------------------------------------------------------------------------
 
     def show(self, now: float) -> None:
-        """Show the state of planning mode at the time `now` in s; keep the hands active while they move nothing."""
+        """Show the state of planning mode at the time `now` in s.
+
+        In phases in which the hands move nothing, keep them active, so that they are not released.
+        """
         mode = self._console.planning
         if self._pens.client is not None and mode.phase in plan_view.RESTS:
             self._pens.use(self._pens.client)
@@ -123,7 +126,7 @@ class PlanningPanel:
                 button.label = label
 
     def _stand(self, robot: str, poses: Mapping[str, Array]) -> None:
-        """Show the ghost of an arm at link poses T_base_body; hide it if there are none."""
+        """Show the ghost of an arm at the link poses T_base_body; without poses, hide the ghost."""
         if robot and robot != self._arm and poses:
             if self._ghost is not None:
                 self._ghost.remove()
@@ -151,7 +154,7 @@ class PlanningPanel:
                 handle.color = RED if blocked else BLUE
 
     def _draw(self, robot: str) -> None:
-        """Draw the path of the tip of the planned motion, and the tree of its search."""
+        """Draw the tip's path in the planned motion, and the search tree."""
         for line in self._lines.values():
             line.remove()
         self._lines = {}
@@ -172,7 +175,7 @@ class PlanningPanel:
                 )
 
     def _show_clearance(self) -> None:
-        """Show the plot of the clearance, once its first part is known."""
+        """Show the plot of the clearance, as soon as the first clearances are known."""
         preview = self._preview
         parts = 0 if preview is None else len(preview.clear) + (preview.proven is not None)
         if parts == self._parts:

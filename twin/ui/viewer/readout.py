@@ -1,4 +1,4 @@
-"""Write the readings as HTML."""
+"""Format the readings of a robot as HTML."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _line(name: str, text: str, color: str = "") -> str:
 
 
 def _bar(limit: Limit) -> str:
-    """Return the position of a joint between its limits as an HTML bar; red within 2 % of the range from a limit."""
+    """Return an HTML bar with a joint's position between its limits; red if a limit is nearer than 2 % of the range."""
     text = f"{limit.value:.3f} {limit.unit}".replace("-0.000 ", "0.000 ")
     part = limit.part
     if part is None:

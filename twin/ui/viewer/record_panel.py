@@ -46,7 +46,7 @@ class RecordPanel:
         front.after_frame.append(self._tick)
 
     def _keep_buttons(self) -> None:
-        """Add controls to write files; writing requires confirmation on the terminal, as page users are not trusted."""
+        """Add controls that write files; each write must be confirmed on the terminal: page users are not trusted."""
         gui, front = self.front.server.gui, self.front
         if front.terminal is None:
             gui.add_markdown("Start `twin view` in a terminal; it asks there before it writes files.")

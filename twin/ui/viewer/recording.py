@@ -31,7 +31,7 @@ def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress
 
 
 def turntable(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
-    """Make a browser download a GIF of one revolution of its camera about the point it looks at; return the content."""
+    """Make a browser download a GIF of one camera revolution about the viewed point; return the content of the file."""
     from PIL import Image
 
     client = _one(client)
@@ -62,7 +62,7 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
 
 
 def page(front: Front, progress: Progress = lambda part: None) -> str:
-    """Return an HTML page that plays the planned protocols without a server; clock and gizmo are then as before.
+    """Return an HTML page that plays the planned protocols without a server; the clock is restored afterwards.
 
     Raises:
         TwinError: no protocol is planned.

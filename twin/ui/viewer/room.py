@@ -20,7 +20,7 @@ OUTSIDE = {
 
 
 def corners(box: Array) -> Array:
-    """Return the corners (8, 3) of a box (2, 3), given by its lowest and highest corner."""
+    """Return the corners (8, 3) of a box, given as (2, 3): lowest and highest corner."""
     return np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 

@@ -72,7 +72,7 @@ class Scenery:
             self._trail[a.name] = [line]
 
     def follow(self) -> None:
-        """Draw trocars and shafts at the robots' present poses; a shaft 2 mm beside its trocar is not drawn."""
+        """Draw trocars and shafts at the robots' present poses; a shaft 2 mm or more from its trocar is not drawn."""
         shown = set()
         for a in self.front.actors if self._trail_shown else ():
             size = self.front.nodes[a.name].size
@@ -100,7 +100,7 @@ class Scenery:
     # -- the panel ------------------------------------------------------------------------------------
 
     def panel(self) -> None:
-        """Create the controls in the page's panel that show or hide the props of the scene."""
+        """Create the controls for camera views, displayed objects, section, displayed size and place, and pictures."""
         gui, front = self.front.server.gui, self.front
         views = gui.add_dropdown("camera", VIEWS)
         look = gui.add_button("Look from there")
@@ -200,7 +200,7 @@ class Scenery:
         self.front.gizmo.visible = on and not self._through_lens
 
     def see_through(self, on: bool) -> None:
-        """Make the patient transparent, so that instruments inside are visible."""
+        """Draw the scene's props transparent (True), so that instruments inside the patient are visible, or opaque."""
         assert self.props is not None
         for _, handle in self.props.meshes:
             handle.opacity = 0.3 if on else None
@@ -241,7 +241,7 @@ class Scenery:
             frame.visible = name not in hidden
 
     def update(self) -> None:
-        """Update the section of the robots to their present poses, if a section is shown."""
+        """Update the shown section, if any, to the present poses of the robots."""
         state = None if self._cut is None else (*self._cut, *(id(a.desk.assembly) for a in self.front.actors))
         if state == self._cut_drawn:
             return

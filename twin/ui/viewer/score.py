@@ -91,7 +91,7 @@ class ScorePanel:
 
 
 def _asking(do: Callable[[str], object]) -> Callable[[viser.GuiEvent], None]:
-    """Return a callback that passes the name of the client."""
+    """Return a callback for a button that calls `do` with the name of the client."""
 
     def clicked(event: viser.GuiEvent) -> None:
         if event.client is not None:

@@ -1,8 +1,8 @@
-"""The viewer's server; it has few imports, so that a browser can load the page while the robot is read.
+"""The viewer's server; this module has few imports, so that a browser can load the page while the robot is read.
 
-viser has no access control. Therefore the call with which viser opens its socket is replaced, so that its page,
-WebSockets and messages pass through the access control of `twin.ui.door`. If a version of viser opens its socket
-differently, the server is stopped.
+viser has no access control. Therefore this module replaces the call with which viser opens its socket: page, WebSockets
+and messages then pass through the access control of `twin.ui.door`. If a version of viser opens its socket differently,
+the server is stopped.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Door:
         select_subprotocol: Callable[..., Any],
         **ours: Any,
     ) -> Any:
-        """Replace `websockets.serve`: open the socket with viser's handler and subprotocol, and with these limits."""
+        """Replace `websockets.serve`: open viser's socket with its handler and subprotocol and this module's limits."""
         self.stands = True
         return listen(
             handler,
@@ -144,8 +144,8 @@ def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.V
         title: title of the page.
         host: address to listen on.
         port: port to listen on; 0: any free port.
-        gate: access rules. None: the server accepts requests whose Host header names `host` or this machine, from its
-            own page or from programs that are not browsers.
+        gate: access rules. None: a request is accepted if its Host header names `host` or this machine, and if it comes
+            from the server's own page or from a program that is not a browser.
 
     Raises:
         TwinError: this version of viser opens its socket differently.

@@ -35,7 +35,7 @@ class TrainerPanel:
         pens: Pens,
         on_click: Callable[[viser.GuiButtonHandle, str, Callable[[str], object]], None],
     ) -> None:
-        """Add the controls; `on_click` connects a button to a request with the name of the client."""
+        """Add the controls; `on_click` connects a button to a request, which receives the name of the client."""
         self._console, self._pens = console, pens
         table = console.scene.trainer
         assert table is not None

@@ -24,7 +24,7 @@ from twin.ui.viewer.nodes import BLUE, RobotNodes, object_nodes
 from twin.ui.viewer.room import OUTSIDE, corners, furnish
 
 OBJECTS = "objects"
-"""Name under which a stream has the poses of movable objects."""
+"""Key of the poses of movable objects in a frame of a stream."""
 
 
 class Stream(Protocol):
@@ -47,8 +47,8 @@ class Stream(Protocol):
     def take(self) -> tuple[Mapping[str, Mapping[str, Array]], Mapping[str, Array]] | None:
         """Return (link poses, vertices) of the newest frame; None if no frame has arrived since the last call.
 
-        Poses are T_base_link (4, 4), by robot and link; those of movable objects, under "objects", are in the World.
-        Vertices are (n, 3) in m in the World, by deformable.
+        Link poses are T_base_link (4, 4), by robot and link; the entry "objects" has the poses T_world_object (4, 4) of
+        the movable objects. Vertices are (n, 3) in m in the world frame, by deformable.
         """
         ...
 
