@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
 
 _STRIDE = 4
-"""Number of samples (one every 5 ms, `run.SAMPLE`) from a key of an exported motion to the next key: 50 keys per s."""
+"""Number of samples between two keys of an exported motion: 4 samples of 5 ms (`run.SAMPLE`) give 50 keys per s."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ class ConsoleSession(Result):
             yield disagreement("task.errors", what, text, Quantity(value, unit), most, word="allowed")
 
     def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings on an unaligned camera, on two angles that differ, and on a missing angle."""
+        """Yield findings: the camera is not aligned, or AlignErr is not measurable or different in the picture."""
         if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
             return
         wanted = self.task.alignment
