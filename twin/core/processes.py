@@ -37,7 +37,7 @@ def isolated(program: str, *arguments: object) -> list[str]:
 
 
 class Apart:
-    """A function that runs in a separate process, which ends with this object or with this program.
+    """A function that runs in a separate process; the process ends with this object or with this program.
 
     The process ignores Ctrl-C from its start, through an inherited signal mask.
 

@@ -181,7 +181,7 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
 
 
 def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) -> Array:
-    """Return the cubic at s in 0..1 from a (s = 0) to b (s = 1); its derivatives there are slope_a and slope_b."""
+    """Return the cubic at s in 0..1: it has the values a, b and the derivatives slope_a, slope_b at s = 0 and s = 1."""
     return a + s * (slope_a + s * (3 * (b - a) - 2 * slope_a - slope_b + s * (2 * (a - b) + slope_a + slope_b)))
 
 

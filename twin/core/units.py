@@ -19,7 +19,7 @@ LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
 
 
 def display_unit(angle: bool) -> tuple[str, float]:
-    """Return (unit in which angles or, if `angle` is False, lengths are shown, its size in rad or m)."""
+    """Return the display unit of angles (or, if `angle` is False, of lengths), and its size in rad (or m)."""
     return ("deg", DEG) if angle else ("mm", MM)
 
 
