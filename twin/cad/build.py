@@ -65,7 +65,7 @@ class CadModel:
 def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
     """Return the files of a robot: its TOML file and the CAD files that the TOML file names.
 
-    `description` is the content of the TOML file, which is read if None.
+    `description` is the content of the TOML file; None: the file is read.
     """
     description = description or load(description_path)
     files = [description_path]
@@ -167,7 +167,7 @@ def read_mechanism(
 
 
 def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
-    """Return the parts of the STEP file below the node of each body, by body name."""
+    """Return {body: parts of the STEP file at or below the body's node}."""
     parts: dict[str, list[Part]] = {name: [] for name in d.body}
     if step is None:
         return parts
@@ -211,7 +211,7 @@ def _shapes(
 
 
 def _loaded(folder: Path, spec: BodySpec, found: list[Finding]) -> Iterator[Mesh]:
-    """Yield the meshes in the files of a body, in drawn coordinates; the findings on them are added to `found`."""
+    """Yield the meshes in the mesh files of a body, in drawn coordinates; findings on these are added to `found`."""
     for file in spec.meshes:
         loaded, notes = mesh.load_mesh(folder / file.file, file.unit, file.up, file.color)
         found += [n for n in notes if n.code != "cad.open_mesh"]
