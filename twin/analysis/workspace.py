@@ -193,7 +193,8 @@ class Workspace(Result):
         """Return the size, fractions, condition numbers and limits of the workspace as plain data.
 
         The size is a volume in dm3, an area in cm2 if all positions are in one plane parallel to two axes of base, or a
-        length in mm if all positions are on a line parallel to an axis. For other surfaces and curves, it is None.
+        length in mm if all positions are on a line parallel to an axis. For other surfaces and curves, the size is
+        None.
         """
         good = self.values[self.reached]
         share, inverse = good[:, 0].astype(float), good[:, 1].astype(float)

@@ -382,9 +382,10 @@ class ConsoleSession(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write session.csv, session.mcap and, for each robot, <robot>/<kind>.glb and <robot>/tracks/session.*.
+        """Write session.csv, session.mcap (if mcap is installed), and a GLB and tracks for each robot in its folder.
 
-        For movable objects, write a GLB, tracks and a USD stage with the motion to objects/.
+        For movable objects, write a GLB, tracks and a USD stage with the motion to objects/. For a simulated surgeon,
+        also write the session file.
         """
         from twin.exchange.write.glb import write_glb
         from twin.exchange.write.tracks import write_tracks

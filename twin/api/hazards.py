@@ -30,7 +30,7 @@ FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""
 
 TRENDS = "trends"
-"""Name, without suffix, of the file in the robot's folder `campaigns` that describes the paper's experiments."""
+"""Name, without suffix, of the file in the robot's folder `campaigns` with the settings of `trends`."""
 
 _POLL = 0.05
 """Time in s between two checks of the processes."""

@@ -33,8 +33,8 @@ def machine_parts(
         mode: name of the DAC limits in machine.toml; None: the mode of machine.toml.
         overdrive: action for DAC commands above the DAC limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
-        released: faults of the released control software to reproduce, as names of fields of `settings.Released`; all
-            others are corrected. ("none",): all are corrected; None: as in machine.toml.
+        released: names (fields of `settings.Released`) of the faults of the released control software that are
+            reproduced; all other faults are corrected. ("none",): all are corrected; None: as in machine.toml.
 
     Raises:
         TwinError: a file is missing or malformed, the mechanism has loops, the gains make a joint oscillate, a name in

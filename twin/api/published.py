@@ -74,8 +74,8 @@ class Study(Result):
 def study(source: Robot | str | Path) -> Result:
     """Recompute the published tables of a robot, a console or a study file, or compare groups of users.
 
-    `source` is a robot, its name or folder; the name of a study; or the path of a study file (.toml) or of a table of
-    users (.csv with a column `group`).
+    `source` is a robot (or the name or folder of a robot), the name of a study, or the path of a study file (.toml) or
+    of a table of users (.csv with a column `group`).
 
     Raises:
         TwinError: there is nothing to recompute, or a file is malformed.

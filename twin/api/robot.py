@@ -253,7 +253,7 @@ class Robot:
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
 
-        Rows of q (k, n) without a solution give NaN.
+        For rows of q (k, n) without a solution, the poses are NaN.
 
         Raises:
             KinematicsError: for q (n,), there is no assembly, or no assembly on that branch.

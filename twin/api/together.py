@@ -107,9 +107,9 @@ def plan_together(
 
     The first phases of all protocols begin together and end together, then the second phases, and so on. The first arm
     avoids the obstacles at rest. Each further arm also avoids the moving arms before it, which may wait for it. If no
-    path is found, the opposite order of the arms is tried. Each arm keeps the limits that `plan` keeps for one robot:
-    joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and working mode. The
-    samples of each arm are checked as by `plan`.
+    path is found, the opposite order of the arms is tried. Each arm satisfies the limits that `plan` checks for one
+    robot: joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and working mode.
+    The samples of each arm are checked as by `plan`.
 
     Args:
         scene: name or path of the scene.
@@ -134,7 +134,7 @@ def plan_together(
         raise ProtocolError(f"the clearance is {clearance:g} m; give a finite number above 0")
     read = load_scene(scene)
     if read.props is not None:
-        props_files(read.props)  # now, because a plan that cannot be written would be lost
+        props_files(read.props)  # before planning, because a plan that cannot be written would be lost
     found: list[_Arm] = []
     for name, (robot, protocol) in arms.items():
         place = place_of(read, name, {a.name for a in found})

@@ -75,7 +75,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
     finally:
         try:
             _discard(own)
-        finally:  # after Ctrl-C during the removal, `settle` can remove the rest only if it is not locked
+        finally:  # after Ctrl-C during the removal, `settle` can remove the rest only if the folder is not locked
             os.close(lock)
 
 

@@ -173,7 +173,7 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
         a, b = np.arctan2(-sign * R[..., j, k], R[..., k, k]), np.arctan2(sign * R[..., i, k], level)
     a = np.where(level > 1e-12, a, first)
     axes = np.eye(3)
-    # The last angle is computed from R and the first two: near gimbal lock it compensates the error of the first.
+    # The last angle is computed from R and the first two: near gimbal lock, it compensates the first angle's error.
     rest = np.swapaxes(exp_so3(a[..., None] * axes[i]) @ exp_so3(b[..., None] * axes[j]), -1, -2) @ R
     m, n = (last + 1) % 3, (last + 2) % 3
     c = np.arctan2(rest[..., n, m] - rest[..., m, n], rest[..., m, m] + rest[..., n, n])
