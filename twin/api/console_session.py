@@ -76,7 +76,7 @@ class ConsoleSession(Result):
         aligned: measures of a task with an alignment; None for another task.
         guided: measures of a task with a ring to guide; None for another task.
         wire: (k, 3) centre line of the wire of a task with a ring to guide, in m in the World; empty for another task.
-        training: measures of each machine: its deviation from its model, the cues and the stops.
+        training: measures of each machine: deviation of the machine from its model, cues (forces on the hands), stops.
     """
 
     scene: Scene

@@ -21,8 +21,9 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
     session.json written by `twin session --out` or `twin operate`, or a folder that contains session.json.
 
     Raises:
-        DescriptionError: there are fewer than two groups, a file is not a session, or the tasks of the sessions differ.
-        WorldError: a session is damaged, or its replay gives different bytes.
+        DescriptionError: there are fewer than two groups, a file is not a session, the replay of a session differs from
+            the recording, or the tasks of the sessions differ.
+        WorldError: a session is damaged.
     """
     if len(groups) < 2:
         raise DescriptionError(

@@ -40,8 +40,8 @@ class CadModel:
 
     Attributes:
         mechanism: bodies, joints and loops; the rest poses of the bodies are their poses in the CAD.
-        findings: results of the checks of joints (gap between their two parts), of meshes (open), and of placements
-            (single precision).
+        findings: findings on joints (gap between the two parts), on meshes (open surfaces), and on placements (single
+            precision).
         description: the content of the TOML file.
         measured: every measured feature by body and name, in drawn coordinates (coordinates of the STEP file, in m).
         dimensions: the dimensions from which the CAD was drawn, with provenance.

@@ -1,4 +1,4 @@
-"""Find the wrong part if the two frames of a joint, one on each of its parts, do not coincide in the CAD.
+"""Find the wrong part if the two frames of a joint (one on each part) do not coincide in the CAD.
 
 A feature of a part (a face that defines a joint) is a suspect if moving this feature alone makes the two frames of each
 joint on the feature coincide. Often the CAD contains evidence for or against a suspect: lengths that several parts have

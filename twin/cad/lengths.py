@@ -25,8 +25,7 @@ _ALIGNED = 0.02
 class Length:
     """A measured length.
 
-    The length is measured between two features (`between`) of `body`; `parameter` is its name in the equations; `value`
-    is in m.
+    `between` are two features of `body`; `parameter` is the name of the length in the equations; `value` is in m.
     """
 
     body: str

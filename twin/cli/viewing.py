@@ -67,8 +67,8 @@ def show_page(
         title: name of the shown robot or scene.
         port: the port.
         advice: sentence on the rights of connected clients.
-        open_page: function of (server, event that ends the page, whether only this computer can connect); it opens the
-            page.
+        open_page: function that opens the page; its arguments are the server, the event that ends the page, and whether
+            only this computer can connect.
     """
     from twin.ui.door.gate import Gate
     from twin.ui.viewer.server import serve, stop

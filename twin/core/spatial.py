@@ -186,7 +186,7 @@ def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) 
 
 
 def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
-    """Return the rotation (3, 3) with its z column along z, and its x column along the part of x perpendicular to z.
+    """Return the rotation (3, 3) with the z column along z, and the x column along the component of x normal to z.
 
     Raises:
         ValueError: z is zero, or x is parallel to z.

@@ -155,7 +155,7 @@ def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
 
 
 def _asleep(pid: int) -> str:
-    """Return the processor time that a sleeping process has used, as text; "" if it is running or ready to run."""
+    """Return the processor time used by a sleeping process, as text; "" if the process is running or ready to run."""
     try:
         state, *fields = Path(f"/proc/{pid}/stat").read_text("ascii", "replace").rpartition(")")[2].split()
         return f"{fields[10]} {fields[11]}" if state == "S" else ""
