@@ -78,7 +78,7 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
 
 @contextlib.contextmanager
 def _started() -> Iterator[None]:
-    """Delay the first Ctrl-C until the block has ended: workers that are only half started would not be stopped."""
+    """Delay the first Ctrl-C until the block has ended; otherwise, half-started workers would keep running."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -101,8 +101,8 @@ def _started() -> Iterator[None]:
 def each(client: Client, function: Callable[..., Any], tasks: Iterable[tuple]) -> Iterator[tuple[int, Any]]:
     """Yield (task index, result) of each finished task, in any order.
 
-    The function is at the top level of a module that the workers can import, and returns the same result for the same
-    arguments.
+    `function` is at the top level of a module that the workers can import. It must return the same result for the same
+    arguments, because a task may run again.
 
     Raises:
         Exception: the error that a task raised.

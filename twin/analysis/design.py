@@ -95,7 +95,7 @@ def factor(robot: api.Robot, text: str) -> Factor:
     """Return the factor for the text NAME=LOW..HIGH[unit]; default unit: the unit of the parameter, or mm.
 
     Raises:
-        TwinError: the text does not have this form, the name does not exist, or the unit is not one of its kind.
+        TwinError: the text does not have this form, the name does not exist, or the unit does not fit the parameter.
     """
     name, mark, range_ = text.partition("=")
     low, dots, high = range_.partition("..")
@@ -126,7 +126,7 @@ def factor(robot: api.Robot, text: str) -> Factor:
 
 
 def distance(mechanism: Mechanism, name: str) -> float:
-    """Return the distance named `body:joint-joint` in m; between parallel pins, it is perpendicular to their axes."""
+    """Return the distance named `body:joint-joint` in m; for parallel pins, the perpendicular distance of the axes."""
     return float(np.linalg.norm(_between(mechanism, name)[0]))
 
 
@@ -143,7 +143,7 @@ def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
 
 
 def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
-    """Return (vector (3,) in the body from first to second joint in m, second joint, name of its frame attribute)."""
+    """Return (vector (3,) in m, in the body frame, from first to second joint; second joint; its frame attribute)."""
     body, _, pair = name.partition(":")
     first, mark, second = pair.partition("-")
     if not mark:
@@ -247,7 +247,7 @@ def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
 
 
 def grid_error(work: Job) -> float:
-    """Return the uncertainty in dm3 of the workspace volume of the CAD's design, computed by counting grid cells."""
+    """Return the uncertainty in dm3, due to the grid step, of the workspace volume of the CAD's design."""
     _, _, good = _good(work, _robot(work.source, work.protocol).kinematics())
     nx, ny, nz = work.shape
     return volume_error(good.reshape(nz, ny, nx), (work.step / 0.1) ** 3)

@@ -27,8 +27,8 @@ _FLAT = 1e-6
 """Extent along an axis, relative to the largest extent, below which all positions count as being in one plane."""
 
 _PLACES, _STEP, _RANK = 15, 1e-5, 1e-3
-"""(number of joint positions, step relative to the joint ranges, relative smallest singular value) for the rank of a
-position Jacobian."""
+"""For the rank of the position Jacobian: number of joint positions, difference step relative to the joint ranges, and
+relative size above which a singular value counts."""
 
 _CELLS = 20_000_000
 """Maximum number of grid cells."""
@@ -102,7 +102,8 @@ def by_joints(
 def _dimension(robot: Robot, ranges: Array, most: int) -> int:
     """Return the dimension of the set of tool positions, at most `most`: the median rank of the position Jacobian.
 
-    The Jacobian is measured by differences at random joint positions; `most` is returned if none can be assembled.
+    The Jacobian is computed by finite differences at random joint positions. If the mechanism cannot be assembled at
+    any of these positions, the result is `most`.
     """
     n = len(ranges)
     places = ranges[:, 0] + np.ptp(ranges, axis=1) * np.random.default_rng(0).uniform(0.05, 0.95, (_PLACES, n))
@@ -140,7 +141,8 @@ def _root(n: int) -> float:
 def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, Array]]:
     """Return a function of (first, last) that computes the samples with indices first to last - 1.
 
-    The function returns their values (k, 4), with the columns `measure.NAMES`, and their positions (k, 3) in m.
+    The function returns the values (k, 4) of the samples, with the columns `measure.NAMES`, and the tool positions
+    (k, 3) in m.
     """
     n = len(ranges)
     steps = _root(n) ** -np.arange(1, n + 1)

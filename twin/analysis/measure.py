@@ -51,15 +51,15 @@ def kernel(
 ) -> Kernel:
     """Return a kernel that computes the values named in `NAMES` and the tool position from each sample.
 
-    A sample is its number or its coordinates.
+    The kernel's input is the index of a sample, or the sample itself (a pose or joint values).
 
     Args:
         kin: compiled equations of the robot.
         limits: (n, 2) limits of the active joints in m or rad, infinite where a joint has no limit.
-        pose: function from a sample (size,) to its pose (4, 4) or, with `from_joints`, to its joints (n,).
+        pose: function from the input (size,) to the pose (4, 4) or, with `from_joints`, to the joint values (n,).
         bounds: limits that involve several joints, see `shared`.
-        from_joints: whether samples are joints; requires forward equations.
-        size: number of entries of a sample.
+        from_joints: whether samples are joint values; requires forward equations.
+        size: number of entries of the input.
     """
     i = ca.SX.sym("i", size)
     T, q, J, solved = _solved(kin, pose(i), from_joints)
@@ -87,9 +87,9 @@ def kernel(
 
 
 def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Return pose (4, 4), joints (n,), scaled Jacobian, and whether the equations have a solution, for a sample.
+    """Return, for a sample, pose (4, 4), joint values (n,), scaled Jacobian, and whether the equations have a solution.
 
-    The sample is a pose (4, 4) or, with `from_joints`, joints (n,).
+    The sample is a pose (4, 4) or, with `from_joints`, joint values (n,).
     """
     program, n, length = kin.program, len(kin.joints), kin.characteristic_length
     if from_joints:
@@ -105,7 +105,7 @@ def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, c
 
 
 def _within(q: ca.SX, limits: Array, bounds: Sequence[Bound], solved: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return whether a sample is reached, that is, solved with all joints within the limits, and its joint margin."""
+    """Return whether a sample is reached (solved, all joints within the limits), and its margin to the joint limits."""
     reached, margin = solved, ca.SX(1)
     for j, (low, high) in enumerate(limits):
         reached = ca.logic_and(reached, q[j] == q[j])  # NaN: out of reach

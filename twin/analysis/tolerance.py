@@ -33,7 +33,7 @@ _CHUNK = 8192
 """Number of Monte Carlo samples in a batch; each sample has a few hundred errors."""
 
 _NEWTON, _LAST = 12, 1e-10
-"""Maximum number of Newton steps, and the step size in m or rad at which they end."""
+"""Maximum number of Newton steps, and step size in m or rad below which the iteration ends."""
 
 _ALONG = 12
 """Number of states evaluated along a protocol."""
@@ -68,8 +68,8 @@ class Budget:
         labels: (errors,) joint or encoder of each error.
         sigma: (errors,) standard deviations in m or rad.
         covariance: (6, 6) covariance of the tool error, to first order.
-        within: (2,) position error in m and rotation error in rad, to first order; the fraction `SHARE` of the robots
-            does not exceed them.
+        within: (2,) position error in m and rotation error in rad that the fraction `SHARE` of the robots does not
+            exceed, to first order.
         sampled, sampled_within: `covariance` and `within` by Monte Carlo; None if not requested.
         samples: number of Monte Carlo samples.
     """
@@ -87,9 +87,9 @@ class Budget:
 
     @property
     def contributors(self) -> list[tuple[str, float, float]]:
-        """(joint or encoder, fraction of position variance, fraction of rotation variance) of each source of errors.
+        """(joint or encoder, fraction of position variance, fraction of rotation variance) for each joint or encoder.
 
-        The largest fraction of position variance comes first.
+        The list is sorted by the fraction of position variance, largest first.
         """
         effect = (self.sensitivity * self.sigma) ** 2
         whole = np.array([effect[:3].sum(), effect[3:].sum()])

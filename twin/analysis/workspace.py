@@ -47,11 +47,11 @@ _START, _FARTHEST = 0.1, 12.8
 """Half the edge length in m of the first and of the largest box that is searched for reached positions."""
 
 _COARSE, _GROWN = 32, 5
-"""(number of positions along an edge while searching the box, maximum number of refinements)."""
+"""Number of positions along the longest edge in the search for the box, and maximum number of refinements."""
 
 
 class UnreachedError(TwinError):
-    """No position of a grid is reached in its orientations."""
+    """No position of a grid is reached in any of the grid's orientations."""
 
 
 @dataclass(frozen=True)
@@ -114,12 +114,12 @@ class Grid:
 
 @dataclass(frozen=True)
 class Measure:
-    """The quantity that states the size of a set of grid cells: their volume, area or length.
+    """The quantity that measures a set of grid cells: volume, area or length.
 
     Attributes:
         name: "volume", "area" or "length".
-        unit: unit as it is written in the keys of the JSON output.
-        symbol: unit as it is written in the text.
+        unit: unit as written in keys of the JSON output.
+        symbol: unit as written in text.
         edge: edge length in m of a cube, square or line of size 1 in this unit.
         dimension: 3, 2 or 1.
     """
@@ -135,7 +135,7 @@ class Measure:
         return (step / self.edge) ** self.dimension
 
     def key(self, what: str = "") -> str:
-        """Return the key of the size, or of its part `what`, in the JSON output, such as "volume_error_dm3"."""
+        """Return the JSON key of the size, or of a quantity `what` of the size: "volume_error_dm3" for "error"."""
         return "_".join(x for x in (self.name, what, self.unit) if x)
 
 
@@ -186,14 +186,15 @@ class Workspace(Result):
 
     @property
     def measure(self) -> Measure | None:
-        """Quantity that states the size; None unless the positions fill a volume, or a plane or line along the axes."""
+        """The measured quantity; None for a point, and for a curve or surface that is not parallel to the axes."""
         return _MEASURES.get(self.dimension) if self.dimension == len(self.grid.axes) else None
 
     def content(self) -> dict[str, Any]:
         """Return the size, fractions, condition numbers and limits of the workspace as plain data.
 
         The size is a volume in dm3, an area in cm2 if all positions are in one plane parallel to two axes of base, or a
-        length in mm if all positions are on a line parallel to an axis. For other surfaces and curves, it is None.
+        length in mm if all positions are on a line parallel to an axis. For other surfaces and curves, the size is
+        None.
         """
         good = self.values[self.reached]
         share, inverse = good[:, 0].astype(float), good[:, 1].astype(float)
@@ -221,7 +222,7 @@ class Workspace(Result):
         }
 
     def _size(self, share: np.ndarray) -> dict[str, float | None]:
-        """Return the size with its error; `share` (k,) is the fraction of orientations at each reached position."""
+        """Return the size and its error; `share` (k,) is the reached fraction of orientations by position."""
         none: dict[str, float | None] = dict.fromkeys(
             ("volume_dm3", "volume_error_dm3", "volume_every_orientation_dm3")
         )
@@ -283,7 +284,7 @@ def volume_error(cube: np.ndarray, cell: float) -> float:
 
     The grid is split into eight interleaved grids with twice the step (four, if there is one layer of cells). The
     result is the standard deviation of the volumes computed from these grids. Measurements on SILS with shifted grids
-    of 6 to 32 mm show that it is about twice the standard deviation of the full grid.
+    of 6 to 32 mm show that the result is about twice the standard deviation of the volume from the full grid.
 
     `cube` (nx, ny, nz) states whether each position is reached. `cell` is the volume of one cell; the result has the
     same unit.

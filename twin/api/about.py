@@ -25,8 +25,8 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 def scene_commands(scene: Scene) -> tuple[str, ...]:
     """Return the twin commands that accept a scene.
 
-    "run" and "export" require a protocol of every robot, "operate" requires tasks or machines. "run" also requires
-    stages with the motions, which exist only for protocols of the robots, not for protocol files of the scene.
+    "run" and "export" require a protocol of every robot; "operate" requires tasks or machines. "run" also requires a
+    USD stage with each motion. Stages exist for the robots' own protocols, but not for protocol files of the scene.
     """
     operated = ("operate",) if scene.tasks or scene.trainer is not None else ()
     played = [c for c in SCENE_COMMANDS if c != "run" or not any(p.protocol.endswith(".toml") for p in scene.places)]
@@ -203,7 +203,7 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
 
 
 def info_of_scene(scene: Scene, word: str) -> SceneInfo:
-    """Return the robots, props and parameters of a scene, and its commands, in which `word` names the scene."""
+    """Return the robots, props, parameters and commands of a scene; `word` is the scene's name in the commands."""
     parameters: Sequence[Parameter] = scene.parameters
     return SceneInfo(
         {
@@ -316,7 +316,7 @@ def _parameters(parameters: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _label(r: Mapping[str, Any]) -> str:
-    """Return the name of a robot in a scene, with its built-in robot in parentheses if the names differ."""
+    """Return a robot's name in a scene, followed in parentheses by the name of the built-in robot if it differs."""
     return r["name"] if r["name"] == r["robot"] else f"{r['name']} ({r['robot']})"
 
 

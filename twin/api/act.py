@@ -102,7 +102,7 @@ def play(scene: Scene, progress: Progress = silent) -> Played:
 
 
 def _actors(scene: Scene, progress: Progress, *, at_ports: bool = True) -> list[Actor]:
-    """Return the robots of a scene with their trajectories; `at_ports`: and with the positions of their trocars."""
+    """Return the robots of a scene with their trajectories and, if `at_ports` is True, their trocar positions."""
     from twin.simulation.scene_play import Actor, trocars_of
 
     scene.require_protocols()
@@ -118,14 +118,14 @@ def _actors(scene: Scene, progress: Progress, *, at_ports: bool = True) -> list[
 
 
 def robots_at(places: Iterable[Place]) -> dict[str, Robot]:
-    """Return {name of a place: the robot at this place}; robots from the same folder share one reading of its files."""
+    """Return {name of a place: the robot at this place}; the files of each robot folder are read only once."""
     places = tuple(places)
     kinds = {name: load(name) for name in {p.robot for p in places}}
     return {p.name: kinds[p.robot] for p in places}
 
 
 def members_of(robots: Mapping[str, Robot]) -> dict[str, Member]:
-    """Return mechanism and equations of robots, by the names of their places."""
+    """Return {name of a place: mechanism and equations of its robot}; `robots` is {name of a place: robot}."""
     from twin.simulation.setup import Member
 
     return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}

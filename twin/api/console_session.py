@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
 
 _STRIDE = 4
-"""Number of samples (one every 5 ms, `run.SAMPLE`) from a key of an exported motion to the next key: 50 keys per s."""
+"""Number of samples between two keys of an exported motion: 4 samples of 5 ms (`run.SAMPLE`) give 50 keys per s."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class ConsoleSession(Result):
         aligned: measures of a task with an alignment; None for another task.
         guided: measures of a task with a ring to guide; None for another task.
         wire: (k, 3) centre line of the wire of a task with a ring to guide, in m in the World; empty for another task.
-        training: measures of each machine: its deviation from its model, the cues and the stops.
+        training: measures of each machine: deviation of the machine from its model, cues (forces on the hands), stops.
     """
 
     scene: Scene
@@ -223,7 +223,7 @@ class ConsoleSession(Result):
             yield disagreement("task.errors", what, text, Quantity(value, unit), most, word="allowed")
 
     def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings on an unaligned camera, on two angles that differ, and on a missing angle."""
+        """Yield findings: the camera is not aligned, or AlignErr is not measurable or different in the picture."""
         if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
             return
         wanted = self.task.alignment
@@ -382,9 +382,10 @@ class ConsoleSession(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write session.csv, session.mcap and, for each robot, <robot>/<kind>.glb and <robot>/tracks/session.*.
+        """Write session.csv, session.mcap (if mcap is installed), and a GLB and tracks for each robot in its folder.
 
-        For movable objects, write a GLB, tracks and a USD stage with the motion to objects/.
+        For movable objects, write a GLB, tracks and a USD stage with the motion to objects/. For a simulated surgeon,
+        also write the session file.
         """
         from twin.exchange.write.glb import write_glb
         from twin.exchange.write.tracks import write_tracks

@@ -1,4 +1,4 @@
-"""Check whether the USD stage of a robot equals a new build from its CAD and protocols."""
+"""Check whether a robot's USD stage equals a new stage built from the robot's CAD and protocols."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def check_build(robot: Robot, folder: Path | None = None, word: str = "", progre
 
 
 def _same(a: Path, b: Path) -> bool:
-    """Return whether two files are equal in bytes or, because processors round differently, in USD content."""
+    """Return whether two files have equal bytes or, except for rounding errors of the processors, equal USD content."""
     if not b.is_file():
         return False
     if filecmp.cmp(a, b, shallow=False):

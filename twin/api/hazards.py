@@ -30,7 +30,7 @@ FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""
 
 TRENDS = "trends"
-"""Name, without suffix, of the file in the robot's folder `campaigns` that describes the paper's experiments."""
+"""Name, without suffix, of the file in the robot's folder `campaigns` with the settings of `trends`."""
 
 _POLL = 0.05
 """Time in s between two checks of the processes."""
@@ -102,7 +102,7 @@ def hazards(
     streams: list[Stream[dict[str, Any]]] = [Stream(outcomes) for _ in range(count if left else 0)]
 
     def give(stream: Stream[dict[str, Any]]) -> None:
-        """Give a process its next sessions; later shares are smaller, so that all processes end at the same time."""
+        """Send the next sessions to a process; fewer towards the end, so that all processes end at the same time."""
         size = -(-len(left) // (2 * count))
         share, left[:size] = tuple(left[:size]), []
         stream.start(Share(source or robot.name, str(path.resolve()), share, software))
@@ -141,12 +141,12 @@ def hazards(
 
 
 def _kept(log: Log) -> str:
-    """Return a sentence on how to go on after an interruption."""
+    """Return the advice after an interruption: how many sessions are logged, and how to resume."""
     return f"{len(log.rows)} sessions are in {log.path}; run the same command again to go on"
 
 
 def _log(folder: Path, robot: Robot, file: Path, plan: Campaign, parts: Parts) -> Log:
-    """Return the log of a campaign file in a folder; it is created, or has only sessions of this campaign."""
+    """Open or create the log of a campaign in a folder; raise `TwinError` if it has sessions of another campaign."""
     from twin.simulation.hazards.log import Log
 
     s, digest = parts.settings, hashlib.sha256(file.read_bytes()).hexdigest()
@@ -182,7 +182,7 @@ def _require_own(plan: Campaign, log: Log) -> None:
 
 
 def outcomes(share: Share) -> Iterator[dict[str, Any]]:
-    """Run the sessions of a share, in a separate process, and yield the line of the log of each session."""
+    """Run the sessions of a share and yield the log line of each session; called in a separate process."""
     from twin.simulation.hazards.attacked import Session
 
     plan, arena = _arena(share.robot, share.campaign, share.software)
@@ -199,7 +199,7 @@ def outcomes(share: Share) -> Iterator[dict[str, Any]]:
 
 @lru_cache(maxsize=1)
 def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Arena]:
-    """Return the campaign and its arena; they are cached, so that all shares of a process use them."""
+    """Return the campaign, and the arena that runs its sessions; both are cached for all shares of a process."""
     from twin.simulation.hazards.attacked import Arena
     from twin.simulation.hazards.campaign import load as load_campaign
 
@@ -209,10 +209,10 @@ def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Are
 
 
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
-    """Measure the deviation of the control software's model from the machine, in two experiments.
+    """Measure, in two experiments, how far the model in the control software deviates from the machine.
 
-    In the first one, the motion scale is varied; in the second one, a motor command is stuck every 8 s. They repeat
-    sections 3.1 and 3.2.1 of a paper that `twin.simulation.hazards.trends` names.
+    The first experiment varies the motion scale; in the second, a motor command is stuck every 8 s. The experiments
+    repeat sections 3.1 and 3.2.1 of the paper that `twin.simulation.hazards.trends` names.
 
     Args:
         robot: a robot with machine.toml.

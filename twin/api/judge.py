@@ -57,7 +57,7 @@ def validate(
         variants: variants of the equations to judge; the motion is always planned with the robot's own variants.
         tolerances: maximum deviations; default: tolerances of exact geometry, increased by the placement precision of
             the CAD.
-        stage: root layer to judge; default: the robot's own stage, or a new build if it is missing or outdated.
+        stage: root layer to judge; default: the robot's own stage, or a new build if this stage is missing or outdated.
         baked: whether the motion in `stage` was baked from `trajectory`. If it was not, differences are only warnings.
         progress: see `Progress`.
 

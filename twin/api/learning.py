@@ -17,12 +17,13 @@ from twin.validation.ranks import Ranks, Users, compare_users
 def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progress = silent) -> Ranks:
     """Compare groups of sessions of one task, such as first and last sessions, or sessions with and without haptics.
 
-    `groups` gives the files of each group, in the order of the sessions. Each file is a session, which is replayed, or
-    the session.json of `twin session --out` or `twin operate`, or the folder with it.
+    `groups` is {group: paths in the order of the sessions}. A path is a session file (which is replayed), a
+    session.json written by `twin session --out` or `twin operate`, or a folder that contains session.json.
 
     Raises:
-        DescriptionError: there are fewer than two groups, a file is not a session, or the tasks of the sessions differ.
-        WorldError: a session is damaged, or its replay gives different bytes.
+        DescriptionError: there are fewer than two groups, a file is not a session, the replay of a session differs from
+            the recording, or the tasks of the sessions differ.
+        WorldError: a session is damaged.
     """
     if len(groups) < 2:
         raise DescriptionError(
@@ -51,7 +52,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
 
 
 def measures(content: Mapping[str, Any]) -> dict[str, float]:
-    """Return the measures that are compared between sessions, {name with unit: value}, from a session's plain data."""
+    """Return {name with unit: value} of the measures to compare between sessions, from one session's plain data."""
     out = {"time_s": content["time_s"]}
     out |= {f"{name}_path_mm": hand["path_mm"] for hand in content["hands"] for name in [hand["robot"]]}
     out |= {n: content[n] for n in ("clutches", "camera_moves")}
@@ -74,7 +75,7 @@ def measures(content: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    """Return the plain data of a session file, which is replayed, or of a session.json, or of the folder with it."""
+    """Return a session's plain data: from session.json (or its folder), or by replaying a session file."""
     if path.is_dir():
         path /= "session.json"
     if path.suffix != ".json":

@@ -33,8 +33,8 @@ def machine_parts(
         mode: name of the DAC limits in machine.toml; None: the mode of machine.toml.
         overdrive: action for DAC commands above the DAC limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
-        released: faults of the released control software to reproduce, as names of fields of `settings.Released`; all
-            others are corrected. ("none",): all are corrected; None: as in machine.toml.
+        released: names (fields of `settings.Released`) of the faults of the released control software that are
+            reproduced; all other faults are corrected. ("none",): all are corrected; None: as in machine.toml.
 
     Raises:
         TwinError: a file is missing or malformed, the mechanism has loops, the gains make a joint oscillate, a name in
@@ -100,7 +100,7 @@ class ChildMachine:
     """
 
     def __init__(self, robot: str, *, faults: Sequence[Fault] = ()) -> None:
-        """Start the machine of a robot, a name or folder, and press its start button; see `machine`.
+        """Start the machine of `robot` (name or folder), and press the machine's start button; see `machine`.
 
         Raises:
             DeviceError: the machine cannot be created (see `machine_parts` and `machine`), or its process has ended.
@@ -171,10 +171,10 @@ class Machines:
         """Connect to the machines, and start those that are not running.
 
         Args:
-            robots: the robots that are machines, by the names of their places.
-            sources: name or folder of each robot.
-            running: addresses of the machines that are already running, by place.
-            start: starts the machine of a robot, a name or folder.
+            robots: {name of a place: robot} of the robots that are simulated as machines.
+            sources: {name of a place: name or folder of the robot}.
+            running: {name of a place: address} of the machines that are already running.
+            start: function that starts the machine of a robot; its argument is the robot's name or folder.
 
         Raises:
             TwinError: the machine of a robot cannot be created (see `machine_parts`), a name in `running` is unknown,

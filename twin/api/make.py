@@ -40,8 +40,8 @@ def build(
         The files written, root layer first.
 
     Raises:
-        TwinError: the robot was loaded from a stage, or cannot be built; or `folder` is needed, because the data of an
-            installed package are read-only.
+        TwinError: the robot was loaded from a stage, or cannot be built; or `folder` is None for a built-in robot of an
+            installed package, whose data are read-only.
         OutputError: the folder cannot be written; it stays unchanged.
     """
     from twin.exchange.write.usd import bake, write_usd

@@ -1,4 +1,4 @@
-"""Sessions of a procedure: simulate a surgeon who performs it, replay a session, and judge both."""
+"""Procedure sessions: simulate a surgeon or replay a recorded session, and judge the procedure."""
 
 from __future__ import annotations
 

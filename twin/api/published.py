@@ -74,8 +74,8 @@ class Study(Result):
 def study(source: Robot | str | Path) -> Result:
     """Recompute the published tables of a robot, a console or a study file, or compare groups of users.
 
-    `source` is a robot, its name or folder; the name of a study; or the path of a study file (.toml) or of a table of
-    users (.csv with a column `group`).
+    `source` is a robot (or the name or folder of a robot), the name of a study, or the path of a study file (.toml) or
+    of a table of users (.csv with a column `group`).
 
     Raises:
         TwinError: there is nothing to recompute, or a file is malformed.
@@ -166,7 +166,7 @@ def _inertias(path: Path) -> Study:
 
 @dataclass(frozen=True)
 class Masses(Result):
-    """Sources that state masses of a robot (CAD, stage, tables), and whether these masses are physically possible.
+    """Masses stated in a robot's CAD, stage and tables, and whether these masses are physically possible.
 
     Attributes:
         sources: the sources, each with its bodies and findings.
@@ -279,7 +279,7 @@ class PublishedMotion(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings on terms of the equations whose values the mechanism does not have, and on violated properties."""
+        """Findings on terms that differ between equations and mechanism, and on properties that are violated."""
         return tuple(self.judged.findings)
 
     def content(self) -> dict[str, Any]:
@@ -306,9 +306,9 @@ class PublishedMotion(Result):
 
 
 def equations_of_motion(robot: Robot, states: int = 200) -> PublishedMotion:
-    """Compare a robot's published equations of motion with the dynamics of its mechanism, with masses of inertia.toml.
+    """Compare a robot's published equations of motion with the dynamics of its mechanism.
 
-    The comparison uses `states` random states.
+    The masses are those of inertia.toml; the comparison uses `states` random states.
 
     Raises:
         TwinError: the robot has no published equations of motion, or no masses.
@@ -329,7 +329,7 @@ def equations_of_motion(robot: Robot, states: int = 200) -> PublishedMotion:
 def console(
     name: str = "davinci", variants: str | Mapping[str, str] | None = None, progress: Progress = silent
 ) -> Contract:
-    """Judge the published equations of a surgeon's console against each clause (requirement on them) separately.
+    """Check the published equations of a surgeon's console, separately for each clause (requirement).
 
     `variants` is one variant for all equations ("paper", "conjugate", "decoupled"), or {equation: variant}.
 

@@ -78,7 +78,7 @@ class Source:
 
     @cached_property
     def opened(self) -> tuple[Mechanism, str]:
-        """Mechanism of the USD stage, and a note on the tool that was assumed; "" if the stage names its tool."""
+        """Mechanism of the USD stage, and a note on the assumed tool (the note is "" if the stage names its tool)."""
         from twin.usd.read import read_stage, with_tool
 
         assert self.stage is not None
@@ -112,7 +112,7 @@ class Robot:
         files: files of the robot; None if it was loaded from a stage.
         chosen_variants: {equation: variant}, one name for all equations, or None (the default of each equation).
         parameters: values (SI) by name that replace published values in the equations.
-        trocars: positions (3,) in base in m, by name; they replace the positions of the description.
+        trocars: {trocar: position (3,) in m in the base frame} that replace the positions of the description.
         is_weighed: whether the masses of the bodies are computed.
         changed: mechanism that replaces the mechanism of the source (a design, a seeded fault), or None.
         equations: formula that replaces the formula of the source, or None.
@@ -156,7 +156,7 @@ class Robot:
 
     @property
     def tool_note(self) -> str:
-        """Note on the tool that was assumed, for a robot from a stage that names no tool; else ""."""
+        """Note on the assumed tool if the robot's USD stage names no tool; else ""."""
         return "" if self.source.stage is None else self.source.opened[1]
 
     def _placed(self, mechanism: Mechanism) -> Mechanism:
@@ -181,7 +181,7 @@ class Robot:
         return compile_formula(formula, chosen, values, self._extra_joints([j.name for j in formula.joints]))
 
     def _extra_joints(self, names: Sequence[str]) -> Sequence[ExtraJoint]:
-        """Return the driven joints that the equations do not have; `names` are the joints of the equations.
+        """Return the driven joints that are not in the equations; `names` are the joints of the equations.
 
         The CAD is read only if the description has such joints, so that robots without them load fast.
         """
@@ -253,7 +253,7 @@ class Robot:
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
 
-        Rows of q (k, n) without a solution give NaN.
+        For rows of q (k, n) without a solution, the poses are NaN.
 
         Raises:
             KinematicsError: for q (n,), there is no assembly, or no assembly on that branch.
@@ -340,7 +340,7 @@ class Robot:
         return replace(self, parameters={**self.parameters, **values})
 
     def with_mechanism(self, mechanism: Mechanism) -> Robot:
-        """Return the robot with the given mechanism and its masses."""
+        """Return the robot with `mechanism`, and the masses in `mechanism`, instead of those of its source."""
         return replace(self, changed=mechanism)
 
     def with_transmission(self, variant: str) -> Robot:

@@ -34,7 +34,7 @@ _TOLERANCE = 1 * UM
 """Maximum difference in m between the world position of a link in the scene's stage and in its robot's bundle."""
 
 _RATE = 60.0
-"""Number of times per second at which organs are simulated and written."""
+"""Rate in Hz at which the motion of organs is simulated and written."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class SceneBundle(Result):
 
     Attributes:
         formats: the formats written.
-        bundles: {robot: its bundle, the exported files of one robot}.
+        bundles: {robot: its bundle (the exported files of this robot)}.
         checks: results of the checks of the scene's USD stage; empty if USD is not among the formats.
     """
 
@@ -162,7 +162,8 @@ def export_scene(
 def _robot(place: Place) -> Robot:
     """Return the robot of a place.
 
-    If the place has no protocol, the masses are computed, and the rest pose is the start pose of the console.
+    If the place has no protocol (a console moves the robot), the robot has masses, and its rest pose is the pose at
+    the start of a console session.
     """
     from twin.simulation.console_scene import start
 
@@ -175,7 +176,7 @@ def _robot(place: Place) -> Robot:
 
 
 def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
-    """Return the motions of the organs under the exported motions of the robots; empty without organs or motions."""
+    """Return the motions of the organs caused by the robots' exported motions; empty without organs or motions."""
     from twin.simulation import tissue_scene
     from twin.simulation.plants.tissue import Tool
 
@@ -218,7 +219,7 @@ def _seconds(bundle: Bundle) -> float:
 
 
 def _start(bundle: Bundle) -> dict[str, float]:
-    """Return the coordinate in m or rad of every joint with a single coordinate, in the files of a robot at rest."""
+    """Return {joint: coordinate in m or rad} in the rest pose of a robot's files, for joints with one coordinate."""
     from twin.reference import ReferenceModel
 
     return {n: round(v, 13) + 0.0 for n, v in ReferenceModel(bundle.order.mechanism).home().q_full.items()}
@@ -235,7 +236,7 @@ def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str
 
 
 def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:
-    """Return (times (k,) in s, link poses (k, 4, 4)) of the motion; without a motion, the poses at rest at time 0."""
+    """Return (times (k,) in s, {link: poses (k, 4, 4)}) of the motion; without motion, only the rest pose at time 0."""
     for clip in bundle.order.clips:
         return clip.times, clip.links
     return np.zeros(1), {n: T[None] for n, T in home_poses(bundle.order.mechanism).items()}

@@ -50,7 +50,7 @@ def operate_console(
         task: a task of the scene; default: the first task.
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
-        haptics: whether to compute forces on the hands, to which the simulated surgeon does not react; default: no.
+        haptics: whether to compute forces on the hands (the simulated surgeon does not react to them); default: no.
         mistake: a mistake that the surgeon makes in a task with a ring to guide; see `devices.guiding_surgeon`.
         progress: see `Progress`.
 
@@ -192,14 +192,14 @@ def _require_console(task: Task) -> None:
 
 
 def _setup(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[dict[str, Robot], Setup]:
-    """Return the robots of a console, and the setup; a task with targets needs props only for forces on the hands."""
+    """Return a console's robots and setup; the props are read only for hand forces, grasping and alignment tasks."""
     robots = robots_at(console_scene.led_by(scene))
     needed = condition is not None or (task is not None and (task.grasps or task.alignment is not None))
     return robots, Setup(scene, members_of(robots), task, props_of(scene) if needed else None, condition)
 
 
 def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, Arm]) -> AlignMeasures:
-    """Return the measures of an alignment: by the camera's equations, and in a picture drawn from the mechanisms."""
+    """Return the measures of an alignment, from the camera's equations and from a picture of the mechanisms."""
     scene, props = setup.scene, setup.props
     camera = scene.cameras[console_scene.console_of(scene).camera]
     arm, kin = arms[camera.robot], setup.members[camera.robot].kin
@@ -220,7 +220,7 @@ def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, Arm]) -
 
 
 def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, Arm]:
-    """Return the motions of all robots, from their mechanisms."""
+    """Return {name of a place: motion of its robot}, computed from the robots' mechanisms."""
     out, table = {}, console_scene.console_of(setup.scene)
     tip, camera = table.tip, setup.scene.cameras[table.camera].robot
     for place in console_scene.led_by(setup.scene):

@@ -1,4 +1,4 @@
-"""Find a scene, a robot in it, and the obstacles around a robot: props, and the other robots at rest or as given."""
+"""Find a scene, a robot in a scene, and the obstacles around a robot (props and other robots)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def load_scene(scene: str | Path) -> Scene:
-    """Return the scene with a name or path.
+    """Read a scene, given by name or path.
 
     `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder.
 
@@ -32,10 +32,10 @@ def load_scene(scene: str | Path) -> Scene:
 
 
 def place_of(scene: Scene, name: str, taken: Collection[str] = ()) -> Place:
-    """Return the place of a robot, by its name in the scene or by its kind, without the places `taken`.
+    """Return the place named `name` or, if there is none, the first place with a built-in robot named `name`.
 
     Raises:
-        TwinError: there is no such place.
+        TwinError: there is no such place, or the name of the place is in `taken`.
     """
     place = next((p for key in ("name", "robot") for p in scene.places if getattr(p, key) == name), None)
     if place is None or place.name in taken:
@@ -49,10 +49,10 @@ def standing(
 ) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
 
-    `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder; `load` returns the robot with
-    a name. `robot` is the name of a robot in the scene, or of a built-in robot; in the second case, the first robot of
-    that kind in the scene is used. `poses` are the poses T_world_body (4, 4) of the bodies of other robots, by the name
-    of their place; a robot without them is in its rest pose.
+    `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder. `load` returns the robot of a
+    given name. `robot` is the name of a robot in the scene, or of a built-in robot; in the second case, the first robot
+    of that kind in the scene is used. `poses` is {name of a place: {body: T_world_body (4, 4)}} of other robots; a
+    robot without poses is in its rest pose.
 
     Raises:
         TwinError: there is no such scene, or the robot is not in it.
@@ -64,9 +64,9 @@ def standing(
 def obstacles(read: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Still]:
     """Return the bodies of the props and of the other robots of a scene, with poses in the world frame.
 
-    `names` are the names of the planned robots, which are not obstacles. In the result, `Still.touches` has the names
-    (as in `twin.model.joined`) of bodies of the planned robots that may touch the obstacle. `load` returns the robot
-    with a name.
+    `names` are the names of the planned robots, which are not obstacles. In the result, `Still.touches` lists the
+    bodies of planned robots that may touch the obstacle, named as in `twin.model.joined`. `load` returns the robot of a
+    given name.
     """
     return _loaded(read, {name: f"{name}_" for name in names}, spatial.pose(), load, {})
 

@@ -81,11 +81,11 @@ class _Arm:
         return said(self.kinematics, margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor))
 
     def keep(self, phase: int) -> Keep:
-        """Return a function that tests whether this arm keeps its limits, and its working mode at the start of a phase.
+        """Return a function that tests whether this arm is within its limits and in the phase's working mode.
 
-        The arguments of the function are the poses T_world_tool (k, 4, 4) of this arm (in the World, while other tests
-        take poses in the base), and the joint values q (k, m) of this arm, in the last columns, and of the arms before
-        it.
+        The working mode is the one at the start of the phase. The function's arguments are the tool poses T_world_tool
+        (k, 4, 4) of this arm (other tests use T_base_tool), and the joint values q (k, m) of the arms before this arm
+        and, in the last columns, of this arm.
         """
         from twin.planning.feasible import Anchor
         from twin.planning.freeing import kept
@@ -106,10 +106,10 @@ def plan_together(
     """Return a common plan of several robots of a scene, by priority.
 
     The first phases of all protocols begin together and end together, then the second phases, and so on. The first arm
-    avoids the obstacles at rest. Each further arm also avoids the moving arms before it, which may wait for it. If no
-    path is found, the opposite order of the arms is tried. Each arm keeps the limits that `plan` keeps for one robot:
-    joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and working mode. The
-    samples of each arm are checked as by `plan`.
+    avoids the obstacles at rest. Each further arm also avoids the moving arms before it; the earlier arms may wait for
+    this arm. If no path is found, the opposite order of the arms is tried. Each arm satisfies the limits that `plan`
+    checks for one robot: joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and
+    working mode. The samples of each arm are checked as by `plan`.
 
     Args:
         scene: name or path of the scene.
@@ -134,7 +134,7 @@ def plan_together(
         raise ProtocolError(f"the clearance is {clearance:g} m; give a finite number above 0")
     read = load_scene(scene)
     if read.props is not None:
-        props_files(read.props)  # now, because a plan that cannot be written would be lost
+        props_files(read.props)  # before planning, because a plan that cannot be written would be lost
     found: list[_Arm] = []
     for name, (robot, protocol) in arms.items():
         place = place_of(read, name, {a.name for a in found})
@@ -274,7 +274,7 @@ class _Plan:
         return "inside_arm" if first == second else "between_arms"
 
     def _resting(self) -> dict[str, Moved]:
-        """Return the robots of the scene that are not planned, at rest where they were avoided."""
+        """Return the scene's robots that are not planned, in the rest poses in which they were obstacles."""
         from twin.planning.playable import Moved
 
         out = {}
@@ -292,7 +292,7 @@ class _Plan:
         return " / ".join(a.named(phase) for a in self.arms)
 
     def _path(self, phase: int) -> tuple[Path, Mapping[str, Rounds]]:
-        """Return the common path of all arms in a phase, and the rounds of the searches by name of the arm."""
+        """Return the common path of all arms in a phase, and {arm: rounds of its path search}."""
         from twin.planning.around import around
         from twin.planning.rounds import Round, Rounds
         from twin.planning.together import beside
@@ -321,7 +321,7 @@ def _joints(mechanism: Mechanism) -> list[tuple[str, bool]]:
 
 
 class _Course:
-    """The path of one arm, taken from the common path; each evaluation first checks whether planning is cancelled."""
+    """One arm's columns of the common path; each evaluation first checks whether planning is cancelled."""
 
     def __init__(self, path: Path, columns: slice, check: Callable[[], None]) -> None:
         self._path, self._columns, self._check = path, columns, check

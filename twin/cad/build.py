@@ -40,8 +40,8 @@ class CadModel:
 
     Attributes:
         mechanism: bodies, joints and loops; the rest poses of the bodies are their poses in the CAD.
-        findings: results of the checks of joints (gap between their two parts), of meshes (open), and of placements
-            (single precision).
+        findings: findings on joints (gap between the two parts), on meshes (open surfaces), and on placements (single
+            precision).
         description: the content of the TOML file.
         measured: every measured feature by body and name, in drawn coordinates (coordinates of the STEP file, in m).
         dimensions: the dimensions from which the CAD was drawn, with provenance.
@@ -65,7 +65,7 @@ class CadModel:
 def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
     """Return the files of a robot: its TOML file and the CAD files that the TOML file names.
 
-    `description` is the content of the TOML file, which is read if None.
+    `description` is the content of the TOML file; None: the file is read.
     """
     description = description or load(description_path)
     files = [description_path]
@@ -167,7 +167,7 @@ def read_mechanism(
 
 
 def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
-    """Return the parts of the STEP file below the node of each body, by body name."""
+    """Return {body: parts of the STEP file at or below the body's node}."""
     parts: dict[str, list[Part]] = {name: [] for name in d.body}
     if step is None:
         return parts
@@ -211,7 +211,7 @@ def _shapes(
 
 
 def _loaded(folder: Path, spec: BodySpec, found: list[Finding]) -> Iterator[Mesh]:
-    """Yield the meshes in the files of a body, in drawn coordinates; the findings on them are added to `found`."""
+    """Yield the meshes in the mesh files of a body, in drawn coordinates; findings on these are added to `found`."""
     for file in spec.meshes:
         loaded, notes = mesh.load_mesh(folder / file.file, file.unit, file.up, file.color)
         found += [n for n in notes if n.code != "cad.open_mesh"]

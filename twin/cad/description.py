@@ -51,8 +51,8 @@ class FrameSpec(Table):
     The point on the axis is its intersection with the plane `at`, or the point nearest to the axis or centre of feature
     `at`. `z` is the direction of a feature, or the normal of three sphere centres in counter-clockwise order. x or y
     points towards a feature (`x_towards`, `y_towards`; for a list: towards the centroid of its features), or along a
-    direction (`x_along`). `offset_mm` shifts the frame along its z by a distance that no face defines. If faces do not
-    define all directions, `angles_deg` defines the others: those of all axes or, if `z` is given, the direction of x.
+    direction (`x_along`). `offset_mm` shifts the frame along its z by a distance that no face defines. `angles_deg`
+    defines the directions that no face defines: the direction of x if `z` is given, else the directions of all axes.
 
     Given frame: `position_mm` and `angles_deg` (angles about z, y, x: R = Rz Ry Rx), in drawn coordinates.
     """
@@ -336,7 +336,7 @@ class RequirementSpec(Sourced):
 
 
 class Tolerance(Table):
-    """Maximum deviations: `gross` of a face from its `Feature`, `meeting` between the two frames of a joint."""
+    """Maximum deviations: `gross_` between a face and its `Feature`, `meeting_` between the two frames of a joint."""
 
     gross_mm: float = Field(gt=0)
     gross_deg: float = Field(gt=0)

@@ -21,7 +21,7 @@ from twin.schema import Sourced, Vector, error_at, first_mistake
 
 
 class Dimension(Sourced):
-    """One length or angle, a vector of three, or a table with one row for each section of a drawn body."""
+    """One length or angle, a vector of three numbers, or a table with one row for each section of a drawn body."""
 
     value: float | Vector | list[list[float]]
     unit: Literal["mm", "deg"]
@@ -59,7 +59,7 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
 
 
 def _numbers(value: float | Vector | list[list[float]]) -> list[tuple[str, float]]:
-    """Return the numbers of a dimension, each with the suffix of its name."""
+    """Return (suffix, number) of each number of a dimension; the suffix extends the name of the dimension."""
     if isinstance(value, tuple):
         return [(f".{axis}", v) for axis, v in zip("xyz", value, strict=True)]
     if isinstance(value, list):

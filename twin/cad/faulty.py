@@ -1,8 +1,8 @@
-"""Find the wrong part if the two frames of a joint, one on each of its parts, do not coincide in the CAD.
+"""Find the wrong part if the two frames of a joint (one on each part) do not coincide in the CAD.
 
-A feature of a part (a face that defines a joint) is a suspect if moving this feature alone makes both sides of all its
-joints meet. Often the CAD contains evidence that one of two suspects is the fault: lengths that several parts share,
-and identical parts.
+A feature of a part (a face that defines a joint) is a suspect if moving this feature alone makes the two frames of each
+joint on the feature coincide. Often the CAD contains evidence for or against a suspect: lengths that several parts have
+in common, and identical parts.
 """
 
 from __future__ import annotations
@@ -98,10 +98,10 @@ def _apart(d: Description, at: Drawn) -> list[str]:
 
 
 def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Suspect]:
-    """Return for each part the suspects with the fewest features, and further suspects that can be distinguished.
+    """Return, for each part, the suspects with the fewest features, and suspects that can be distinguished from them.
 
-    The comparison with the equations can distinguish a further suspect if one of its additional features defines a
-    frame or a point.
+    A suspect can be distinguished, by comparison with the equations, if one of its additional features defines a frame
+    or a point.
     """
     few = {s.body: min(len(o.features) or 99 for o in suspects if o.body == s.body) for s in suspects}
     plain = [s for s in suspects if not s.features or len(s.features) == few[s.body]]
@@ -153,7 +153,7 @@ def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
 
 
 def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: list[str]) -> Suspect | None:
-    """Return the suspect, with features moved so that the joints on them meet; None if no such move exists.
+    """Return the suspect with its features moved so that their joints meet; None if no such move exists.
 
     Args:
         cad: the CAD model.
@@ -229,7 +229,7 @@ def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect
 
 
 def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
-    """Yield (True, text) if the correction makes a length equal to its value elsewhere, (False, text) if unequal."""
+    """Yield (equal, text) for lengths that the correction makes equal or unequal to their values elsewhere."""
     limit = cad.description.tolerance.meeting_um * UM
     try:
         before, after = measure(cad), measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
@@ -256,7 +256,7 @@ def _apart_mm(value: float, true: float) -> str:
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
-    """Yield (True, text) if the correction makes the part equal to its identical parts, (False, text) if unequal."""
+    """Yield (equal, text) if the correction makes the part equal or unequal to parts with the same features."""
     kinds = {b: {n: (m.face.kind, round(m.face.radius, 6)) for n, m in f.items()} for b, f in cad.measured.items()}
     twins = [b for b in kinds if b != s.body and kinds[b] == kinds[s.body]]
     if not twins or not s.features:

@@ -129,8 +129,8 @@ def _distance(face: Face, near: Array) -> float:
 def centre(names: str | list[str], features: Mapping[str, Measured], at: str | None = None) -> Array:
     """Return the point (3,) in m of a feature, or the centroid of several features.
 
-    The point of a cylinder, if `at` is given, is the intersection of the cylinder axis with the plane `at`, or the
-    point of the cylinder axis that is nearest to the axis or centre of feature `at`.
+    If `at` is given, the point of a cylinder is the intersection of the cylinder axis with the plane `at`, or the point
+    on the cylinder axis nearest to the axis or centre of feature `at`.
     """
     if isinstance(names, list):
         return np.mean([centre(n, features) for n in names], axis=0)
@@ -185,7 +185,7 @@ def frame(spec: FrameSpec, features: Mapping[str, Measured]) -> Array:
 
 
 def _turned(spec: FrameSpec, along: str | list[str], p: Array, given: Array, features: Mapping[str, Measured]) -> Array:
-    """Return the rotation (3, 3) of a frame at p (3,) with z measured `along` features."""
+    """Return the rotation (3, 3) of a frame at p (3,) whose z axis is measured on the features `along`."""
     if isinstance(along, list):
         a, b, c = (centre(n, features) for n in along)
         z = np.cross(b - a, c - a)

@@ -17,7 +17,7 @@ from twin.model.body import Frame, Point
 from twin.model.mechanism import Mechanism
 
 Faces = Mapping[str, Mapping[str, Measured]]
-"""Every measured feature by body and name, in drawn coordinates."""
+"""{body: {name: measured feature}}, in drawn coordinates."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Drawn:
     """Frames (4, 4) in drawn coordinates.
 
     Attributes:
-        on: two frames of each joint, on its parent and on its child.
+        on: {joint: (frame on the parent, frame on the child)}.
         named: the named frames, by name.
         bodies: frame of each body: the named frame that the description selects, else the frame of the first
             joint whose child is the body.
@@ -45,7 +45,7 @@ class Drawn:
 
 
 Given = Mapping[tuple[str, str], Array]
-"""Frames (4, 4) in drawn coordinates, by joint and body, that replace numeric frames of the description."""
+"""{(joint, body): frame (4, 4) in drawn coordinates} that replace frames given by numbers in the description."""
 
 
 def drawn(d: Description, faces: Faces, given: Given | None = None) -> Drawn:
@@ -70,7 +70,7 @@ def frames(d: Description, at: Drawn) -> tuple[Frame, ...]:
 
 
 def points(d: Description, at: Drawn, faces: Faces) -> tuple[Point, ...]:
-    """Return the named points, each in its body frame in m."""
+    """Return the named points, in m, each in the frame of its body."""
     return tuple(
         Point(n, s.body, into(at.bodies[s.body], features.point(s, faces.get(s.body, {})))) for n, s in d.point.items()
     )

@@ -18,14 +18,14 @@ _PARALLEL = 1e-3
 """Maximum sine of the angle between the axes of a declared length."""
 
 _ALIGNED = 0.02
-"""Maximum sine of the angle between two directions that `pair` takes as parallel."""
+"""Maximum sine of the angle between two directions that count as parallel in `pair`."""
 
 
 @dataclass(frozen=True)
 class Length:
     """A measured length.
 
-    `body` has both features `between`; `parameter` is the name of the length in the equations; `value` is in m.
+    `between` are two features of `body`; `parameter` is the name of the length in the equations; `value` is in m.
     """
 
     body: str

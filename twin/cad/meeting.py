@@ -1,4 +1,4 @@
-"""Check that the two sides of each joint meet in the CAD: its frames on parent and child coincide within tolerance."""
+"""Check that the two frames of each joint, on the parent and on the child, coincide in the CAD within tolerance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from twin.core.units import UM
 
 
 def meetings(d: Description, at: Drawn) -> list[Finding]:
-    """Return findings for joints whose two frames are offset or tilted in the CAD, in directions that are not free."""
+    """Return findings on joints whose two frames are offset or tilted in the CAD, except in the free directions."""
     found = []
     for joint in d.joint:
         offset, tilt = locked_error(between(at, joint.name), joint.type)

@@ -31,7 +31,7 @@ VISUAL_TOLERANCE = 0.1 * MM
 """Chord tolerance in m of the displayed meshes; the normals of neighbouring triangles differ by at most 0.5 rad."""
 
 PROP_TOLERANCE = 0.5 * MM
-"""Chord tolerance in m of the props of a scene; they have a third of the triangles that `VISUAL_TOLERANCE` gives."""
+"""Chord tolerance in m of the props of a scene; it yields a third as many triangles as `VISUAL_TOLERANCE`."""
 
 MASS_TOLERANCE = 0.005 * MM
 """Chord tolerance in m of the meshes for mass computation; the volume of a convex part is slightly too small."""
@@ -69,7 +69,8 @@ class Part:
     Attributes:
         name: node name, with its encoding repaired.
         path: names of the assembly nodes above the part, outermost first.
-        vertices, triangles: (n, 3) in m in drawn coordinates, (m, 3).
+        vertices: (n, 3) positions in m, in drawn coordinates.
+        triangles: (m, 3) indices of vertices.
         color_rgba: linear colour, 0..1.
         faces: analytic faces.
     """
@@ -96,8 +97,8 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
     """Return the length unit of a STEP file in m; `read` returns the bytes of the file.
 
     Raises:
-        CadError: the file is missing, is not a STEP file, is truncated, or has no, an unknown or more than one length
-            unit.
+        CadError: the file is missing, is not a STEP file or is truncated, or its length unit is missing, unknown or not
+            unique.
     """
     try:
         data = read(path, "STEP")
@@ -245,7 +246,7 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
 def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
     """Merge the vertices that faces share and remove triangles without area: a closed solid becomes a closed mesh.
 
-    The mesher gives both faces of an edge bit-identical points.
+    On an edge between two faces, the mesher creates bit-identical points for both faces.
     """
     order = np.lexsort(points.T[::-1])  # as `np.unique` does along an axis, in a third of the time
     ordered = points[order]

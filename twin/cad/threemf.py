@@ -15,7 +15,7 @@ from twin.core.spatial import Array
 _MODEL = "3D/3dmodel.model"
 
 UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
-"""{unit that a 3MF file may state: its length in m}; the default unit is the millimeter."""
+"""{unit that a 3MF file may state: size of the unit in m}; the default unit is the millimeter."""
 
 
 def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:

@@ -69,7 +69,7 @@ def run(argv: Sequence[str] | None = None) -> int:
 
 
 def _prepared(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
-    """Set up the process for a command, remove what killed processes left, and return the function of the command."""
+    """Set up the process, clean up after killed processes, and return the function that runs the command."""
     import logging
 
     from twin.core import atomic
@@ -94,7 +94,7 @@ def _prepared(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
 
 
 def _kept() -> str:
-    """Return what an interrupted command has written completely."""
+    """Return a note that names the folders in which an interrupted command has completed its files."""
     from twin.core.atomic import completed
 
     folders = ", ".join(dict.fromkeys(map(str, completed)))
@@ -102,7 +102,7 @@ def _kept() -> str:
 
 
 def _trace(debug: bool) -> None:
-    """With --debug, print the traceback of the current error; raised, it would exit with 1, which means "disagree"."""
+    """With --debug, print the traceback of the current error, without raising it: exit code 1 means "disagree"."""
     if debug:
         import traceback
 

@@ -38,7 +38,7 @@ class _LateError(BaseException):
 
 
 class Cures:
-    """Cache of the fixes of a robot's equations, by variants and trocar positions; nothing else changes a fix."""
+    """Cache of the fixes of a robot's equations; a fix depends only on the variants and the trocar positions."""
 
     def __init__(self, robot: api.Robot, seconds: float = SECONDS) -> None:
         self.robot, self.seconds = robot, seconds
@@ -107,7 +107,7 @@ def text(found: Explanation, command: str) -> str:
 
 
 def _edits(found: Explanation, command: str) -> list[str]:
-    """Return one text for each edit, also if it changes several rows; of equivalent edits, only the first."""
+    """Return one text for each edit, even if an edit changes several rows; of equivalent edits, only the first."""
     rows: dict[tuple[str, ...], list[str]] = {}
     lines: dict[tuple[str, ...], set[int]] = {}
     tied: set[tuple[str, ...]] = set()

@@ -15,10 +15,10 @@ from pathlib import Path
 from types import FrameType
 
 _UNSAFE = ("<frozen importlib._bootstrap>", str(Path("casadi", "casadi.py")))
-"""Ends of the names of the files whose functions must not be interrupted."""
+"""Endings of file names; functions in these files must not be interrupted."""
 
 _AGAIN = 0.05
-"""Time in s between two checks whether such a function has ended."""
+"""Time in s between two checks whether such a function is still running."""
 
 
 @contextlib.contextmanager

@@ -37,7 +37,7 @@ class UsageError(Exception):
 
 
 class _Help(argparse.RawDescriptionHelpFormatter):
-    """Help formatter with a column for the longest command name, including the indentation that argparse ignores."""
+    """Help formatter whose first column fits the longest command name and its indentation, which argparse ignores."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -203,7 +203,7 @@ class Command(_Parser):
 
 
 def _at_least(least: int) -> Callable[[str], int]:
-    """Return the conversion of a text to a whole number that is not below `least`."""
+    """Return a function that converts a text to a whole number, and rejects numbers below `least`."""
 
     def convert(text: str) -> int:
         if (value := int(text)) < least:

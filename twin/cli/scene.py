@@ -1,4 +1,4 @@
-"""Scenes on the command line: read their parts, refuse them for commands on robots, and play them (`twin run`)."""
+"""Scenes on the command line: load scenes, reject scenes for commands on robots, and play scenes (`twin run`)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def refuse(args: argparse.Namespace) -> None:
 
 
 def load(scene: Scene) -> LoadedScene:
-    """Return a scene with its robots and props; robots from the same folder share one reading of its files."""
+    """Return a scene with its robots and props; the files of each robot folder are read only once."""
     return LoadedScene(scene, robots_at(scene.places), props_of(scene))
 
 
@@ -65,7 +65,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 
 
 def with_organs(loaded: LoadedScene, task: Task | None = None) -> LoadedScene:
-    """Return a scene with its soft organs, simulated by the World in a procedure, else by the scene's `feed`."""
+    """Return a scene with its soft organs; their simulator is the World in a procedure, else the scene's `feed`."""
     found = tissues(loaded.scene)
     if task is not None and task.procedure is not None:
         return replace(loaded, organs=found)

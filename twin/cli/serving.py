@@ -106,11 +106,11 @@ _CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum
 """Options for the console of a scene."""
 
 _OPTION = "{option}"
-"""Place of the option's name in the message of `_refuse`."""
+"""Placeholder for the option's name in the message of `_refuse`."""
 
 
 def _refuse(args: argparse.Namespace, options: Sequence[str], message: str) -> None:
-    """Raise `TwinError` for the first of the options that is given; its name replaces `_OPTION` in the message."""
+    """Raise `TwinError` if one of the options is given; the option's name replaces `_OPTION` in the message."""
     for name in options:
         if getattr(args, name) is not None:
             hint = "; --record records what clients see" if name == "session" else ""
@@ -138,7 +138,7 @@ def _require_compatible(args: argparse.Namespace) -> None:
 async def serve_until_stopped(
     args: argparse.Namespace, name: str, make: Callable[[], Served], port: int, context: ssl.SSLContext | None
 ) -> None:
-    """Serve what `make` returns until Ctrl-C; `make` is called in the event loop."""
+    """Serve the object that `make` returns, until Ctrl-C; `make` is called in the event loop."""
     from twin.ui.door.gate import Gate
     from twin.ui.headset import files
     from twin.ui.headset.recording import Recording, Replay

@@ -88,7 +88,7 @@ def finish(
 
 
 def micrometres(option: str, value: float | None) -> float | None:
-    """Return the value of an option, given in micrometres, in m; None if it is not given.
+    """Convert the value of an option from micrometres to m; None if the option is not given.
 
     Raises:
         TwinError: the value is not positive or not finite.

@@ -67,8 +67,8 @@ def show_page(
         title: name of the shown robot or scene.
         port: the port.
         advice: sentence on the rights of connected clients.
-        open_page: function of (server, event that ends the page, whether only this computer can connect); it opens the
-            page.
+        open_page: function that opens the page; its arguments are the server, the event that ends the page, and whether
+            only this computer can connect.
     """
     from twin.ui.door.gate import Gate
     from twin.ui.viewer.server import serve, stop
@@ -123,10 +123,10 @@ def _write(
 def _what(
     args: argparse.Namespace,
 ) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front | ConsoleFront | WatchFront]]:
-    """Return (title, function that loads the robots and opens the page on a server, with arguments of `Front`).
+    """Return (title, function of a server and further arguments of `Front` that loads the robots and opens the page).
 
     Raises:
-        TwinError: an invalid name; raised before a port opens.
+        TwinError: a name or option is invalid; raised before a port opens.
     """
     file = assets.scene_file(args.robot)
     if args.task is not None and (file is None or args.html is not None):
@@ -187,7 +187,7 @@ def _what(
 
 
 def _plays(scene: Scene, args: argparse.Namespace) -> bool:
-    """Return whether the robots of a scene play their protocols, because no hand moves them.
+    """Return whether the robots of a scene play their protocols (otherwise, a console moves them).
 
     Raises:
         TwinError: a robot has no protocol to play, or --fulcrum does not apply.

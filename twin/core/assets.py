@@ -111,7 +111,7 @@ def scenes() -> list[str]:
 
 
 def scene_file(scene: str | Path) -> Path | None:
-    """Return the path of scene.toml; `scene` is a built-in scene, the file or its folder; None for anything else."""
+    """Return the path of scene.toml for a built-in scene (by name), a file or its folder; None for anything else."""
     if str(scene) in scenes():
         return data_folder() / "cad" / str(scene) / "scene.toml"
     path = Path(scene)
@@ -161,7 +161,7 @@ def files(robot: str | Path) -> RobotFiles:
 
 
 def hidden(robot: str | Path) -> Path | None:
-    """Return the robot folder in the working directory with the name of a built-in robot, which hides it; else None."""
+    """Return the robot folder in the working directory that a built-in robot of the same name hides; else None."""
     there = str(robot) in names() and _descriptions(Path(robot))
     return Path(robot).resolve() if there else None
 

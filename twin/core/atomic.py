@@ -45,8 +45,8 @@ completed: list[Path] = []
 def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder; move its files into `target` when the block ends without an error.
 
-    Other files in `target` stay unchanged, except those of `replacing`: paths, relative to the target, of old files
-    that are removed in the same step if the block does not write them. On any error `target` stays unchanged.
+    Other files in `target` stay unchanged, except the old files in `replacing` (paths relative to `target`): these are
+    removed in the same step, unless the block writes new ones. On any error `target` stays unchanged.
 
     Raises:
         OutputError: the target cannot be written (read-only, full, a file with the name of a folder).
@@ -75,7 +75,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
     finally:
         try:
             _discard(own)
-        finally:  # after Ctrl-C during the removal, `settle` can remove the rest only if it is not locked
+        finally:  # after Ctrl-C during the removal, `settle` can remove the rest only if the folder is not locked
             os.close(lock)
 
 
@@ -94,10 +94,10 @@ def require_writable(target: Path) -> None:
 
 
 def require_writable_file(path: Path) -> None:
-    """Raise an error if no file could be written at this path; to be called before a long computation.
+    """Raise an error if no file could be written at this path; call this before a long computation.
 
     Raises:
-        OutputError: there is a folder at the path, or its folder cannot be written.
+        OutputError: the path is a folder, or its parent folder cannot be written.
     """
     if path.is_dir():
         raise OutputError(f"cannot write to {path}: it is a folder; give the name of a file, as in {path / 'name'}")
@@ -156,13 +156,13 @@ def _settle(base: Path, own: Path) -> None:
 
 
 def _discard(own: Path) -> None:
-    """Remove a folder if no journal remains in it that must be completed or undone."""
+    """Remove a folder, unless it contains a journal whose moves must be completed or undone."""
     if not any((own / name).is_file() for name in (_COMMIT, _UNDO)):
         shutil.rmtree(own, ignore_errors=True)
 
 
 def _claim(make: Callable[[], str]) -> tuple[Path, int]:
-    """Create a folder and lock it; repeat if another process removed it before it was locked."""
+    """Create a folder and lock it; if another process removes the folder before it is locked, try again."""
     while True:
         own = Path(make())
         with contextlib.suppress(FileNotFoundError):
@@ -305,5 +305,5 @@ def _unwritable(target: Path, error: OSError) -> str:
 
 
 def _written(error: OSError) -> str | None:
-    """Return the path that could not be written, if known: of a copy or a move, the second one."""
+    """Return the path that could not be written, if known; for a copy or a move, this is the destination."""
     return error.filename2 or error.filename

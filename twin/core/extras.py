@@ -15,7 +15,7 @@ EXTRAS = {
     "segno": "qr",
     "yaml": "yaml",
 }
-"""Extra (of the package twin-robotics) that installs a module, by module name."""
+"""{module: extra of the package twin-robotics that installs the module}."""
 
 
 def require(module: str, purpose: str) -> ModuleType:

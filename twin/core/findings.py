@@ -29,7 +29,7 @@ class Finding:
         unit: unit of `size` and `limit`: "mm", "um", "deg", "s", ...
         limit: the limit of `size`; None if there is none.
         suggestion: how to fix the fault.
-        cause: name of the cause ("eq1 (printed)"), the same text in all findings with this cause; "" if unknown.
+        cause: name of the cause ("eq1 (printed)"), identical in all findings with this cause; "" if unknown.
     """
 
     code: str

@@ -12,7 +12,7 @@ NONE = "–"
 
 _STEPS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 _NOTHING_LENGTH, _NOTHING_ANGLE = 1e-12, 1e-9
-"""Length in m, and angle in degrees, below which a value is taken as a rounding error."""
+"""Length in m, and angle in degrees, below which a value counts as a rounding error."""
 _LARGE = 10.0
 """Length in m from which lengths are shown in m instead of mm."""
 _SMALL_ANGLE = 1e-4

@@ -1,4 +1,4 @@
-"""Run work in another process: one call with one result, or a stream of pieces that can be cancelled.
+"""Run work in another process: one call with one result (`Call`), or jobs with results in pieces (`Stream`).
 
 The process ends when its `Call` or `Stream` is deleted, or when this program ends. The process ignores Ctrl-C.
 """
@@ -23,7 +23,7 @@ Piece = TypeVar("Piece")
 
 
 class Call:
-    """A function call in a separate process; leaving the `with` block, or `close`, ends the process.
+    """A function call in a separate process, which ends at the end of the `with` block or at `close`.
 
     Args:
         function: function at the top level of a module; function, arguments and result are pickled.
@@ -85,14 +85,14 @@ def _answer(line: Connection, module: str, name: str, arguments: tuple[Any, ...]
 
 
 class Stream(Generic[Piece]):
-    """Jobs that run one at a time in another process, which starts with the first job and stays alive.
+    """Jobs that run one at a time in another process; the process starts with the first job and stays alive.
 
     Each job is one call of `function`, which yields pieces of the result. No method waits; all methods may be called
     from any thread. A job is cancelled only after its current piece, so each piece should take less than 0.5 s.
     """
 
     def __init__(self, function: Callable[[Any], Iterator[Piece]], nice: int = 10) -> None:
-        """Prepare for jobs; `nice` is the increase of the process's nice value, which lowers its priority."""
+        """Set the function of all jobs; `nice` is added to the nice value of the process, which lowers its priority."""
         self._function, self._nice = function, nice
         self._lock = threading.Lock()
         self._process: Apart | None = None
@@ -107,7 +107,7 @@ class Stream(Generic[Piece]):
             self._say(job)
 
     def poll(self) -> tuple[list[Piece], str | None]:
-        """Return (new pieces, end); `end` is None until the job has ended, then once "" (done) or an error text."""
+        """Return (new pieces, end); `end` is None while a job runs, and once at its end "" (done) or an error text."""
         with self._lock:
             new: list[Piece] = []
             with suppress(queue.Empty):
@@ -185,7 +185,7 @@ def _stream(line: Connection, module: str, name: str, nice: int) -> None:
 
 
 def _message(error: Exception) -> str:
-    """Return the text of an error for the parent process; an unexpected error includes its code line."""
+    """Return the text of an error for the parent process; for an unexpected error, the text includes the code line."""
     if isinstance(error, TwinError):
         return str(error)
     if isinstance(error, OSError) and (full := no_room(error)):

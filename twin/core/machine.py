@@ -27,7 +27,7 @@ _ready = False
 
 
 def compiled(text: str) -> tuple[Call, Any]:
-    """Return (kernel, object that must exist as long as the kernel), compiled or loaded from the cache.
+    """Return (kernel, object to keep alive while the kernel is used); the kernel is compiled or read from the cache.
 
     The cache is in the user's folder and may be deleted at any time. Its key is a hash of the text, the processor and
     the version of LLVM. Truncated files, and files that other users can write, are not loaded.

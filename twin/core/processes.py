@@ -37,7 +37,7 @@ def isolated(program: str, *arguments: object) -> list[str]:
 
 
 class Apart:
-    """A function that runs in a separate process, which ends with this object or with this program.
+    """A function that runs in a separate process; the process ends with this object or with this program.
 
     The process ignores Ctrl-C from its start, through an inherited signal mask.
 
@@ -80,7 +80,7 @@ def _end(process: subprocess.Popen) -> None:
 
 
 def serve() -> None:
-    """Receive the function call and run it, in the child process."""
+    """In the child process: receive the function call from the parent process, and run it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with Connection(int(sys.argv[1])) as line, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):

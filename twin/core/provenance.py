@@ -10,7 +10,7 @@ Provenance = Literal["PUBLISHED", "CITED", "DERIVED", "ASSUMED"]
 published or cited values. ASSUMED: no published value was found; the note explains the chosen value."""
 
 EARLIER: dict[str, Provenance] = {"SEED": "PUBLISHED"}
-"""{former name of a provenance: its current name}."""
+"""{former name of a provenance: current name}."""
 
 
 @dataclass(frozen=True)

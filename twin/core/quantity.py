@@ -13,7 +13,7 @@ _LARGE = 1e4
 
 @dataclass(frozen=True)
 class Quantity:
-    """A value and its unit, as in JSON; `str` returns both in a unit that suits the size ("12.3 nm").
+    """A value and its unit, unchanged in JSON; `str` chooses a unit that suits the size of the value ("12.3 nm").
 
     `mm`, `um`, `deg` and `moved` create quantities from SI values.
     """

@@ -93,13 +93,13 @@ class Result(ABC):
 def record(
     kind: str, content: Mapping[str, Any], findings: Sequence[Finding] = (), judged: Verdict | None = None
 ) -> dict[str, Any]:
-    """Return what every `--json` prints as plain data; docs/schemas/result.schema.json describes it.
+    """Return the plain data that every `--json` prints, as described by docs/schemas/result.schema.json.
 
     Args:
         kind: name of the schema, twin/<kind>/1.
-        content: keys of this kind.
-        findings: are listed with the most severe first.
-        judged: the verdict; None: it is computed from the findings.
+        content: data of this kind, by key.
+        findings: findings in any order; the returned list begins with the most severe.
+        judged: the verdict; None: the verdict is computed from the findings.
     """
     return {
         "schema": f"twin/{kind}/1",

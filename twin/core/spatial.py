@@ -173,7 +173,7 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
         a, b = np.arctan2(-sign * R[..., j, k], R[..., k, k]), np.arctan2(sign * R[..., i, k], level)
     a = np.where(level > 1e-12, a, first)
     axes = np.eye(3)
-    # The last angle is computed from R and the first two: near gimbal lock it compensates the error of the first.
+    # The last angle is computed from R and the first two: near gimbal lock, it compensates the first angle's error.
     rest = np.swapaxes(exp_so3(a[..., None] * axes[i]) @ exp_so3(b[..., None] * axes[j]), -1, -2) @ R
     m, n = (last + 1) % 3, (last + 2) % 3
     c = np.arctan2(rest[..., n, m] - rest[..., m, n], rest[..., m, m] + rest[..., n, n])
@@ -181,12 +181,12 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
 
 
 def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) -> Array:
-    """Return the cubic at s in 0..1 from a (s = 0) to b (s = 1); its derivatives there are slope_a and slope_b."""
+    """Return the cubic at s in 0..1: it has the values a, b and the derivatives slope_a, slope_b at s = 0 and s = 1."""
     return a + s * (slope_a + s * (3 * (b - a) - 2 * slope_a - slope_b + s * (2 * (a - b) + slope_a + slope_b)))
 
 
 def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
-    """Return the rotation (3, 3) with its z column along z, and its x column along the part of x perpendicular to z.
+    """Return the rotation (3, 3) with the z column along z, and the x column along the component of x normal to z.
 
     Raises:
         ValueError: z is zero, or x is parallel to z.

@@ -6,7 +6,7 @@ import re
 
 
 def spoken(name: str) -> str:
-    """Return a name as words, for texts and headings; data keep the name.
+    """Return a name as words, for texts and headings; in data, names are not changed.
 
     `cystic_duct` becomes "cystic duct", and `ring1` "ring 1".
     """

@@ -8,18 +8,18 @@ UM = 1e-6
 DEG = pi / 180
 
 ROUNDING = 1e-9
-"""Largest excess over a limit, in m or rad, that is taken as a rounding error: a path may end exactly at a limit."""
+"""Largest excess over a limit, in m or rad, that counts as a rounding error; a path may end exactly at a limit."""
 
 SI = {"mm": MM, "deg": DEG, "mm/s": MM, "deg/s": DEG, "mm/s2": MM, "deg/s2": DEG, "g": 1e-3, "kPa": 1e3, "N mm": MM}
 SI |= {"N/mm": 1 / MM, "N s/mm": 1 / MM}
 """Factor from each unit to the coherent SI unit: 5 mm is 5 * SI["mm"] in m. A unit that is not listed has factor 1."""
 
 LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
-"""{unit that the description may declare for a mesh file: its length in m}."""
+"""{unit that a description may declare for a mesh file: size of the unit in m}."""
 
 
 def display_unit(angle: bool) -> tuple[str, float]:
-    """Return (unit in which angles or, if `angle` is False, lengths are shown, its size in rad or m)."""
+    """Return the display unit of angles (or, if `angle` is False, of lengths), and its size in rad (or m)."""
     return ("deg", DEG) if angle else ("mm", MM)
 
 
@@ -48,5 +48,5 @@ def hex_digits(color_rgba: Sequence[float]) -> str:
 
 
 def decimals(difference: float) -> int:
-    """Return the number of decimals (at least 3, at most 9) that shows a difference with three significant digits."""
+    """Return the number of decimals (3 to 9) at which a difference has three significant digits."""
     return min(max(2 - floor(log10(abs(difference))), 3), 9) if difference else 3

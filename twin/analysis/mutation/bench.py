@@ -49,7 +49,7 @@ _MOTION: frozenset[Part] = frozenset(("motion",))
 
 
 class Bench:
-    """A robot, its protocol planned with coarse samples, and its stage with this motion, in a separate folder."""
+    """A correct robot, its motion planned with coarse samples, and its stage with this motion, in a separate folder."""
 
     def __init__(self, robot: api.Robot, protocol: str | None, folder: Path) -> None:
         """Prepare the correct robot (no seeded fault): plan its motion, compute masses, build the stage, validate it.
@@ -125,7 +125,7 @@ class Bench:
 
     @cached_property
     def links(self) -> tuple[Array, dict[str, Array]]:
-        """Key times (k,) in s, and the poses T_base_link (k, 4, 4) of each link of the correct robot at these times."""
+        """Key times (k,) in s, and {link: poses T_base_link (k, 4, 4)} of the correct robot at these times."""
         looked = samples(self.trajectory)
         model = ReferenceModel(self.robot.mechanism)
         return looked.keys, model.link_poses(self.trajectory.on(model, looked.keys).x)
@@ -161,9 +161,9 @@ class Bench:
     def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
         """Return (new finding or None, reason why the fault has no effect or "").
 
-        The finding is the first finding that changes the verdict, or else a warning. After a warning, only one more
-        part of the validator is run. If the first part finds nothing, the function checks whether the fault has any
-        effect before the next part is run.
+        The parts of the validator are run in order, until a finding changes the verdict: this finding is returned.
+        After a warning, only one more part is run; if it does not change the verdict, the warning is returned. If the
+        first part finds nothing, the function checks whether the fault has any effect before it runs the next part.
         """
         warned, same = None, None
         for found in self._found(fault, folder):

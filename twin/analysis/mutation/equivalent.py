@@ -61,7 +61,7 @@ def _answers(kin: Kinematics, Ts: Array, q: Array):
 
 
 class Chain:
-    """Kinematics of a mechanism from plain matrices: body poses along its tree, loops closed by least squares."""
+    """Kinematics of a mechanism from plain matrices: body poses along the tree, and loop closure by least squares."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism

@@ -69,7 +69,7 @@ def drawn(
     rng: np.random.Generator,
     count: int,
 ) -> Iterator[tuple[str, Made]]:
-    """Yield `count` faults of a subject, (kind, fault); the kinds follow `kinds`, repeated as often as necessary."""
+    """Yield (kind, fault) for `count` faults of `subject`; the kinds follow `kinds`, repeated as often as necessary."""
     for i in range(count):
         kind = kinds[i % len(kinds)]
         yield kind, makers[kind](subject, rng)

@@ -33,7 +33,7 @@ KINDS: dict[str, tuple[str, ...]] = {
     "operator": ("operator", "order", "transpose"),
     "added term": ("missing",),
 }
-"""Kinds of faults, each seeded equally often, with the kinds of edits that produce the fault."""
+"""{kind of fault: kinds of edits that produce this fault}; every kind of fault is seeded equally often."""
 
 _TRIES = 40
 

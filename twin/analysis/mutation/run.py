@@ -19,7 +19,7 @@ from twin.core.errors import TwinError
 from twin.core.jobs import Call
 
 SHARES: dict[Family, int] = {"formula": 32, "cad": 24, "usd": 28, "units": 14, "timing": 20}
-"""Number of faults of each family in the default total; another total is divided in the same proportion."""
+"""Number of faults of each family if the total is the default; other totals are divided in the same proportion."""
 
 Progress = Callable[[str, float], None]
 
@@ -131,6 +131,6 @@ def _judged(
 def _share(
     robot: str, protocol: str | None, families: tuple[Family, ...], count: int, seed: int, share: int
 ) -> dict[int, Outcome]:
-    """Check every second fault, starting with the fault of index `share` (0 or 1); run in the second process."""
+    """Check every second fault, starting with the fault of index `share` (0 or 1); called in the second process."""
     with bench_of(robot, protocol) as bench:
         return _judged(bench, families, count, seed, share, lambda label, fraction: None)

@@ -1,4 +1,4 @@
-"""Seed faults into a written stage and its motion: each fault changes one attribute, on the layer that states it."""
+"""Seed faults into a written stage and its motion: each fault changes one attribute, on the layer that defines it."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _set(stage: Usd.Stage, path: str, value: object, code: float | None = None) 
 
 
 def _changed(path: str, change: Callable[[Any], object]) -> Edit:
-    """Return the edit that replaces the value of an attribute by a function of it."""
+    """Return the edit that replaces the value of an attribute by `change` of this value."""
     return lambda stage: _set(stage, path, change(stage.GetAttributeAtPath(path).Get()))
 
 
@@ -161,7 +161,7 @@ def _units(stage: Usd.Stage, rng: np.random.Generator) -> Made:
 
 
 def _stated(name: str, value: object) -> Edit:
-    """Return the edit that changes a value in the heads of all layers, as a faulty converter would write them."""
+    """Return the edit that changes a value in the metadata of all layers, as a faulty converter would."""
 
     def spoil(s: Usd.Stage) -> None:
         for layer in s.GetUsedLayers():

@@ -18,7 +18,7 @@ _USD = (".usd", ".usda", ".usdc", ".usdz")
 _OTHER = {".csv": "CSV", ".obj": "OBJ", ".stl": "STL", ".step": "STEP", ".stp": "STEP", ".urdf": "XML", ".sdf": "XML"}
 
 _MOST_TEXT = 50_000_000
-"""Maximum number of bytes of a text layer whose depth is checked; for larger layers, only the limits of the parser
+"""Size in bytes up to which the depth of a text layer is checked; for larger layers, only the limits of the parser
 apply."""
 
 
@@ -53,7 +53,8 @@ def admit_together(paths: Iterable[Path]) -> set[Path]:
     """Check several USD stages in one process, and return the stages that pass.
 
     Stages that exceed the limits of bytes, archive or depth are left out. If the parser cannot read all remaining
-    stages, or if only one stage remains, the returned set is empty. Check each stage that is not returned with `admit`.
+    stages, or if only one stage remains, the returned set is empty. Use `admit` to check each stage that is not in the
+    returned set.
     """
     likely = []
     for path in paths:

@@ -58,7 +58,7 @@ BUDGETS = {
     # For masses: triangles within 5 µm of the faces. For comparison, a patient model takes 1.6 GB and one minute.
     "fine STEP": Budget(500 * MB, seconds=150, seconds_per_mb=30, memory=3000 * MB, memory_per_byte=200),
 }
-"""Limits by format. Normal files need at most a tenth of a limit; the error message suggests how to reduce a file."""
+"""Limits by format. Normal files need at most a tenth of each limit; error messages suggest how to reduce a file."""
 
 BODIES = 1000
 """Maximum number of bodies in one mechanism; the limits for joints and for shapes are the same."""

@@ -61,10 +61,11 @@ sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), floa
 _PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]
 
 _BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".usd", ".usda", ".usdc", ".usdz")}
-"""Suffixes of further files to which a file may refer; such files in its folder or below raise the limits."""
+"""Suffixes of files to which a file of this format may refer. Files with these suffixes in the same folder or its
+subfolders raise the limits."""
 
 _MOST_BESIDE = 2000
-"""Maximum number of such files in the folder; the sizes of at most this number of files raise the limits."""
+"""Maximum number of files in the folder and its subfolders that are searched for these suffixes."""
 
 _MOST_SECONDS, _MOST_MEMORY = 600.0, 8_000 * MB
 """Maximum processor time (s) and memory (bytes) of a parser's process, independent of file sizes."""
@@ -105,7 +106,7 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
 
 
 def pass_together(paths: Sequence[Path]) -> bool:
-    """Return whether OpenUSD can read all stages in one process, which saves time: it is imported once."""
+    """Return whether OpenUSD can read all stages in one process; OpenUSD is then imported only once."""
     each = [limits(path, "USD") for path in paths]
     seconds, memory = sum(s for s, _ in each), max(m for _, m in each)
     return _limited("USD", seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)
@@ -154,7 +155,7 @@ def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
 
 
 def _asleep(pid: int) -> str:
-    """Return the processor time that a sleeping process has used, as text; "" if it is running or ready to run."""
+    """Return the processor time used by a sleeping process, as text; "" if the process is running or ready to run."""
     try:
         state, *fields = Path(f"/proc/{pid}/stat").read_text("ascii", "replace").rpartition(")")[2].split()
         return f"{fields[10]} {fields[11]}" if state == "S" else ""

@@ -13,7 +13,7 @@ from twin.core.foreign.once import Read
 
 
 def read_text(path: Path, kind: str, encoding: str = "utf-8", errors: str = "strict", read: Read = read_bytes) -> str:
-    """Return the text of a file from the bytes that `read` returns, with line ends as in `Path.read_text`.
+    """Return the text of a file, decoded from the bytes that `read` returns, with line ends as in `Path.read_text`.
 
     Raises:
         BudgetError: the file is too large.
@@ -43,7 +43,7 @@ def parse_json(path: Path, data: bytes) -> Any:
 
 
 def count_json(path: Path, data: bytes) -> None:
-    """Raise `BudgetError` for JSON with too many objects and lists, which need fifty times as much memory as text."""
+    """Raise `BudgetError` for JSON with too many objects and lists, which take fifty times the memory of their text."""
     count = data.count(b"{") + data.count(b"[")
     if count > BUDGETS["JSON"].count:
         over(path, "JSON", "objects and lists", count, BUDGETS["JSON"].count)
