@@ -17,6 +17,7 @@ from made import protocols
 from made.arm import CLEARANCE, LINK, SIZE, arm, space_of
 from made.mechanisms import four_bar
 from twin import api
+from twin.api.standing import place_of
 from twin.api.together import _Arm
 from twin.cad.build import inputs
 from twin.cli import main
@@ -80,6 +81,14 @@ def apart(q):
             min(coal.distance(*a, *b, coal.DistanceRequest(), coal.DistanceResult()) for a in left for b in right)
         )
     return np.array(out)
+
+
+def test_a_second_arm_of_a_kind_is_found_by_the_name_of_its_robot():
+    scene = load_scene(twin.core.assets.scene_file("davinci"))
+    of = [p.name for p in scene.places if p.robot == "davinci_psm"]
+    assert [place_of(scene, "davinci_psm").name, place_of(scene, "davinci_psm", of[:1]).name] == of[:2]
+    with pytest.raises(TwinError, match=f"scene 'davinci' has no further robot '{of[0]}'; it has: {of[1]}"):
+        place_of(scene, of[0], of[:1])
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -610,7 +619,7 @@ def test_the_example_of_the_help_runs_and_its_folder_is_shown_served_and_exporte
     shown = capsys.readouterr().out
     assert "▲" not in shown, shown
     assert main(["run", "out"]) == 2
-    assert "has protocol files, of whose motions there are no built stages" in capsys.readouterr().err
+    assert "plays protocol files; `twin run` requires protocols with a built stage" in capsys.readouterr().err
 
 
 PROPS = """name = "props"

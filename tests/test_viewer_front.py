@@ -115,7 +115,8 @@ def test_a_protocol_in_a_folder_is_among_those_of_the_page():
         assert front.panels._chosen() == "around/dome"
 
 
-def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were():
+@pytest.mark.parametrize("visible", [True, False])
+def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were(visible):
     clock = Clock()
     clock.duration, clock.playing = 2.0, True
     clock.seek(0.7)
@@ -125,12 +126,12 @@ def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were():
         raise TwinError("the disk is full")
 
     front = SimpleNamespace(
-        clock=clock, gizmo=SimpleNamespace(visible=True), stand=lambda: stood.append(clock.time), bend=full,
+        clock=clock, gizmo=SimpleNamespace(visible=visible), stand=lambda: stood.append(clock.time), bend=full,
         server=SimpleNamespace(get_scene_serializer=lambda: serializer),
     )  # fmt: skip
     with pytest.raises(TwinError, match="the disk is full"):
         recording.page(front)  # type: ignore[arg-type]
-    assert (clock.time, clock.playing, front.gizmo.visible, stood[-1]) == (0.7, True, True, 0.7)
+    assert (clock.time, clock.playing, front.gizmo.visible, stood[-1]) == (0.7, True, visible, 0.7)
 
 
 def test_curves_have_names_units_and_values():

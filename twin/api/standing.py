@@ -35,12 +35,13 @@ def place_of(scene: Scene, name: str, taken: Collection[str] = ()) -> Place:
     """Return the place named `name` or, if there is none, the first place with a built-in robot named `name`.
 
     Raises:
-        TwinError: there is no such place, or the name of the place is in `taken`.
+        TwinError: there is no such place, or the names of all such places are in `taken`.
     """
-    place = next((p for key in ("name", "robot") for p in scene.places if getattr(p, key) == name), None)
-    if place is None or place.name in taken:
-        left = ", ".join(p.name for p in scene.places if p.name not in taken)
-        raise TwinError(f"scene '{scene.name}' has no {'further ' if place else ''}robot '{name}'; it has: {left}")
+    found = [p for p in scene.places if p.name == name] or [p for p in scene.places if p.robot == name]
+    free = [p for p in scene.places if p.name not in taken]
+    if (place := next((p for p in found if p.name not in taken), None)) is None:
+        left = ", ".join(p.name for p in free)
+        raise TwinError(f"scene '{scene.name}' has no {'further ' if found else ''}robot '{name}'; it has: {left}")
     return place
 
 

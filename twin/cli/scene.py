@@ -88,8 +88,8 @@ def run(file: Path, args: argparse.Namespace) -> int:
     if "run" not in scene_commands(scene) and scene.plays:
         word = shlex.quote(args.robot)
         raise TwinError(
-            f"scene '{scene.name}' has protocol files, of whose motions there are no built stages, which `twin run` "
-            f"requires: use `twin view {word}`, `twin serve {word}` or `twin export {word}`"
+            f"scene '{scene.name}' plays protocol files; `twin run` requires protocols with a built stage: use "
+            f"`twin view {word}`, `twin serve {word}` or `twin export {word}`"
         )
     root = show.folder(args, scene.name)
     with show.progress(args.quiet or args.json) as progress:

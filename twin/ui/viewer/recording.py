@@ -62,7 +62,7 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
 
 
 def page(front: Front, progress: Progress = lambda part: None) -> str:
-    """Return an HTML page that plays the planned protocols without a server; the clock is restored afterwards.
+    """Return an HTML page that plays the planned protocols without a server; clock and gizmo are restored afterwards.
 
     Raises:
         TwinError: no protocol is planned.
@@ -71,7 +71,7 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
     if clock.duration <= 0:
         raise TwinError("no protocol is loaded: choose a protocol in the tab Play first")
     time, playing, clock.playing = clock.time, clock.playing, False
-    front.gizmo.visible = False
+    visible, front.gizmo.visible = front.gizmo.visible, False
     try:
         serializer = front.server.get_scene_serializer()
         for t in np.arange(0.0, clock.duration, 1 / RATE):
@@ -84,7 +84,7 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
             progress(t / clock.duration)
         return serializer.as_html()
     finally:
-        front.gizmo.visible = True
+        front.gizmo.visible = visible
         clock.playing = playing
         clock.seek(time)
         front.stand()
