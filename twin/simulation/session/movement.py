@@ -64,8 +64,8 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
 def economy(p: Array, parts: list[tuple[int, int]]) -> float:
     """Return the economy of motion: straight distances of all movements divided by their path lengths, 0 to 1.
 
-    Both are sums over the movements; the result is NaN without a movement. `p` (k, 3): positions of the point in m;
-    `parts`: the result of `movements`.
+    Distances and path lengths are added up over the movements; the result is NaN without a movement. `p` (k, 3):
+    positions of the point in m; `parts`: the result of `movements`.
     """
     straight = sum(float(np.linalg.norm(p[b] - p[a])) for a, b in parts)
     path = sum(path_length(p[a : b + 1]) for a, b in parts)
