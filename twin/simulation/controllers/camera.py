@@ -33,7 +33,7 @@ class Drag:
 
     Attributes:
         scale: motion of the scene divided by motion of the hands' midpoint (0.2 as in the da Vinci Research Kit).
-        lever: distance in m from the lens to the scene; the lens is at `depth` from the remote centre (ASSUMED).
+        lever: distance in m from the lens to the scene (ASSUMED); `depth` is that from the remote centre to the lens.
         lower, upper: limits of pan, tilt, depth and roll in rad and m.
         rate: largest rates of pan, tilt, depth and roll in rad/s and m/s.
     """
@@ -78,7 +78,7 @@ class Dragging:
 
 
 def _compile(drag: Drag, dt: float) -> Evaluator:
-    """Return the compiled function for one tick, which returns the camera's next pan, tilt, depth and roll (4).
+    """Compile the function of one tick; its result is the camera's next pan, tilt, depth and roll (4).
 
     Its arguments are the positions of both hands (6) now and at the start of the motion, then the camera's pan, tilt,
     depth and roll (4) at the start of the motion and now.
@@ -128,7 +128,7 @@ def looking(T: Array) -> Array:
 
 
 def hands(at: Array, wanted: Array, right: Array, left: Array, drag: Drag) -> tuple[Array, Array]:
-    """Return the positions (3,) to which the right and the left hand must move, for the camera to move to `wanted`.
+    """Return the positions (3,) in m of the right and of the left hand that move the camera to `wanted`.
 
     Inverse of `Dragging.step`.
 

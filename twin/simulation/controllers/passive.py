@@ -98,7 +98,7 @@ def bounded(force: ca.SX, energy: ca.SX, device_damping: float, dt: float) -> ca
 
 
 def clipped(force: ca.SX, largest: float) -> ca.SX:
-    """Return the force (3,) in N, shortened to `largest` in N."""
+    """Return the force (3,) in N, shortened to at most `largest` in N."""
     return force * ca.fmin(1, largest / ca.fmax(_length(force), 1e-12))
 
 

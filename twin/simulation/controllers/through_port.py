@@ -22,7 +22,7 @@ _NEAR = 0.05
 """Largest joint step in rad or m per tick; a larger step may belong to another working mode."""
 
 _TRIES, _SAFE = 4, 0.98
-"""Maximum number of inverse solutions for one motion; safety factor on the part of a motion that the limits allow."""
+"""Maximum number of inverse solutions for one motion; safety factor for the fraction that the limits allow."""
 
 _STUCK = 0.02
 """If less than this fraction of a motion is possible, its components (direction, depth, roll) are tried separately."""
@@ -32,7 +32,7 @@ _STILL = 1e-12
 
 
 class ThroughPort(Block):
-    """Reads `<robot>.goal` (16,), a tool pose in base whose z axis is in the port, and `<robot>.encoder`.
+    """Reads `<robot>.goal` (16,), a tool pose in base whose z axis passes through the port, and `<robot>.encoder`.
 
     Writes `<robot>.command` (n,). The shaft is the z axis of the tool.
     """
@@ -73,7 +73,7 @@ class ThroughPort(Block):
         return {self._command: q + step}
 
     def _along(self, done: Array, way: Array) -> tuple[Array, float]:
-        """Return (joint step (n,), part of `way` (4,) that it makes after `done` (4,)); part 0: it is stopped."""
+        """Return (joint step (n,), fraction of `way` (4,) that it adds to `done` (4,)); fraction 0: it is blocked."""
         part = 1.0 if np.abs(way).max() > _STILL else 0.0
         for _ in range(_TRIES):
             if part <= 0:
@@ -105,10 +105,10 @@ def _way(p_port: Array) -> Evaluator:
 
 
 def _allowed(kin: Kinematics, p_port: Array) -> Evaluator:
-    """Return the function that tries a way: (joint step (n), fraction of this step that is within its limits).
+    """Return the function that computes a displacement: (joint step (n), fraction of the step that is within limits).
 
-    Its arguments are a pose (16), a way (4), q (n), and the smallest and the largest joint step (n each). If the end of
-    the way is out of reach, the fraction is 0.5.
+    Its arguments are the start pose (16), the displacement (4), q (n), and the smallest and the largest joint step (n
+    each). If the end of the displacement is out of reach, the fraction is 0.5.
     """
     n = len(kin.joints)
     z = ca.SX.sym("z", 20 + 3 * n)

@@ -106,7 +106,7 @@ def step(
 class ToolToJoints(Block):
     """Reads tool rates `<robot>.rate` (n,) and `<robot>.encoder`; writes joint values `<robot>.command` (n,).
 
-    Each rate is applied for `ticks` steps along a straight line, which starts at the tool's pose when the rate arrives.
+    Each rate moves the tool for `ticks` steps along a straight line, starting at the tool's pose when the rate arrives.
     A rate of zero leaves the command unchanged.
     """
 
