@@ -250,7 +250,7 @@ class Machine:
         try:
             self._control(t, counts, accepted)
             self._bit = not self._bit
-        except TwinError as error:  # the watchdog bit stays, so that the PLC stops the arm
+        except TwinError as error:  # the watchdog bit does not change: the PLC stops the arm
             self.servo.stop = self.servo.stop or str(error)
         if self.servo.stop:
             self.plc.stop(self.servo.stop)
@@ -314,7 +314,7 @@ class Machine:
                 return
 
     def _home(self, t: float) -> Array:
-        """Return the desired joints of a minimum-jerk motion to home; the encoders know where the joints are."""
+        """Return the desired joints of a minimum-jerk motion from the measured joint values to home."""
         speed = self.parts.settings.number.homing_speed.value * np.where(self._angles, 1.0, 0.1)
         if self._homing is None:
             way = np.abs(self.parts.home - self.q) / speed

@@ -44,7 +44,7 @@ class Motion:
 
 @dataclass
 class _Moved:
-    """Motion of a body: pose, angular velocity and acceleration, acceleration of its origin minus gravity."""
+    """Motion of a body: pose R, p; angular velocity w; its derivative `turn`; origin's acceleration minus gravity a."""
 
     R: Any
     p: Any
