@@ -47,7 +47,7 @@ def pack(number: int, t: float, q: Array, desired: Array | None = None) -> bytes
 
 
 def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
-    """Return number, time in s, measured joints (n,), and desired ones (n,) or None, of a packet.
+    """Return a packet's number, time in s, measured joint values (n,), and desired joint values (n,) or None.
 
     Raises:
         DeviceError: length, mark, version, number of joints or a number is wrong; the message has value and limit.
