@@ -2,10 +2,10 @@
 
 The smallest displacement w that leaves planes with normals n_i and depths x_i minimises |w|^2 / 2, subject to
 n_i . w >= x_i (Zilles and Salisbury, IROS 1995; Ruspini, Kolarov and Khatib, SIGGRAPH 1997). If planes squeeze the
-tool, as in a slot that is narrower than the tool, there is no such w, or it is long and its direction changes with the
-smallest change of a normal. Therefore w minimises |w|^2 / 2 + REACH s, where s >= 0 is the largest depth that remains.
-If a short displacement leaves all planes, s is 0. Otherwise, w is the displacement of a tool that is smaller by s on
-all sides and therefore fits: in a slot, w moves the tool to the middle.
+tool, as in a slot that is narrower than the tool, there is no such w, or w is long, and its direction is sensitive to
+the normals. Therefore w minimises |w|^2 / 2 + REACH s, where s >= 0 is the largest depth that remains. If a short
+displacement leaves all planes, s is 0. Otherwise, w is the displacement of a tool that is smaller by s on all sides and
+therefore fits: in a slot, w moves the tool to the middle.
 
 The dual problem has a push p_i >= 0 for each plane, sum p_i = REACH, with one more plane n = 0, x = 0 for s >= 0. An
 optimum has at most four planes, and it is the best one among the stationary points of all sets of up to four planes
@@ -105,7 +105,7 @@ def proxy(planes: ca.SX, T_world_tool: ca.SX) -> tuple[ca.SX, ca.SX]:
         T_world_tool: (4, 4) pose of the tool.
     """
     p, R = T_world_tool[:3, 3], T_world_tool[:3, :3]
-    given = ca.vertcat(ca.SX(1, WIDTH), planes)  # the first plane is that of s >= 0; unused rows are equal to it
+    given = ca.vertcat(ca.SX(1, WIDTH), planes)  # the first row (0) is the plane of s >= 0; unused rows are 0 as well
     g, n = ([given[i, j : j + 3].T for i in range(given.shape[0])] for j in (0, 3))
     x = [given[i, 9] - ca.dot(g[i], p) - ca.dot(n[i], R @ given[i, 6:9].T) for i in range(given.shape[0])]
     gram = [[ca.dot(a, b) + 1 for b in n[: i + 1]] for i, a in enumerate(n)]

@@ -1,7 +1,7 @@
 """Write one USD stage for a scene. It references the robots' stages at their places, and has props and cameras.
 
 Props do not move: they are static colliders with their exact triangles. Engines accept exact triangles only for static
-colliders. Collisions of bodies that touch by design are switched off. Movable objects are rigid bodies at their start.
+colliders. Collisions of bodies that touch by design are switched off. Movable objects are rigid bodies in start pose.
 """
 
 from __future__ import annotations

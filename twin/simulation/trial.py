@@ -31,7 +31,7 @@ class Record:
         q: (k, n) joint values in m or rad.
         Ts_base_tool: (k, 4, 4) tool poses.
         spans: (first row, last row) of each goal that was started, by name.
-        missed: name of the goal that the operator gave up, so that the trial ended; "": the operator gave up no goal.
+        missed: name of the goal that the operator gave up, after which the trial ends; "": none was given up.
     """
 
     t: Array

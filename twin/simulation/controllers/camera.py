@@ -33,7 +33,8 @@ class Drag:
 
     Attributes:
         scale: motion of the scene divided by motion of the hands' midpoint (0.2 as in the da Vinci Research Kit).
-        lever: distance in m from the lens to the scene (ASSUMED); `depth` is that from the remote centre to the lens.
+        lever: distance in m from the lens to the scene (ASSUMED). The lens is at the distance `depth` from the remote
+            centre.
         lower, upper: limits of pan, tilt, depth and roll in rad and m.
         rate: largest rates of pan, tilt, depth and roll in rad/s and m/s.
     """

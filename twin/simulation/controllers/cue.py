@@ -3,8 +3,8 @@
 p is the position of a tip in mm and v its velocity in mm/s; dp = p_model - p_machine, dv likewise. The force F d acts
 along d = dp / |dp|:
 
-- "printed": F = 0.05 where |dp| > tol, and else kp |dp| + kd |dv|. So the force falls when |dp| exceeds
-  tol, and is not 0 below tol; the unit of 0.05 is not printed.
+- "printed": F = 0.05 where |dp| > tol, and else kp |dp| + kd |dv|. So the force falls when |dp| exceeds tol, and is
+  not 0 below tol; the unit of 0.05 is not printed.
 - "corrected": F = 0 where |dp| <= tol, and else min(kp |dp| + kd |dv|, most). This reading, kp, kd and the largest
   force are ASSUMED: they are not published. At the limit, the force jumps by kp tol + kd |dv|; with `blend`, it grows
   from 0 over the distance `blend`.

@@ -156,8 +156,8 @@ class Arm:
         robot: name of the robot in the World.
         kin: the robot's equations.
         T_world_base: (4, 4) pose of the robot's base in the World.
-        pivot: the instrument in its port; None: the hand controls the tool; the mechanism keeps the
-            instrument in the port.
+        pivot: the instrument in its port; None: the hand controls the tool, and the mechanism keeps the instrument in
+            the port.
     """
 
     robot: str

@@ -73,7 +73,7 @@ class ThroughPort(Block):
         return {self._command: q + step}
 
     def _along(self, done: Array, way: Array) -> tuple[Array, float]:
-        """Return (joint step (n,), fraction of `way` (4,) that it adds to `done` (4,)); fraction 0: it is blocked."""
+        """Return (joint step (n,), fraction of `way` (4,) that the step adds to `done` (4,)); 0: blocked."""
         part = 1.0 if np.abs(way).max() > _STILL else 0.0
         for _ in range(_TRIES):
             if part <= 0:
@@ -105,7 +105,7 @@ def _way(p_port: Array) -> Evaluator:
 
 
 def _allowed(kin: Kinematics, p_port: Array) -> Evaluator:
-    """Return the function that computes a displacement: (joint step (n), fraction of the step that is within limits).
+    """Return the function from a displacement to (joint step (n), fraction of this step that is within the limits).
 
     Its arguments are the start pose (16), the displacement (4), q (n), and the smallest and the largest joint step (n
     each). If the end of the displacement is out of reach, the fraction is 0.5.

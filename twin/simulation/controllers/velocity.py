@@ -28,7 +28,7 @@ Solver = Literal["slsqp", "damped"]
 _DAMPING = 1e-4
 """Damping relative to the size of the weighted Jacobian.
 
-It limits the steps near singularities; elsewhere, its effect is far below the tracking errors.
+The damping limits the steps near singularities; elsewhere, its effect is far below the tracking errors.
 """
 
 

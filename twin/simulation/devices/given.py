@@ -1,6 +1,6 @@
-"""Two hands and pedals whose states come from outside the World; the newest state of each hand is used in a tick.
+"""Two hands and pedals whose states come from outside the World; each tick uses the newest state of each hand.
 
-The owner of a network connection or web page passes states to `give`; this module does not depend on their origin.
+The owner of a network connection or web page passes states to `give`; the origin of the states does not matter here.
 """
 
 from __future__ import annotations

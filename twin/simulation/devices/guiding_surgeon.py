@@ -43,8 +43,8 @@ class Manner:
     Attributes:
         sides: angle from the vertical, in the plane of the ring and towards the camera, at which the first and the
             second arm grasp the ring.
-        beyond: length by which the tips of the jaws extend beyond the wire of the ring that they hold.
-        before: distance from which the jaws approach the ring, and to which they go back.
+        beyond: length by which the tips of the jaws extend beyond the wire of the held ring.
+        before: distance of the jaws from the ring before they approach it, and after they retreat.
         lift: distance by which the ring is lifted out of its pocket.
         meet: (3,) position of the meeting place of both arms, relative to the free end of the wire.
         ahead: distance of the ring from the free end of the wire before the ring is put over this end.
@@ -52,7 +52,7 @@ class Manner:
         last: distance of the ring from the end of the wire when the ring is released.
         fallen: the surgeon does not try to grasp a ring that lies lower than this height below the free end of the
             wire.
-        near, fine: distance from its target at which a rough movement ends, and at which a fine movement ends.
+        near, fine: distance from the target at which a rough movement ends, and at which a fine movement ends.
     """
 
     sides: tuple[float, float] = (-10 * DEG, 45 * DEG)

@@ -40,7 +40,7 @@ _MOST = 256
 
 
 def pack(number: int, t: float, q: Array, desired: Array | None = None) -> bytes:
-    """Return a packet with its number, time t in s, measured joints (n,) and, if there are any, desired ones (n,)."""
+    """Return a packet with its number, time t in s, measured joint values (n,), and optionally desired ones (n,)."""
     rows = [q] if desired is None else [q, desired]
     head = HEAD.pack(_MAGIC, _VERSION, len(q), len(rows), number, t)
     return head + np.concatenate(rows).astype("<f8").tobytes()
@@ -72,7 +72,7 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
 
 
 class JointPackets:
-    """Receives joint values; one sender at a time, until it has been silent for `PATIENCE` seconds.
+    """Receives joint values from one sender, until this sender has been silent for `PATIENCE` seconds.
 
     Attributes:
         port: the UDP port.

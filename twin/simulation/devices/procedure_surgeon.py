@@ -130,7 +130,7 @@ class ProcedureSurgeon(Block):
         self.outputs = self._said(still=True)
 
     def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
-        """Return the robot for a kind of tool: the robot that starts with it, or else the first that can carry it."""
+        """Return the robot for a kind of tool: one that starts with it, or else the first robot that can carry it."""
         p = self.procedure
         able = [n for n in among if any(t.kind == kind and n in t.robots for t in self._tools.values())]
         if not able:
@@ -288,7 +288,7 @@ class ProcedureSurgeon(Block):
         return sum(float(self._now[n][0]) >= 1 - 1e-9 for n in names)
 
     def _close_at(self, vessel: str, s: float, aside: float = 0.0) -> Iterator[None]:
-        """Bring the middle of the jaws to a place along a vessel, or `aside` m beside it; close and open the jaws."""
+        """Move the middle of the jaws to s in m along a vessel, or `aside` in m beside it; close and open the jaws."""
         robot = self._worker
         point, along = self._place(vessel, s)
         tool = self._tools[[*self._tools][self._tool[robot]]]

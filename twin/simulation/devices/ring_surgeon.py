@@ -51,15 +51,15 @@ class Manner:
     """Parameters of the handling of a ring, in m and rad; all ASSUMED.
 
     Attributes:
-        beyond: length by which the tips of the jaws extend beyond the wire that they hold.
+        beyond: length by which the tips of the jaws extend beyond the held wire.
         side: angle from the vertical at which an upright ring is grasped, on the side of the hand.
-        before: distance from which the jaws approach the wire, and to which they go back.
+        before: distance of the jaws from the wire before they approach it, and after they retreat.
         lift: distance by which a ring is lifted before it is pulled off.
         pull: distance by which the ring is pulled off its first peg.
         above, below: distance by which the ring's centre is above the end of its peg before the ring is lowered, and
             below this end when the ring is released.
         tilt: angle at which a ring is put over its peg, its far side lower than the near one.
-        near, fine: distance from its target at which a rough movement ends, and at which a fine movement ends.
+        near, fine: distance from the target at which a rough movement ends, and at which a fine movement ends.
     """
 
     beyond: float = 1.0 * MM
@@ -187,7 +187,7 @@ class RingSurgeon(SurgeonHands):
     def _grasp(self, hand: str, ring: Ring) -> Array:
         """Return the tool's pose (4, 4) in the World with the open jaws on both sides of a ring's wire.
 
-        The jaws point to the centre of the ring, from above and from the side of the hand. They close along its axis.
+        The jaws point to the centre of the ring, from above and from the hand's side. They close along the ring's axis.
         """
         T, view = self._ring(ring), self._view()
         n = -self._outwards(ring)

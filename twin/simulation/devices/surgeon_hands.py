@@ -40,8 +40,8 @@ class Habits:
 
     Attributes:
         hand: parameters of the motion of each hand.
-        middle: position of the right hand in {H} in the middle of its range; that of the left hand is its mirror image.
-        show: rotation of the handles in rad that shows that a person holds them; see `following.Start`.
+        middle: position in m in {H} of the right hand in the middle of its range; mirrored for the left hand.
+        show: rotation of the handles in rad to meet the start condition, see `following.Start`.
         clutched: time in s for which the clutch is pressed before and after the hands move back.
         open: angle of the grippers on the way to a target.
         grasp: time in s in which the grippers open or close.

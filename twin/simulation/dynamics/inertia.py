@@ -217,7 +217,7 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
 
 
 def _named(link: Link, mechanism: Mechanism, body: str, poses: dict[str, Array]) -> Array | None:
-    """Return T_base_frame (4, 4) of the frame that a link names; None if it names none."""
+    """Return T_base_frame (4, 4) of the frame that a link names; None: the link names no frame."""
     if link.frame is None:
         return None
     frames = {f.name: f for f in mechanism.frames if f.body == body}

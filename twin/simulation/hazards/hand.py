@@ -1,4 +1,4 @@
-"""Simulated hand of an operator: sends its motion, times the motion scale, in steps of whole micrometres."""
+"""Simulated hand of an operator: sends a motion, multiplied by the motion scale, in steps of whole micrometres."""
 
 from __future__ import annotations
 

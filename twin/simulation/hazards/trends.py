@@ -233,7 +233,7 @@ def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str
 
 
 def _apart(parts: Parts, run: Trace, model: Trace) -> Array:
-    """Return the distance (k,) in mm between the true tips; after a stop, the model's tip is that at the stop."""
+    """Return the distance (k,) in mm between the true tips; after a stop, the model's tip at the stop is used."""
     k = len(run.q)
     wanted = parts.kin.forward_many(model.q[:k])[:, :3, 3]
     stopped = run.levels == Level.E_STOP

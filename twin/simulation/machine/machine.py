@@ -1,6 +1,6 @@
 """A machine of one arm, tick by tick: network, PLC, control software, motors and links, without clock and sockets.
 
-The control software follows the released one of the Raven-II (uw-biorobotics/raven2): increments of the tool pose are
+The control software follows that released for the Raven-II (uw-biorobotics/raven2): increments of the tool pose are
 added while the pedal is down, the inverse kinematics computes joint values, the servo computes counts of the DAC. The
 machine deviates from its model if the parameters of its plant differ from those in the software. Faults act on the
 signals of `LOCATIONS`:
@@ -327,7 +327,7 @@ class Machine:
         return start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (self.parts.home - start)
 
     def _follow(self, packet: Packet) -> None:
-        """Move the target by a packet, if the arm reaches it within its limits."""
+        """Move the target by a packet, if the arm reaches the new target within the limits."""
         if self._target is None:
             return
         v = packet.values
@@ -344,7 +344,7 @@ class Machine:
         self._reach(T, seed)
 
     def _reach(self, T: Array, seed: Array) -> None:
-        """Move the target to the pose T, if the arm reaches it within its limits; seed (n,) as for the inverse."""
+        """Move the target to the pose T, if the arm reaches T within the limits; `seed` (n,): as for the inverse."""
         try:
             q = self.parts.kin.inverse(T, seed)
         except KinematicsError:

@@ -54,7 +54,7 @@ class World:
 
     Equal blocks with equal seeds give equal bytes, independent of the wall clock. Pacing, display and network are
     outside the World. A tick runs all devices, then the controllers, then the plants, in the given order; each hazard
-    acts after the block that writes its signal. Contact and tissue are plants after those of the robots.
+    acts after the block that writes its signal. The plants of contact and tissue run after those of the robots.
 
     Attributes:
         dt: duration of one tick in s.

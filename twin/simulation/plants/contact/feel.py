@@ -41,10 +41,10 @@ class Feel:
     without slip. Objects that are not held have no planes.
 
     A part does not stop an instrument, which can move through it. The contacts of an instrument in a part are therefore
-    found at its proxy, which stays outside on the side from which the instrument came (Ruspini, Kolarov and Khatib,
-    SIGGRAPH 1997): the proxy moves towards the nearest point outside of the planes found last, in steps of at
-    most `_FAR`, which is less than the thickness of parts. When the instrument has passed through and touches nothing,
-    the proxy returns to the instrument.
+    found at its proxy, which stays outside the part on the side from which the instrument came (Ruspini, Kolarov and
+    Khatib, SIGGRAPH 1997): the proxy moves towards the nearest point outside of the planes found last, in steps of at
+    most `_FAR`, which is less than the thickness of parts. When the instrument has passed through the part and touches
+    nothing, the proxy returns to the instrument.
     """
 
     def __init__(
@@ -203,7 +203,7 @@ class _Proxy:
     """
 
     def __init__(self) -> None:
-        """Compile the way to the proxy."""
+        """Compile the displacement from the tool to the proxy."""
         self.found: list[LocalPlane] = []
         self.planes, self.away, self._T, self._place = np.zeros(SIZE), False, np.zeros(16), np.zeros(3)
         planes, T = ca.SX.sym("planes", SIZE), ca.SX.sym("T", 16)

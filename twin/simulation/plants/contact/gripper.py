@@ -46,9 +46,9 @@ class Gripper:
     Attributes:
         robot: name of the robot in the World.
         hand: body of the tool; it carries the jaws.
-        links: links from `hand` towards the base, up to the one that the prismatic joint carries.
+        links: links from `hand` towards the base, up to the link that the prismatic joint moves.
         jaws: the jaws; empty if the robot has no auxiliary joint.
-        T_hand_tool: (4, 4) pose of the tool frame in its body.
+        T_hand_tool: (4, 4) pose of the tool frame in the frame of `hand`.
         effort: largest torque in N m with which one jaw presses.
         jaw: index of the jaw's joint in q; -1 without jaws.
     """

@@ -25,7 +25,7 @@ The joint values alone move the links; this inertia only keeps contact forces fr
 """
 
 _JAW_INERTIA = 1e-5
-"""Moment of inertia in kg m2 of a jaw with its drive about its axis; ASSUMED."""
+"""Moment of inertia in kg m2 of a jaw with its drive, about the axis of the jaw; ASSUMED."""
 
 _PATCH = 0.5e-3
 """Radius in m of the contact patch that resists turning about the normal; ASSUMED."""
@@ -94,7 +94,7 @@ class Contact(Block):
         d = self._data = mujoco.MjData(m)
         self._start(q or {})
         self._sort()
-        names = [part.name for solid in solids for part in solid.parts]  # one geom of the World's body each, in order
+        names = [part.name for solid in solids for part in solid.parts]  # in the order of the geoms of the World's body
         fixed = np.flatnonzero(m.geom_bodyid == 0).tolist()
         self._rubbed = {geom for geom, name in zip(fixed, names, strict=True) if name in rubbed}
         mujoco.mj_forward(m, d)

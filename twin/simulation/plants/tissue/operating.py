@@ -1,7 +1,7 @@
 """Operate on an organ in a World: instruments with tools grasp, clip, cut and cauterise.
 
-The effect of a tool depends on its position: a clip closes that part of the vessel's width that is between its legs;
-scissors cut the vessel between their blades; cautery heats the cells of the bed near its tip.
+The effect of a tool depends on its position: a clip closes the part of a vessel's width between its legs; scissors cut
+the vessel between their blades; cautery heats the cells of the bed near its tip.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ class Organ:
             body = spec.body(f"{t.name}_" + "_".join(map(str, cells)))
             if body is None:
                 continue  # the cells around this node are empty, and no vertex depends on it
-            factors = (self._by_node[index] @ self._R / self._area).tolist()  # MuJoCo scales the constraint by them
+            factors = (self._by_node[index] @ self._R / self._area).tolist()  # MuJoCo scales the constraint by these
             for axis, joint, factor in zip("xyz", body.joints, factors, strict=True):
                 joint.name = f"{body.name}_{axis}"
                 self._joints.append(joint.name)
@@ -193,7 +193,7 @@ class Organ:
         if not len(near):
             return False
         vertices = self.tissue.weights @ self.nodes
-        # usually ends early: of most links that are inside, one of the first points is inside
+        # usually ends early: if a link is inside, one of its first points usually is
         return any(inside(p, vertices, self._triangles)[0] for p in near)
 
     def look(self, k: int, is_inside: bool) -> bool:

@@ -358,7 +358,7 @@ class Organs:
             a, b, c = (self._data.flexvert_xpos[corners[:, k]] for k in range(3))
             outwards = np.cross(b - a, c - a)
             outwards /= np.linalg.norm(outwards, axis=1, keepdims=True) + 1e-30
-            # a contact's normal points from the link to the organ: inwards, if the link is before the surface
+            # a contact's normal points from the link to the organ: inwards, if the link is outside
             inwards, weights = -np.einsum("ij,ij->i", contact.frame[at, :3], outwards), -contact.dist[at]
             least = _BEFORE * np.bincount(links, weights, len(self.tools))
             links = links[(np.bincount(links, inwards * weights, len(self.tools)) < least)[links]]
@@ -430,6 +430,6 @@ def _differ(a: Array, b: Array) -> bool:
 
 
 def _moved(points: Array, before: Array, after: Array) -> float:
-    """Return the largest distance in m between the places of points (n, 3) of a link at two poses."""
+    """Return the largest distance in m between the positions of points (n, 3) of a link at two poses."""
     D = after - before
     return float(np.linalg.norm(points @ D[:3, :3].T + D[:3, 3], axis=1).max())
