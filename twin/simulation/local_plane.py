@@ -36,7 +36,7 @@ class LocalPlane:
         normal: (3,) unit vector out of the surface.
         lever: (3,) displacement along the normal per displacement of the tool.
         arm: (3,) point in m in the frame of the tool.
-        offset: in m.
+        offset: constant term of the depth in m.
     """
 
     normal: Array

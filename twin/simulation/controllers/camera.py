@@ -50,7 +50,7 @@ class Dragging:
     """Control law that moves a camera by two hands, tick by tick.
 
     Attributes:
-        at: (4,) current pan, tilt in rad, depth in m, roll in rad.
+        at: (4,) current pan (rad), tilt (rad), depth (m) and roll (rad).
     """
 
     def __init__(self, at: Array, dt: float, drag: Drag | None = None) -> None:
@@ -180,8 +180,8 @@ class HandsToCamera(Block):
             law: control law with the start values.
             T_view_hand: (4, 4) pose of {H} in the frame of the picture.
             T_world_centre: (4, 4) frame of the remote centre: the picture's frame at pan, tilt, depth and roll 0.
-            T_world_base: (4, 4) base of the camera's arm; None: the World's origin.
-            T_view_tool: (4, 4) tool of the camera's arm in the frame of the picture; None: identity.
+            T_world_base: (4, 4) pose of the base of the camera's arm; None: the World's origin.
+            T_view_tool: (4, 4) tool pose of the camera's arm in the frame of the picture; None: identity.
         """
         self.camera, self.right, self.left, self.law = camera, right, left, law
         self._R = T_view_hand[:3, :3]

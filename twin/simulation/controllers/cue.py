@@ -35,7 +35,7 @@ class Cue:
         tol: deviation in mm above which the force acts.
         kp, kd: gains in N/mm and N s/mm.
         most: largest force in N.
-        blend: distance in mm beyond `tol` over which the corrected force grows from 0; 0: it jumps.
+        blend: distance in mm beyond `tol` over which the corrected force grows from 0; 0: the force jumps at `tol`.
     """
 
     reading: Literal["printed", "corrected"] = "corrected"
@@ -56,7 +56,7 @@ class Cue:
 
         Args:
             dp: (3,) tip of the model minus tip of the machine, m.
-            dv: (3,) velocity of the model's tip minus that of the machine's, m/s; linear parts only.
+            dv: (3,) linear velocity of the model's tip minus that of the machine's tip, m/s.
         """
         far, fast = _MM * float(np.linalg.norm(dp)), _MM * float(np.linalg.norm(dv))
         if far == 0:

@@ -1,8 +1,8 @@
 """Compute joint values that keep the shaft of an arm in a port, within joint and speed limits.
 
 At every intermediate pose, the shaft is in the port. If the limits allow only a part of the motion of a tick, the arm
-makes this part. If a limit blocks the whole motion, the arm makes the components that are still possible: direction,
-depth or roll.
+executes this part. If a limit blocks the whole motion, the arm executes the components that are still possible:
+direction, depth or roll.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class ThroughPort(Block):
 
 
 def _way(p_port: Array) -> Evaluator:
-    """Return the function of two poses (16 each) that gives the displacement `way` (4) from the first to the second.
+    """Return the function from two poses (16 each) to the displacement `way` (4) from the first pose to the second.
 
     The values are the tilt about x and y of the tool in rad, the change of depth in m, and the roll in rad.
     """

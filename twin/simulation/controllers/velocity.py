@@ -150,7 +150,7 @@ def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:
 
 @cache
 def _bounded(n: int) -> Evaluator:
-    """Return the function of A (n, n), b (n), lower (n) and upper (n) that minimises x^T A x / 2 - b^T x within bounds.
+    """Return the function (A (n, n), b (n), lower (n), upper (n)) -> x that minimises x^T A x / 2 - b^T x in bounds.
 
     DAQP, an active-set solver that comes with CasADi, takes about 15 µs; SciPy's `lsq_linear` takes 300 µs.
     """

@@ -50,7 +50,8 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
     """Return a packet's number, time in s, measured joint values (n,), and desired joint values (n,) or None.
 
     Raises:
-        DeviceError: length, mark, version, number of joints or a number is wrong; the message has value and limit.
+        DeviceError: length, first four bytes, version, number of joints or a number is wrong; the message has value
+            and limit.
     """
     if len(data) < HEAD.size:
         raise DeviceError(f"the packet has {len(data)} bytes; it must have at least {HEAD.size}")

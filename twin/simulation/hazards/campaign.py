@@ -58,7 +58,7 @@ class Scenario(Table):
     """A scenario of the paper's Table 1.
 
     Attributes:
-        name: name of the hazard, which the classes of faults use.
+        name: name of the hazard; classes of faults refer to this name.
         action: unsafe control action.
         causes: possible causes.
         module: affected module of the robot's software, with its variables.

@@ -96,7 +96,7 @@ class GuideMeasures:
 
 
 class Referee(InstrumentReferee):
-    """Judges a task with a ring to guide while it is performed.
+    """Judges, sample by sample, a running task in which a ring is guided along a wire.
 
     Signals: those of `InstrumentReferee`, `<ring>.pose`, `<ring>.holder`, `<ring>.rubs` and `<robot>.q`.
     """

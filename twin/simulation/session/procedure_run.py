@@ -72,8 +72,8 @@ def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Ra
     Args:
         session: the session.
         path: file of the session, for messages.
-        setup: scene, robots, task, condition and organs of the session; the props are only needed for a session by
-            hand.
+        setup: scene, robots, task, condition and organs of the session; the props are only needed for a session
+            that was performed at a console.
         progress: called with "replay" and the fraction done.
 
     Raises:

@@ -37,7 +37,7 @@ class Placed:
 
 
 class _Run(NamedTuple):
-    """A block, the ticks and the time in s between its steps, the memory of its signals, and their hazards.
+    """A block, the ticks and the time in s between two steps, and memory and hazards of the block's signals.
 
     The World unpacks this tuple in each tick, which is faster than reading attributes.
     """

@@ -91,7 +91,7 @@ class Hold:
             m: the model.
             d: state of the model.
             held: indices of the nodes of the bed.
-            dofs: (3 k,) velocities of the free nodes, along the axes of the grid.
+            dofs: (3 k,) indices in qvel of the velocities of the free nodes, along the axes of the grid.
             free: (k,) indices of the free nodes.
             R_world_grid: (3, 3) orientation of the grid.
         """
