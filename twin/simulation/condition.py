@@ -1,7 +1,7 @@
 """The condition of a session: with or without forces on the hands, participant of a study, and run.
 
-The paper lets every user do the peg board with and without haptics, in random order. Here the number of a participant
-determines the order, without a list: of four successive participants, two begin with forces.
+The paper lets every user do the peg board with and without haptics, in random order. Here, the order follows from
+the number of the participant, so that no list is needed: of four successive participants, two begin with forces.
 """
 
 from __future__ import annotations

@@ -82,8 +82,8 @@ def world(
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
 
-    The camera's arm rotates about its port: tilt is about the horizontal direction that is to the right in its picture
-    at the start, pan about the horizontal direction at a right angle to it. The frame {H} of the hands is
+    The camera's arm rotates about its port. Tilt is about the horizontal direction that points to the right in the
+    picture at the start; pan is about the horizontal direction perpendicular to it. The frame {H} of the hands is
     parallel to the frame of the picture: x right, y up, z out of the picture.
 
     Args:
@@ -93,8 +93,8 @@ def world(
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
-        parts: compiled parts of the machines of the scene, by the names of their places. `device` also writes their
-            states (`devices.machine_states`); None: machines move like other robots, without dynamics and states.
+        parts: compiled parts of the machines of the scene, by place name; `device` then also writes the states of the
+            machines (`devices.machine_states`). None: machines move like other robots, without dynamics and states.
 
     Raises:
         TwinError: the scene has no console, the camera is not on its robot's tool, a start value is wrong, or a solid
@@ -167,7 +167,7 @@ def _jaws(
 
 
 def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.Field, list[Block]]:
-    """Return organs, vessels and objects of a procedure, and the blocks by which grippers close the jaws of tools."""
+    """Return the operating field of a procedure, and the blocks by which grippers close the jaws of tools."""
     procedure, hands = operating_scene.procedure_of(setup.scene, setup.task), hands_of(setup.scene)
     if without := [n for n in procedure.start if n not in hands]:
         raise TwinError(f"{setup.label}: no hand of [console] moves {', '.join(without)}")
@@ -200,7 +200,7 @@ def port_in_base(place: Place) -> Array:
 
 
 def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
-    """Return the pivot of an instrument at its start joint values q (n,); None: its length is not in `table`.
+    """Return the pivot of an instrument at its start joint values q (n,); None: `table` has no length for it.
 
     Raises:
         TwinError: the tip is less than 1 mm from the port.
@@ -344,7 +344,7 @@ def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:
 
 
 def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
-    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot; one body carries both."""
+    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot; both are on one body."""
     tool, frame = (mechanism.frame(n) for n in (mechanism.tool, camera.frame))
     return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
 

@@ -1,4 +1,4 @@
-"""Contact of a console's instruments with a scene: with its movable objects, bodies of its props, pegs and wires."""
+"""Contact of a console's instruments with the movable objects, bodies of props, pegs and wires of a scene."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Peg:
 
 @dataclass(frozen=True)
 class Course:
-    """The parts of a task with a ring to guide, in the World, in m.
+    """Wire and dome of a task with a ring to guide, in the World, in m.
 
     Attributes:
         wire: (k, 3) middle line of the wire, from its free end.
@@ -49,15 +49,15 @@ class Course:
 
 
 def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) -> Contact:
-    """Return the contact of the objects of a task with the solid bodies of the scene and the instruments.
+    """Return the plant that simulates contact of a task's objects with the scene's solid bodies and the instruments.
 
-    If the forces on the hands include those of contacts, the planes of the contacts are written. If the task has a ring
-    to guide, contacts of the ring with the wire are written.
+    The plant writes the planes of the contacts if the forces on the hands include contact forces. It writes contacts of
+    the ring with the wire if the task has a ring to guide.
 
     Args:
         setup: a scene with a section [contact], its robots, props and task.
         instruments: names of the robots that touch.
-        q: their joint values (n,) at the start, by robot.
+        q: joint values (n,) of the instruments at the start, by robot.
 
     Raises:
         TwinError: the scene has no section [contact], or a solid body is not in the props.
@@ -86,7 +86,7 @@ def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
 
 
 def course(scene: Scene, props: Mechanism | None, task: Task) -> Course:
-    """Return the parts of a task with a ring to guide, measured on the drawn parts.
+    """Return wire and dome of a task with a ring to guide, measured on the drawn parts.
 
     Raises:
         TwinError: wire or dome is not among the solid bodies, the dome is flat, the wire has only one part, or the

@@ -14,8 +14,8 @@ class Frame:
 
     Attributes:
         t: time in s.
-        link_poses: T_world_link (4, 4), by name of the robot, prop or movable object, then by name of the link. A
-            movable object has one link, which has the name of the object.
+        link_poses: T_world_link (4, 4), by name of the robot, prop or movable object, then by name of the link. The
+            only link of a movable object has the name of the object.
         fields: vertices (n, 3) in m, by name of the deformable.
     """
 

@@ -49,7 +49,7 @@ class Limits:
 
     @cached_property
     def follow(self) -> ca.Function:
-        """Function (q (n), command (n), dt in s) -> q (n) after dt, which is the command if the limits allow it."""
+        """Function (q (n), command (n), dt in s) -> q (n) after dt: equal to the command if the limits allow it."""
         n = len(self.lower)
         q, command, dt = ca.SX.sym("q", n), ca.SX.sym("command", n), ca.SX.sym("dt")
         lower, upper = self.steps_of(q, dt)

@@ -36,7 +36,7 @@ class LocalPlane:
         normal: (3,) unit vector out of the surface.
         lever: (3,) displacement along the normal per displacement of the tool.
         arm: (3,) point in m in the frame of the tool.
-        offset: in m.
+        offset: constant term of the depth in m.
     """
 
     normal: Array
@@ -71,8 +71,8 @@ class LocalPlane:
 def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
     """Return the signal (SIZE,) of at most `COUNT` of the planes at T_world_tool (4, 4).
 
-    The next plane is the one that is deepest after the tool has left the planes before it, so that planes of one side
-    do not replace those of another side.
+    Planes are selected one after the other: next is the plane in which the tool would be deepest after it had left the
+    planes selected before. So the planes of one side do not use up the rows that planes of another side need.
     """
     out = np.zeros((COUNT, WIDTH))
     depths, normals = np.array([plane.depth(T_world_tool) for plane in planes]), np.array([p.normal for p in planes])

@@ -27,12 +27,12 @@ _TIP = "instrument_tip"
 """Name of the frame at the tip of an instrument, z out of it."""
 
 _LAST = {"provenance", "note"}
-"""Fields of a tool that are put after all other fields before a hash is computed."""
+"""Fields of a tool that are hashed after all its other fields."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """The operating field: the simulation of contact with the tools, and the deformables and objects that it moves."""
+    """The operating field: the plant that simulates organs and tools, and the deformables and objects that it moves."""
 
     plant: Operating
     deformables: Sequence[Deformable]
@@ -52,12 +52,12 @@ def procedure_of(scene: Scene, task: Task | None) -> ProcedureTable:
 
 
 def port_of(place: Place) -> Array:
-    """Return the port (3,) of a robot's only trocar in the World in m."""
+    """Return the position (3,) in m in the World of the port for a robot's only trocar."""
     return next(iter(place.p_world_ports.values()))
 
 
 def bound(place: Place, mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism with its trocar in its port."""
+    """Return the mechanism with its trocar at the port of its place; unchanged if it has no trocar."""
     if not mechanism.trocars:
         return mechanism
     T = place.T_world_base

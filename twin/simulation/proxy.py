@@ -2,10 +2,10 @@
 
 The smallest displacement w that leaves planes with normals n_i and depths x_i minimises |w|^2 / 2, subject to
 n_i . w >= x_i (Zilles and Salisbury, IROS 1995; Ruspini, Kolarov and Khatib, SIGGRAPH 1997). If planes squeeze the
-tool, as in a slot that is narrower than the tool, there is no such w, or it is long and its direction changes with the
-smallest change of a normal. Therefore w minimises |w|^2 / 2 + REACH s, where s >= 0 is the largest depth that remains.
-If a short displacement leaves all planes, s is 0; else w is that of a tool which is smaller by s on all sides, so that
-it fits: in a slot, w is the way to the middle.
+tool, as in a slot that is narrower than the tool, there is no such w, or w is long, and its direction is sensitive to
+the normals. Therefore w minimises |w|^2 / 2 + REACH s, where s >= 0 is the largest depth that remains. If a short
+displacement leaves all planes, s is 0. Otherwise, w is the displacement of a tool that is smaller by s on all sides and
+therefore fits: in a slot, w moves the tool to the middle.
 
 The dual problem has a push p_i >= 0 for each plane, sum p_i = REACH, with one more plane n = 0, x = 0 for s >= 0. An
 optimum has at most four planes, and it is the best one among the stationary points of all sets of up to four planes
@@ -29,7 +29,7 @@ _MOST = 4
 """Number of planes in the largest set."""
 
 _REGULAR, _LEAST = 1e-10, 1e-20
-"""Smallest pivot of a set whose planes are independent; smallest value in m2 of a set that pushes."""
+"""Smallest pivot of a set of independent planes; value in m2 that a set must exceed to be used."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class _Set:
         regular: whether the planes are independent.
         rows, pivots: rows of L left of the diagonal; D.
         depths, ones: D^-1 L^-1 times depths x and times (1, ..., 1).
-        way, unit: the sums of G^-1 x and of G^-1 (1, ..., 1).
+        way, unit: sums of the components of G^-1 x and of G^-1 (1, ..., 1).
     """
 
     planes: tuple[int, ...] = ()
@@ -73,7 +73,7 @@ class _Set:
         )
 
     def solved(self, x: Sequence[ca.SX]) -> tuple[list[ca.SX], ca.SX, ca.SX]:
-        """Return the stationary pushes in m, whose sum is REACH; whether all push; and twice their value in m2."""
+        """Return (stationary pushes in m with sum REACH, whether all are non-negative, twice the dual value in m2)."""
         s = (self.way - REACH * (1 - self.unit)) / self.unit
         pushes = [a + (REACH - s) * b for a, b in zip(self.depths, self.ones, strict=True)]
         for j in reversed(range(len(pushes))):
@@ -97,15 +97,15 @@ def _sets(gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX], start: _Set | Non
 def proxy(planes: ca.SX, T_world_tool: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return the expressions (way (3,), pull (3,)), in m in the World.
 
-    The way is from the point in contact to its proxy. The pull is the sum over planes that gives the way, with levers
-    instead of normals: the force at the tool acts along the pull.
+    The way is the displacement from the point in contact to its proxy: the sum of the planes' pushes times their
+    normals. The pull is the same sum with levers instead of normals; the force at the tool acts along the pull.
 
     Args:
         planes: (k, WIDTH) rows of `local_plane`.
         T_world_tool: (4, 4) pose of the tool.
     """
     p, R = T_world_tool[:3, 3], T_world_tool[:3, :3]
-    given = ca.vertcat(ca.SX(1, WIDTH), planes)  # the first plane is that of s >= 0; unused rows are equal to it
+    given = ca.vertcat(ca.SX(1, WIDTH), planes)  # the first row (0) is the plane of s >= 0; unused rows are 0 as well
     g, n = ([given[i, j : j + 3].T for i in range(given.shape[0])] for j in (0, 3))
     x = [given[i, 9] - ca.dot(g[i], p) - ca.dot(n[i], R @ given[i, 6:9].T) for i in range(given.shape[0])]
     gram = [[ca.dot(a, b) + 1 for b in n[: i + 1]] for i, a in enumerate(n)]

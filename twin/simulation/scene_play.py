@@ -145,7 +145,7 @@ def _duration(actors: Sequence[Actor]) -> float:
 
 
 def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Array]:
-    """Return the positions (3,) of a robot's trocars in its base in m, by name.
+    """Return the positions (3,) in m of a robot's trocars in the robot's base, by name of the trocar.
 
     The result for a robot without trocars is the first RCM of its motion, with the name "".
 

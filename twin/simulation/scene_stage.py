@@ -1,7 +1,7 @@
-"""Write one USD stage for a scene: references to the robots' stages, each at its place, the props, and the cameras.
+"""Write one USD stage for a scene. It references the robots' stages at their places, and has props and cameras.
 
 Props do not move: they are static colliders with their exact triangles. Engines accept exact triangles only for static
-colliders. Collisions of bodies that touch by design are switched off. Movable objects are rigid bodies at their start.
+colliders. Collisions of bodies that touch by design are switched off. Movable objects are rigid bodies in start pose.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def write_scene(
     Args:
         scene: the scene.
         folder: output folder, created if it does not exist.
-        stages: path of each robot's layer with its motion, by robot, as it is written into the root layer.
+        stages: by robot, path of the layer with the robot's motion, as written into the root layer.
         mechanisms: mechanism by robot, to find the bodies that carry cameras.
         props: mechanism of the props; None: no props.
         duration: duration of the longest motion in s.

@@ -27,11 +27,11 @@ class Member:
 
 @dataclass(frozen=True)
 class Setup:
-    """The inputs of a World at a console or of a procedure; a session file has their hash.
+    """The inputs of a World at a console or of a procedure; a session file contains the hash of these inputs.
 
     Attributes:
         scene: the scene.
-        members: robots by the names of their places.
+        members: robots, by place name.
         task: a task; None: no task. If the task has rings, the instruments touch objects and the solid bodies of the
             props. In a procedure, the grippers of the hands close the jaws of tools, which act on the organs.
         props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.

@@ -31,7 +31,7 @@ class Record:
         q: (k, n) joint values in m or rad.
         Ts_base_tool: (k, 4, 4) tool poses.
         spans: (first row, last row) of each goal that was started, by name.
-        missed: name of the goal at which the operator gave up, which ends the trial; "" if there is none.
+        missed: name of the goal that the operator gave up, after which the trial ends; "": none was given up.
     """
 
     t: Array
@@ -128,7 +128,8 @@ class Measures:
         time: time in s from the first press of the pedal to the end.
         presses: number of presses of the pedal.
         path: length in m of the tip's path, including tremor.
-        contacts: for each insertion, whether the tip touched: within `contact` of both the axis and the end.
+        contacts: for each insertion, whether the tip touched: at most `contact` from the axis, and at most `contact`
+            short of the end along the axis.
         nearest: for each insertion, minimum distance in m of the tip from the end.
         aside: for each insertion, maximum distance in m of the tip from the axis.
     """
@@ -156,8 +157,8 @@ def measure(
         goals: the goals.
         T_tool_tip: (4, 4) pose of the tip in the tool frame.
         shaft: (3,) unit vector along the shaft, out of the tip, in the tip frame.
-        contact: maximum distance in m of a tip that counts as touching; ASSUMED: 0.5 mm, for a goal like a hole of 1 mm
-            diameter with a foil behind it.
+        contact: maximum distance in m at which the tip counts as touching, see `Measures.contacts`; ASSUMED: 0.5 mm,
+            for a goal like a hole of 1 mm diameter with a foil behind it.
     """
     tip = (record.Ts_base_tool @ T_tool_tip)[:, :3, 3]
     pressed = np.flatnonzero(np.diff(np.concatenate([[False], record.pedal]).astype(int)) == 1)

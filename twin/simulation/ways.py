@@ -1,4 +1,4 @@
-"""Plan paths ("ways") of an arm of a scene around props, the other robots where they are, and movable objects."""
+"""Plan paths ("ways") of one arm around obstacles: props, movable objects, and other robots at given poses."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _STEP, _TURN = 8 * MM, 10 * DEG
 """Largest motion of the tool, in m and rad, between two poses of a way."""
 
 _FINE = 200
-"""Number of places on a path between which the motion of the tool is measured."""
+"""Number of points on a path between which the motion of the tool is measured."""
 
 
 class Ways:
@@ -44,7 +44,7 @@ class Ways:
         return {n: ReferenceModel(m.mechanism) for n, m in self._members.items()}
 
     def joints(self, robot: str, T_world_tool: Array, q: Array) -> Array:
-        """Return the joint values (n,) for a pose (4, 4) of the tool; the auxiliary joints are those of q (n,).
+        """Return the joint values (n,) for a tool pose (4, 4); auxiliary joints keep their values in q (n,).
 
         Raises:
             KinematicsError: the pose cannot be reached.
@@ -84,9 +84,10 @@ class Ways:
 
         Args:
             robot: the arm that moves.
-            goal: its joint values (n,) at the end.
-            q: present joint values (n,) of this arm and of other robots; a robot without them is in its rest pose.
-            objects: present poses (4, 4) of the objects in the World that are in the way.
+            goal: joint values (n,) of this arm at the end.
+            q: present joint values (n,) by robot, of this arm and of other robots; robots without values are in their
+                rest pose.
+            objects: present poses (4, 4) in the World of the objects that are obstacles, by name.
             clearance: minimum distance in m from bodies that do not touch the arm by design.
             seed: random seed of the search.
 
@@ -102,7 +103,7 @@ class Ways:
 
 
 def _stations(Ts: Array) -> list[int]:
-    """Return the indices of poses (k, 4, 4) that are at most `_STEP` and `_TURN` apart, with the last one."""
+    """Select from poses (k, 4, 4) at steps of about `_STEP` and `_TURN`, with the last pose; return the indices."""
     moved = np.linalg.norm(np.diff(Ts[:, :3, 3], axis=0), axis=1) / _STEP
     turns = [spatial.log_so3(a[:3, :3].T @ b[:3, :3]) for a, b in pairwise(Ts)]
     turned = np.linalg.norm(turns, axis=1)

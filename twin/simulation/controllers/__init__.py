@@ -4,7 +4,7 @@
 values from tool rates with the Jacobian. `protocol` plays a planned trajectory. `contract` tests requirements on any
 teleoperation.
 
-For a console with two hands: `console` has equations (1) to (7) of its paper; `pedals` selects instruments, camera or
-nothing for the hands; `following` moves a tool by a hand; `jaw` moves a jaw by a gripper; `camera` moves the camera by
-two hands; `reaching` computes joint values for a given pose.
+For a console with two hands: `console` has equations (1) to (7) of its paper; `pedals` selects what the hands
+control: instruments, camera or nothing; `following` moves a tool by a hand; `jaw` moves a jaw by a gripper; `camera`
+moves the camera by two hands; `reaching` computes joint values for a given pose.
 """

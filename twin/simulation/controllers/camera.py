@@ -33,7 +33,8 @@ class Drag:
 
     Attributes:
         scale: motion of the scene divided by motion of the hands' midpoint (0.2 as in the da Vinci Research Kit).
-        lever: distance in m from the lens to the scene; the lens is at `depth` from the remote centre (ASSUMED).
+        lever: distance in m from the lens to the scene (ASSUMED). The lens is at the distance `depth` from the remote
+            centre.
         lower, upper: limits of pan, tilt, depth and roll in rad and m.
         rate: largest rates of pan, tilt, depth and roll in rad/s and m/s.
     """
@@ -49,7 +50,7 @@ class Dragging:
     """Control law that moves a camera by two hands, tick by tick.
 
     Attributes:
-        at: (4,) current pan, tilt in rad, depth in m, roll in rad.
+        at: (4,) current pan (rad), tilt (rad), depth (m) and roll (rad).
     """
 
     def __init__(self, at: Array, dt: float, drag: Drag | None = None) -> None:
@@ -78,7 +79,7 @@ class Dragging:
 
 
 def _compile(drag: Drag, dt: float) -> Evaluator:
-    """Return the compiled function for one tick, which returns the camera's next pan, tilt, depth and roll (4).
+    """Compile the function of one tick; its result is the camera's next pan, tilt, depth and roll (4).
 
     Its arguments are the positions of both hands (6) now and at the start of the motion, then the camera's pan, tilt,
     depth and roll (4) at the start of the motion and now.
@@ -128,7 +129,7 @@ def looking(T: Array) -> Array:
 
 
 def hands(at: Array, wanted: Array, right: Array, left: Array, drag: Drag) -> tuple[Array, Array]:
-    """Return the positions (3,) to which the right and the left hand must move, for the camera to move to `wanted`.
+    """Return the positions (3,) in m of the right and of the left hand that move the camera to `wanted`.
 
     Inverse of `Dragging.step`.
 
@@ -179,8 +180,8 @@ class HandsToCamera(Block):
             law: control law with the start values.
             T_view_hand: (4, 4) pose of {H} in the frame of the picture.
             T_world_centre: (4, 4) frame of the remote centre: the picture's frame at pan, tilt, depth and roll 0.
-            T_world_base: (4, 4) base of the camera's arm; None: the World's origin.
-            T_view_tool: (4, 4) tool of the camera's arm in the frame of the picture; None: identity.
+            T_world_base: (4, 4) pose of the base of the camera's arm; None: the World's origin.
+            T_view_tool: (4, 4) tool pose of the camera's arm in the frame of the picture; None: identity.
         """
         self.camera, self.right, self.left, self.law = camera, right, left, law
         self._R = T_view_hand[:3, :3]

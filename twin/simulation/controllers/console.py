@@ -187,8 +187,8 @@ class Console:
 
     Attributes:
         name, title, source: name, title and source document of the console.
-        variants: reading of each equation, by name.
-        laws: function of each equation, by name; tests may replace them.
+        variants: reading of each equation, by name of the equation.
+        laws: function of each equation, by name of the equation; tests may replace functions.
         force_model: name of the force model of eq. (5).
         force_units: units of stiffness and damping; "" if not printed.
         turn_unit: unit of the result of eq. (4).

@@ -20,7 +20,7 @@ class ClutchReport:
 
     Attributes:
         handle: displacement of the handle while the pedal was up, in the unit of its coordinates.
-        jump: distance that the tool moved afterwards, in the unit of `handle`.
+        jump: distance that the tool moved after the pedal was pressed again, in the unit of `handle`.
         keeps: whether `jump` is at most 1e-9 of `handle`.
     """
 

@@ -1,9 +1,10 @@
 """Haptic cue: a force towards the model's tip when the machine's tip deviates from it (second paper, eqs (3) to (6)).
 
-p is the position of a tip in mm and v its velocity in mm/s; dp = p_model - p_machine, dv likewise, d = dp / |dp|:
+p is the position of a tip in mm and v its velocity in mm/s; dp = p_model - p_machine, dv likewise. The force F d acts
+along d = dp / |dp|:
 
-- "printed": F = 0.05 where |dp| > tol, and else kp |dp| + kd |dv|. So the force falls when the limit is passed, and is
-  not 0 below it; the unit of 0.05 is not printed.
+- "printed": F = 0.05 where |dp| > tol, and else kp |dp| + kd |dv|. So the force falls when |dp| exceeds tol, and is
+  not 0 below tol; the unit of 0.05 is not printed.
 - "corrected": F = 0 where |dp| <= tol, and else min(kp |dp| + kd |dv|, most). This reading, kp, kd and the largest
   force are ASSUMED: they are not published. At the limit, the force jumps by kp tol + kd |dv|; with `blend`, it grows
   from 0 over the distance `blend`.
@@ -34,7 +35,7 @@ class Cue:
         tol: deviation in mm above which the force acts.
         kp, kd: gains in N/mm and N s/mm.
         most: largest force in N.
-        blend: distance in mm beyond `tol` over which the corrected force grows from 0; 0: it jumps.
+        blend: distance in mm beyond `tol` over which the corrected force grows from 0; 0: the force jumps at `tol`.
     """
 
     reading: Literal["printed", "corrected"] = "corrected"
@@ -55,7 +56,7 @@ class Cue:
 
         Args:
             dp: (3,) tip of the model minus tip of the machine, m.
-            dv: (3,) velocity of the model's tip minus that of the machine's, m/s; linear parts only.
+            dv: (3,) linear velocity of the model's tip minus that of the machine's tip, m/s.
         """
         far, fast = _MM * float(np.linalg.norm(dp)), _MM * float(np.linalg.norm(dv))
         if far == 0:

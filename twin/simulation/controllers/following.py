@@ -36,8 +36,8 @@ class Start:
     Attributes:
         attitude, again: largest angle in rad between hand and tool: `attitude` at the first start, `again` when the
             hand starts again after the clutch.
-        grip, roll: gripper travel in rad, or rotation of the handle about its axis in rad, that shows that a person
-            holds the handle.
+        grip, roll: smallest gripper travel in rad, and smallest rotation of the handle about its axis in rad. Either
+            motion shows that a person holds the handle.
         together: smaller motions of gripper and handle also suffice if their sum exceeds `together` times the sum of
             `grip` and `roll`.
     """
@@ -156,7 +156,8 @@ class Arm:
         robot: name of the robot in the World.
         kin: the robot's equations.
         T_world_base: (4, 4) pose of the robot's base in the World.
-        pivot: the instrument in its port; None: the hand controls the tool, and the mechanism keeps it in the port.
+        pivot: the instrument in its port; None: the hand controls the tool, and the mechanism keeps the instrument in
+            the port.
     """
 
     robot: str
@@ -174,9 +175,9 @@ class HandToPose(Block):
     of jumps of the hand. A quick tap of the clutch selects the next arm. If the device writes `<device>.fulcrum`, the
     value 1 means that the hand controls the outer end of an instrument with a pivot.
 
-    With `plans`, this block also reads `<robot>.planned` of `devices.plans`, and writes `<robot>.target` (17,): whether
-    the hand moves the target of a plan (0 or 1), and the pose of this target. The tool is then at rest, or follows a
-    plan.
+    With `plans`, this block also reads `<robot>.planned` of `devices.plans`, and writes `<robot>.target` (17,): 1
+    while the hand moves the target of a plan, else 0; then the pose (16,) of the target. While the hand moves a target,
+    the tool is at rest; afterwards, the tool follows the plan.
     """
 
     def __init__(

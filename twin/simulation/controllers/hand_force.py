@@ -24,8 +24,8 @@ DEVICE_DAMPING = 2.0
 
 FORCE, LAST, ENERGY, DEPTH, RATE = slice(0, 3), slice(3, 6), 6, 7, 8
 STATE = 9
-"""Indices in the state of a hand, and the size of the state: force in N and position of the hand in m, both (3,) in {H}
-and of this tick; energy in J; depth in m and its filtered rate in m/s."""
+"""Indices in the state of a hand, and number of values of the state: force (3,) in N and position (3,) in m of the hand
+in this tick, both in {H}; observed energy in J; depth in m; filtered rate of the depth in m/s."""
 
 _AT_LIMIT = 1e-6
 """Tolerance in rad or m within which a joint counts as being at its limit."""
@@ -38,7 +38,7 @@ class Surface:
     Attributes:
         stiffness: stiffness of a surface in N/m.
         damping: damping of a surface in N s/m.
-        largest: force in N at which all forces on a hand are clipped.
+        largest: limit in N of the total force on a hand; a larger force is clipped.
         device_damping: damping in N s/m of the device with the fingers that hold it.
     """
 
@@ -53,11 +53,10 @@ def hand_force(
 ) -> ca.Function:
     """Return the function of one tick, (arguments) -> state (STATE,).
 
-    The arguments of this function are: state (STATE,) after the previous tick; pulse (3,), a force in N in {H}; on and
-        follows, 0 or 1; scale
-    of the motion; pose of the hand in {H}; pose of {H} in the World; pose of the arm's base in the World; pose of the
-    tool in the World; goal of the tool in the base; joint values q (n,); and for each source, rows of planes (SIZE,).
-    Poses are (16,), row by row.
+    The arguments of this function are, in this order: state (STATE,) after the previous tick; pulse (3,), a force in N
+    in {H}; on, 0 or 1; follows, 0 or 1; motion scale; pose of the hand in {H}; pose of {H} in the World; pose of the
+    arm's base in the World; pose of the tool in the World; goal of the tool in the arm's base; joint values q (n,); and
+    for each source, rows of planes (SIZE,). Poses are (16,), row by row.
 
     Args:
         laws: equations of the console.
@@ -87,8 +86,8 @@ def hand_force(
     away = pull * (size / ca.if_else(touches, depth, 1.0))
     force = symbolic.unflat(view, 4, 4)[:3, :3].T @ ca.if_else(touches, away, ca.SX.zeros(3))
     force = clipped(force + ca.if_else(acts, pulse, ca.SX.zeros(3)), surface.largest)
-    # Keep at most the energy stored at this depth plus that at the largest force, so that energy from motion long ago
-    # does not allow new forces.
+    # Limit the energy to the energy stored at this depth plus the energy stored at the largest force. Otherwise, energy
+    # from motion long ago would allow new forces.
     full = stored(ca.SX(surface.largest / surface.stiffness), surface.stiffness, surface.largest)
     kept = stored(depth, surface.stiffness, surface.largest) / ca.fmax(scale, 1e-3) + full
     energy = ca.fmin(energy, kept)
@@ -98,7 +97,7 @@ def hand_force(
 
 
 def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: Limits, moves: np.ndarray) -> ca.SX:
-    """Return the row of the plane that holds the tool while a joint is at its limit; zeros if no joint is.
+    """Return the row of the plane that holds the tool while a joint is at its limit; otherwise zeros.
 
     The goal follows the hand, but the tool stays behind: the distance from the goal to the tool is the depth.
     """

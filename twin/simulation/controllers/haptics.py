@@ -24,8 +24,8 @@ PULSE, PULSE_TIME = 1.0, 3e-3
 """Force in N along +x of {H} and duration in s of the pulse when the jaws grasp an object, as printed in the paper."""
 
 _AGAIN = 0.25
-"""Shortest time in s between the end of a grasp and the pulse of the next one; ASSUMED, so that a grip that slips does
-not pulse several times."""
+"""Shortest time in s between the end of a grasp and the pulse of the next one; ASSUMED, so that a slipping grip
+does not cause several pulses."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class HapticHand(Block):
 
     Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; `<robot>.follows`,
     `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>` of the arm that the hand controls; and
-    `<object>.holder`. Writes `<hand>.force` (3,) in N in {H}, whose axes are those of the picture; and `<hand>.energy`
-    in J, the energy that the observer of the hand has counted (`passive`), which is never negative.
+    `<object>.holder`. Writes `<hand>.force` (3,) in N in {H}; the axes of {H} are those of the picture. Also
+    writes `<hand>.energy` in J, the energy counted by the observer of the hand (`passive`); it is never negative.
     """
 
     def __init__(

@@ -34,7 +34,7 @@ def needed_damping(stiffness: float, damping: float, dt: float) -> float:
 
     The condition of Colgate and Schenkel (J. Robotic Systems 14(1), 1997) is for a surface with the transfer function
     H(z), sampled and held every T = dt: b > T / (2 (1 - cos w T)) Re[(1 - exp(-j w T)) H(exp(j w T))] at all
-    frequencies w up to pi / T. Without a filter, it is b > K T / 2 + |B| (K: stiffness, B: damping).
+    frequencies w up to pi / T. Without a filter, the condition is b > K T / 2 + |B| (K: stiffness, B: damping).
 
     Args:
         stiffness: of the surface in N/m.
@@ -98,7 +98,7 @@ def bounded(force: ca.SX, energy: ca.SX, device_damping: float, dt: float) -> ca
 
 
 def clipped(force: ca.SX, largest: float) -> ca.SX:
-    """Return the force (3,) in N, shortened to `largest` in N."""
+    """Return the force (3,) in N, shortened to at most `largest` in N."""
     return force * ca.fmin(1, largest / ca.fmax(_length(force), 1e-12))
 
 

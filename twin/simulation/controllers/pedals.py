@@ -1,4 +1,4 @@
-"""Two pedals that select instruments, camera or nothing for the hands; a quick tap of the clutch changes the arm."""
+"""Two pedals select what the hands control: instruments, camera or nothing. A quick clutch tap changes the arm."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Pedals(Block):
     The clutch has priority: with both pedals pressed, the hands control nothing. The hands also control nothing while
     the device is silent (its signal `<device>.silent`, if it exists, is 1); silence does not count as a tap.
 
-    With `planned`, this block also reads `<robot>.planned` of the arms in `planned`: while a motion is planned or made,
-    the camera rests, because its arm is among the obstacles. The camera can move while the hand moves the target.
+    With `planned`, this block also reads `<robot>.planned` of the arms in `planned`: while a motion is planned or
+    executed, the camera is at rest, because its arm is an obstacle. The camera can move while a hand moves the target.
     """
 
     def __init__(self, device: str, planned: Sequence[str] = ()) -> None:

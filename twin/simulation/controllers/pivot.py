@@ -1,4 +1,4 @@
-"""An instrument that passes a port: a hand controls its tip, or its outer end, so that the port inverts the motion.
+"""An instrument in a port: a hand controls the tip, or the outer end, whose motion the port inverts.
 
 The port is the fulcrum of a lever. If the hand controls the outer end ("direct"), as a hand outside the patient does, a
 motion to the right moves the tip to the left by this motion times inner length / outer length. If the hand controls the
@@ -19,7 +19,7 @@ from twin.core.units import DEG, MM
 Fulcrum = Literal["compensated", "direct"]
 
 FULCRUMS: tuple[Fulcrum, ...] = ("compensated", "direct")
-"""The two ways in which a hand controls an instrument; the index of each is its value in `<device>.fulcrum`."""
+"""What the hand controls: the tip or the outer end. The index of an item is its value in `<device>.fulcrum`."""
 
 SHALLOW = 20 * MM
 """Smallest length in m of an instrument on each side of its port, so that tip and handle keep their sides; ASSUMED."""
@@ -36,8 +36,8 @@ class Pivot:
         p_port: (3,) the port in m in the robot's base.
         axis: (3,) unit vector from the port to the tip at the start, in the robot's base.
         length: distance in m from the tip to the outer end.
-        guided: whether the z axis of the tool is turned into the line of the instrument, because no mechanism keeps
-            the instrument in the port.
+        guided: whether `tool` turns the z axis of the tool into the line of the instrument; needed if no mechanism
+            keeps the instrument in the port.
     """
 
     p_port: Array

@@ -73,9 +73,9 @@ class PoseToJoints(Block):
 def _near_inverse(kin: Kinematics, limits: Limits) -> ca.Function:
     """Return the function that computes the next q (n) by the closed-form inverse.
 
-    Its arguments are dt in s, the goal pose (16), q (n), and the next coordinates of the auxiliary joints. Angles are
-    those nearest to q. All results are NaN in these cases: the pose is not rigid, it is out of reach, or a joint that
-    moves the tool would exceed a limit or the step `_NEAR`.
+    Its arguments are dt in s, the goal pose (16), q (n), and the next coordinates of the auxiliary joints. Of angles
+    that differ by full turns, the nearest to q is used. All results are NaN in these cases: the pose is not rigid, the
+    pose is out of reach, or a joint that moves the tool would exceed a limit or the step `_NEAR`.
     """
     n, auxiliary = len(kin.joints), np.flatnonzero(kin.auxiliary).tolist()
     dt, goal, q, rest = (ca.SX.sym(*x) for x in (("dt", 1), ("goal", 16), ("q", n), ("rest", len(auxiliary))))

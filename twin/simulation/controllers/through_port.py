@@ -1,8 +1,8 @@
 """Compute joint values that keep the shaft of an arm in a port, within joint and speed limits.
 
 At every intermediate pose, the shaft is in the port. If the limits allow only a part of the motion of a tick, the arm
-makes this part. If a limit blocks the whole motion, the arm makes the components that are still possible: direction,
-depth or roll.
+executes this part. If a limit blocks the whole motion, the arm executes the components that are still possible:
+direction, depth or roll.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _NEAR = 0.05
 """Largest joint step in rad or m per tick; a larger step may belong to another working mode."""
 
 _TRIES, _SAFE = 4, 0.98
-"""Maximum number of inverse solutions for one motion; safety factor on the part of a motion that the limits allow."""
+"""Maximum number of inverse solutions for one motion; safety factor for the fraction that the limits allow."""
 
 _STUCK = 0.02
 """If less than this fraction of a motion is possible, its components (direction, depth, roll) are tried separately."""
@@ -32,7 +32,7 @@ _STILL = 1e-12
 
 
 class ThroughPort(Block):
-    """Reads `<robot>.goal` (16,), a tool pose in base whose z axis is in the port, and `<robot>.encoder`.
+    """Reads `<robot>.goal` (16,), a tool pose in base whose z axis passes through the port, and `<robot>.encoder`.
 
     Writes `<robot>.command` (n,). The shaft is the z axis of the tool.
     """
@@ -73,7 +73,7 @@ class ThroughPort(Block):
         return {self._command: q + step}
 
     def _along(self, done: Array, way: Array) -> tuple[Array, float]:
-        """Return (joint step (n,), part of `way` (4,) that it makes after `done` (4,)); part 0: it is stopped."""
+        """Return (joint step (n,), fraction of `way` (4,) that the step adds to `done` (4,)); 0: blocked."""
         part = 1.0 if np.abs(way).max() > _STILL else 0.0
         for _ in range(_TRIES):
             if part <= 0:
@@ -87,7 +87,7 @@ class ThroughPort(Block):
 
 
 def _way(p_port: Array) -> Evaluator:
-    """Return the function of two poses (16 each) that gives the displacement `way` (4) from the first to the second.
+    """Return the function from two poses (16 each) to the displacement `way` (4) from the first pose to the second.
 
     The values are the tilt about x and y of the tool in rad, the change of depth in m, and the roll in rad.
     """
@@ -105,10 +105,10 @@ def _way(p_port: Array) -> Evaluator:
 
 
 def _allowed(kin: Kinematics, p_port: Array) -> Evaluator:
-    """Return the function that tries a way: (joint step (n), fraction of this step that is within its limits).
+    """Return the function from a displacement to (joint step (n), fraction of this step that is within the limits).
 
-    Its arguments are a pose (16), a way (4), q (n), and the smallest and the largest joint step (n each). If the end of
-    the way is out of reach, the fraction is 0.5.
+    Its arguments are the start pose (16), the displacement (4), q (n), and the smallest and the largest joint step (n
+    each). If the end of the displacement is out of reach, the fraction is 0.5.
     """
     n = len(kin.joints)
     z = ca.SX.sym("z", 20 + 3 * n)

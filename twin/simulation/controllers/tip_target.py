@@ -1,4 +1,4 @@
-"""Move the tip of an instrument to a place in the World with its shaft through a port."""
+"""Move the tip of an instrument to a position in the World, with the shaft through a port."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _INSIDE = 10 * MM
 
 
 class TipTarget(Block):
-    """Reads `<robot>.target` (3,), a place in the World in m; writes `<robot>.goal` (16,), the tool in base.
+    """Reads `<robot>.target` (3,), a position in m in the World; writes `<robot>.goal` (16,), the tool pose in base.
 
     The wrist stays straight, so that the shaft is on the line from the port to the tip. The roll about the shaft
     changes as little as possible from the start.

@@ -1,9 +1,10 @@
 """Control a machine and its model from a console: the hands move both, or the model alone, or a record moves both.
 
-The goal of the console becomes packets: increments that follow the goal by a critically damped filter within limits of
-speed, because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its pedal up; the
-model receives the packets, which are recorded. The record is checked at its end. The record is replayed only if the
-machine is at the start of the record; the replay stops when the machine is too fast or deviates too far from its model.
+The goal of the console is converted to packets. Their increments follow the goal through a critically damped filter
+with speed limits, because a jump would stop the machine. While a motion is rehearsed, the machine is at rest with its
+pedal up; the model receives the packets, which are recorded. The record is checked at its end. The record is replayed
+only if the machine is at the start of the record; the replay stops when the machine is too fast or deviates too far
+from its model.
 """
 
 from __future__ import annotations
@@ -170,7 +171,7 @@ class ViewSwitch(Block):
 
 
 class Smooth:
-    """Computes increments of packets that follow a goal.
+    """Computes packets whose increments add up to a motion that follows a goal smoothly.
 
     Attributes:
         sent: (4, 4) pose after all increments sent so far.
@@ -187,7 +188,7 @@ class Smooth:
         self._jaw = jaw
 
     def values(self, goal: Array, jaw: float) -> Array:
-        """Return the values (9,) of the next packet towards a goal (4, 4) and an opening in rad; pedal down."""
+        """Return the values (9,) of the next packet towards a goal (4, 4) and a jaw opening in rad, pedal down."""
         dt, b = self._dt, self._bounds
         self._v = _chased(self._v, goal[:3, 3] - self._p, b.speed, dt)
         self._p = self._p + dt * self._v
@@ -215,7 +216,7 @@ def _turn(R: Array) -> Array:
 
 
 def _chased(v: Array, way: Array, most: float, dt: float) -> Array:
-    """Return the rate, at most `most`, after a tick of a critically damped filter with remaining displacement `way`."""
+    """Return the rate (at most `most`) of a critically damped filter after one tick; `way`: remaining displacement."""
     v = (v + dt * _FOLLOW**2 * way) / (1 + dt * _FOLLOW) ** 2
     size = math.hypot(*v.tolist())
     return v * (most / size) if size > most else v
@@ -238,7 +239,7 @@ class Tips:
         return self._kin.forward(q)[:3, 3]
 
     def turned(self, q: Array, other: Array) -> float:
-        """Return the largest difference in rad between q and `other` of the joints that turn the tool."""
+        """Return the largest difference in rad between q and `other` (n,) among the joints that turn the tool."""
         return float(np.abs(q - other)[self._turns].max(initial=0.0))
 
     def opening(self, q: Array) -> float:
@@ -249,8 +250,8 @@ class Tips:
 class Trainer(Block):
     """Writes the packets of a machine and of its model.
 
-    Writes `<robot>.packet` (9,) for the machine, `<robot>.given` (10,) for the model (its last value is 1 in a tick
-    in which the model takes the joint values of the machine), and `<robot>.phase` (3,): `Phase`, `Why`, and the value
+    Writes `<robot>.packet` (9,) for the machine; `<robot>.given` (10,) for the model: a packet, and 1 in ticks in which
+    the model is set to the joint values of the machine, else 0; and `<robot>.phase` (3,): `Phase`, `Why`, and the value
     for `told`.
 
     Reads `pedals.training`, `console.mode`, `<robot>.goal`, `<robot>.follows`, `<robot>.planned`, `<robot>.jaw`,
@@ -384,13 +385,13 @@ class Trainer(Block):
     # -- packets --------------------------------------------------------------------------------------
 
     def _led_by_hand(self, signals: Signals, s: Mapping[str, Array], ready: bool, alone: bool) -> Array:
-        """Return the values of the packet of this tick; the increments wait until PEDAL_DN is reached."""
+        """Return the values of the packet of this tick; the increments are 0 until PEDAL_DN is reached."""
         led = (s["follows"].item() > 0.5 or self._is_planned(signals)) and (ready or alone)
         jaw = signals.now[self._jaw].item() if self._jaw in signals else 0.0
         goal = s["goal"].reshape(4, 4)
         if led and not self._led:
             self._smooth.begin(goal, self._tips.opening(s["ghost" if alone else "measured"]))
-            self._sync = self._sync or not alone  # the model begins where the machine is
+            self._sync = self._sync or not alone  # the model starts at the joint values of the machine
         self._led = led
         if not led:
             return _STILL
@@ -406,7 +407,7 @@ class Trainer(Block):
         self._fastest = max(self._fastest, float(s["model"][1]))
 
     def _replayed(self, s: Mapping[str, Array], held: bool, t: float) -> Array:
-        """Return the values of the next packet; the record waits until machine and model are in PEDAL_DN."""
+        """Return the values of the next packet; the record waits while machine or model is not in PEDAL_DN."""
         level, record, down = s["run"][LEVEL], self._record, np.append(_STILL[:8], 1.0)
         values = record[self._k] if self._k < len(record) else down
         if min(s["model"][0], level) >= Level.PEDAL_DN or values[8] < 0.5:

@@ -28,7 +28,7 @@ Solver = Literal["slsqp", "damped"]
 _DAMPING = 1e-4
 """Damping relative to the size of the weighted Jacobian.
 
-It limits the steps near singularities; elsewhere, its effect is far below the tracking errors.
+The damping limits the steps near singularities; elsewhere, its effect is far below the tracking errors.
 """
 
 
@@ -106,7 +106,7 @@ def step(
 class ToolToJoints(Block):
     """Reads tool rates `<robot>.rate` (n,) and `<robot>.encoder`; writes joint values `<robot>.command` (n,).
 
-    Each rate is applied for `ticks` steps along a straight line, which starts at the tool's pose when the rate arrives.
+    Each rate moves the tool for `ticks` steps along a straight line, starting at the tool's pose when the rate arrives.
     A rate of zero leaves the command unchanged.
     """
 
@@ -150,7 +150,7 @@ def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:
 
 @cache
 def _bounded(n: int) -> Evaluator:
-    """Return the function of A (n, n), b (n), lower (n) and upper (n) that minimises x^T A x / 2 - b^T x within bounds.
+    """Return the function (A (n, n), b (n), lower (n), upper (n)) -> x that minimises x^T A x / 2 - b^T x in bounds.
 
     DAQP, an active-set solver that comes with CasADi, takes about 15 µs; SciPy's `lsq_linear` takes 300 µs.
     """

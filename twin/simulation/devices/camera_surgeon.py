@@ -2,7 +2,7 @@
 
 The surgeon looks at the ends of the rectangle's upper side in the picture, presses the camera pedal, and moves both
 hands: in the same direction to move the scene, in opposite directions to roll it. After each
-press, the surgeon looks again. How the hands move: `devices.surgeon_hands`; all habits are ASSUMED.
+press, the surgeon looks again. The motion of the hands is in `devices.surgeon_hands`; all habits are ASSUMED.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ _STROKES, _PRESSES = 25, 12
 """Maximum number of strokes per press of the pedal; maximum number of presses, after which the surgeon gives up."""
 
 _TURNED, _ASIDE = 0.08 * DEG, 0.01
-"""What the surgeon accepts, ASSUMED: angle in rad between line and upper side, and distance of the ends from the ends
-of the line, divided by the length of the line."""
+"""Largest errors that the surgeon accepts, ASSUMED: angle in rad between line and upper side; distance between
+corresponding ends of both, divided by the length of the line."""
 
 _ACUITY = 0.02 * DEG
 """Standard deviation in rad of the angle as the surgeon sees it; ASSUMED."""
@@ -40,7 +40,7 @@ class CameraSurgeon(SurgeonHands):
     """
 
     def __init__(self, seat: Seat, task: str, upper: Array, line: float) -> None:
-        """Take the seat at a console.
+        """Connect the surgeon to a console.
 
         Args:
             seat: the console.
@@ -93,7 +93,7 @@ class CameraSurgeon(SurgeonHands):
         """Return the displacement (3,) in m and the angle in rad by which the scene has to move in the picture."""
         ends = self._in_picture({"left": self.upper[0], "right": self.upper[1]})
         a, b = ends["left"], ends["right"]
-        across = b[:2] / -b[2] - a[:2] / -a[2]  # as it appears
+        across = b[:2] / -b[2] - a[:2] / -a[2]  # the upper side as it appears in the picture
         turn = -float(np.arctan2(across[1], across[0])) + _ACUITY * float(self._rng.normal())
         longer = float(np.linalg.norm(across)) / (2 * self._half * self.line)
         middle = (a[:2] / -a[2] + b[:2] / -b[2]) / 2

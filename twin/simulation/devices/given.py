@@ -1,6 +1,6 @@
-"""Two hands and pedals with states from outside the World; the newest state is used; without new states, nothing moves.
+"""Two hands and pedals whose states come from outside the World; each tick uses the newest state of each hand.
 
-The owner of a network connection or web page passes states to `give`; this module does not depend on their origin.
+The owner of a network connection or web page passes states to `give`; the origin of the states does not matter here.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class HandState:
 class GivenHands(Block):
     """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals for both hands.
 
-    `<hand>.lost` counts the states of a hand that are missing in its sequence numbers. `<device>.clutch` and
-    `<device>.camera` are the pedals; `<device>.ignored` counts the hand states and motion scales that were ignored.
+    `<hand>.lost` counts the states of a hand that did not arrive: the gaps in the sequence numbers. `<device>.clutch`
+    and `<device>.camera` are the pedals; `<device>.ignored` counts the hand states and motion scales that were ignored.
     `<device>.haptics` is 1 if the forces on the hands are switched on. `<device>.silent` is 1 if a hand has sent no
     state for `patience` seconds; nothing moves until that hand sends a state.
     """
@@ -113,7 +113,7 @@ class GivenHands(Block):
 
     @property
     def heard(self) -> int:
-        """The smaller of both hands' sequence numbers of the last received state; -1 until both have sent a state."""
+        """Minimum over both hands of the last received sequence number; -1 until both hands have sent a state."""
         return min(-1 if last is None else last.number for last in self._last)
 
     def silent(self, hand: int, t: float) -> bool:

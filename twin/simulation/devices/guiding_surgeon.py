@@ -1,8 +1,9 @@
 """A simulated surgeon, with a random seed, who hands a ring over in a dome and guides it along a wire, with two arms.
 
-A planner gives the ways into the dome and out of it (`simulation.ways`); the hands follow them. The first arm grasps
-the ring on the tower and brings it to the meeting place, the second one grasps it there, brings it to the free end of
-the wire and guides it to the other end. The motion of the hands is in `devices.surgeon_hands`; all habits are ASSUMED.
+A planner (`simulation.ways`) computes paths ("ways") into the dome and out of it; the hands follow these paths. The
+first arm grasps the ring on the tower and brings the ring to the meeting place. The second arm grasps the ring there,
+brings it to the free end of the wire and guides it to the other end. The motion of the hands is in
+`devices.surgeon_hands`; all habits are ASSUMED.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 from twin.simulation.ways import Ways
 
 Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
-"""Mistakes on request: the first hand opens before the second arm holds the ring; the first arm guides the ring itself;
-the ring is released in the middle of the wire; the ring lies on the first half of the wire; an instrument is moved into
-the wall of the dome; the instruments stay in the dome."""
+"""Mistakes on request, in the order after "" (none): the first hand opens before the second arm holds the ring; the
+first arm guides the ring itself; the ring is released in the middle of the wire; the ring touches the first half of the
+wire; an instrument is moved into the wall of the dome; the instruments stay in the dome."""
 
 _TRIES = 3
 """Maximum number of grasps of the ring, and of searches for a way, before the surgeon gives up."""
@@ -42,8 +43,8 @@ class Manner:
     Attributes:
         sides: angle from the vertical, in the plane of the ring and towards the camera, at which the first and the
             second arm grasp the ring.
-        beyond: length by which the tips of the jaws extend beyond the wire of the ring that they hold.
-        before: distance from which the jaws approach the ring, and to which they go back.
+        beyond: length by which the tips of the jaws extend beyond the wire of the held ring.
+        before: distance of the jaws from the ring before they approach it, and after they retreat.
         lift: distance by which the ring is lifted out of its pocket.
         meet: (3,) position of the meeting place of both arms, relative to the free end of the wire.
         ahead: distance of the ring from the free end of the wire before the ring is put over this end.
@@ -51,7 +52,7 @@ class Manner:
         last: distance of the ring from the end of the wire when the ring is released.
         fallen: the surgeon does not try to grasp a ring that lies lower than this height below the free end of the
             wire.
-        near, fine: distance from its target at which a rough movement ends, and at which a fine movement ends.
+        near, fine: distance from the target at which a rough movement ends, and at which a fine movement ends.
     """
 
     sides: tuple[float, float] = (-10 * DEG, 45 * DEG)
@@ -70,8 +71,8 @@ class Manner:
 class GuidingSurgeon(SurgeonHands):
     """Writes what `SurgeonHands` writes, and `surgeon.target`: number of the step of the task.
 
-    The surgeon sees the ring from `<ring>.pose`, and whose jaws hold it from `<ring>.holder`. The frame `T_tool_tip` of
-    each arm is that of its closed jaws: z out of the tips, y along the closing direction.
+    The surgeon reads the pose of the ring from `<ring>.pose`, and which jaws hold the ring from `<ring>.holder`. The
+    frame `T_tool_tip` of each arm is that of its closed jaws: z out of the tips, y along the closing direction.
 
     Attributes:
         missed: what the surgeon gave up: names of steps, or "way of <robot>: <reason>".
@@ -86,7 +87,7 @@ class GuidingSurgeon(SurgeonHands):
         ways: Ways,
         mistake: str = "",
     ) -> None:
-        """Take the seat at a console.
+        """Connect the surgeon to a console.
 
         Args:
             seat: the console; `T_tool_tip` of its arms is the frame of their closed jaws.
@@ -125,12 +126,12 @@ class GuidingSurgeon(SurgeonHands):
         return int(self._signals[f"{self.ring.name}.holder"].item())
 
     def _axis(self, towards: Array) -> Array:
-        """Return the axis (3,) of the ring, on the side of a direction (3,)."""
+        """Return the axis (3,) of the ring, with the sign that makes `axis . towards` non-negative."""
         n = self._pose()[:3, 2]
         return n if n @ towards >= 0 else -n
 
     def _wire(self, s: float) -> tuple[Array, Array]:
-        """Return place and direction (3,) of the wire at the length s in m from its free end, or beyond its ends."""
+        """Return point (3,) and direction (3,) of the wire at s in m along it from its free end, or beyond an end."""
         a, b = (self._on_wire(s + d) for d in (-self.manner.step / 2, self.manner.step / 2))
         return self._on_wire(s), (b - a) / np.linalg.norm(b - a)
 
@@ -142,9 +143,9 @@ class GuidingSurgeon(SurgeonHands):
     # -- poses ----------------------------------------------------------------------------------------
 
     def _grasp(self, hand: str, centre: Array, n: Array, back: float = 0.0) -> Array:
-        """Return the pose (4, 4) of the tool with the jaws on the wire of a ring with a centre (3,) and an axis n (3,).
+        """Return the tool pose (4, 4) at which the jaws grasp a ring with the given centre (3,) and axis n (3,).
 
-        The jaws point to the centre and close along the axis; `back` is their distance in m from this pose.
+        The jaws point to the centre and close along the axis. `back`: distance in m by which the jaws are drawn back.
         """
         return self._gripping(hand, centre, n, self._flips[hand], back)
 
@@ -159,7 +160,7 @@ class GuidingSurgeon(SurgeonHands):
         return spatial.pose(R, tip) @ spatial.inverse(self.arms[hand].T_tool_tip)
 
     def _flip(self, hand: str, places: Sequence[tuple[Array, Array]]) -> float:
-        """Return the side of the jaws, 1 or -1, with more room to the joint limits at rings (centre, axis)."""
+        """Return the flip of the jaws, 1 or -1, that stays farther from joint limits in grasps at (centre, axis)."""
         robot = self.arms[hand].robot
         q, room = self._signals[f"{robot}.q"], {}
         for flip in (1.0, -1.0):
@@ -200,7 +201,7 @@ class GuidingSurgeon(SurgeonHands):
         return start + self.manner.meet, n
 
     def _enter(self) -> Iterator[None]:
-        """Bring both arms into the dome: the first before the ring, the second before the meeting place."""
+        """Bring both arms into the dome: the first close to the ring, the second close to the meeting place."""
         start, n = self._meeting()
         ends = [self._wire(s) for s in np.arange(-self.manner.ahead, self._along[-1], self.manner.step)]
         centre, axis = self._pose()[:3, 3].copy(), self._axis(n).copy()
@@ -221,7 +222,7 @@ class GuidingSurgeon(SurgeonHands):
         yield from self._reach({hand: self._carrying(hand, goal, n)}, self.manner.near)
 
     def _seize(self, hand: str, towards: Array) -> Iterator[None]:
-        """Grasp the ring, at most `_TRIES` times; its axis is taken on the side of `towards` (3,)."""
+        """Try to grasp the ring, at most `_TRIES` times; `towards` (3,) selects the sign of its axis, see `_axis`."""
         manner = self.manner
         for _ in range(_TRIES):
             if self._wire(0.0)[0][2] - self._pose()[2, 3] > manner.fallen:
@@ -244,7 +245,7 @@ class GuidingSurgeon(SurgeonHands):
         yield from self._reach({hand: back}, self.manner.near)
 
     def _hand_over(self) -> Iterator[None]:
-        """Bring the ring to the meeting place, give it to the second arm, and move the first arm out of the dome."""
+        """Bring the ring to the meeting place, hand it to the second arm, and move the first arm out of the dome."""
         first, second, manner = self._first, self._second, self.manner
         centre, n = self._meeting()
         yield from self._reach({first: self._carrying(first, centre, n)}, manner.near)
@@ -287,13 +288,13 @@ class GuidingSurgeon(SurgeonHands):
             yield from self._out(hand)
 
     def _out(self, hand: str) -> Iterator[None]:
-        """Move an arm back to where it began."""
+        """Move an arm back to its start."""
         eye = self.arms[hand]
         T = eye.T_world_base @ eye.kin.forward(self._rests[hand])
         yield from self._follow(hand, T, self._rests[hand])
 
     def _follow(self, hand: str, T: Array, q: Array | None = None) -> Iterator[None]:
-        """Plan a way of an arm to a pose (4, 4) of its tool, or to joint values q (n,) there, and follow it."""
+        """Plan a path of an arm to a tool pose T (4, 4), optionally with joint values q (n,) there, and follow it."""
         eye, robot = self.arms[hand], self.arms[hand].robot
         now = {
             name: self._signals[f"{name}.q"].copy() for name in (*(e.robot for e in self.arms.values()), self.camera)

@@ -23,7 +23,7 @@ _STALLED = 12
 """Number of strokes (single hand motions) without progress after which the operator gives up."""
 
 _BLOCK = 256
-"""Number of outputs of a tremor that are computed together, which is ten times as fast as one by one."""
+"""Number of tremor outputs per block. Computing a whole block is ten times as fast as computing single outputs."""
 
 _LINES = 24
 """Number of sines of a tremor."""
@@ -39,7 +39,7 @@ class Hand:
         pause: time in s after a stroke until the operator sees the tool's motion.
         tremor: rms amplitude in m.
         tremor_band: frequency band of the tremor in Hz.
-        misjudge: standard deviation of the error of a stroke, as a fraction of its length.
+        misjudge: standard deviation of the error of a stroke, as a fraction of the stroke's length.
     """
 
     reach: tuple[float, float] = (0.05, 0.9)
@@ -52,7 +52,7 @@ class Hand:
 
 @dataclass(frozen=True)
 class Goal:
-    """A goal of the tool: name, pose T_base_tool (4, 4), tolerance in m, and whether it is the end of an insertion."""
+    """A goal of the tool: name, pose T_base_tool (4, 4), tolerance in m, and whether the goal ends an insertion."""
 
     name: str
     T_base_tool: Array

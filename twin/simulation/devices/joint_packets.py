@@ -40,17 +40,18 @@ _MOST = 256
 
 
 def pack(number: int, t: float, q: Array, desired: Array | None = None) -> bytes:
-    """Return a packet with its number, time t in s, measured joints (n,) and, if there are any, desired ones (n,)."""
+    """Return a packet with its number, time t in s, measured joint values (n,), and optionally desired ones (n,)."""
     rows = [q] if desired is None else [q, desired]
     head = HEAD.pack(_MAGIC, _VERSION, len(q), len(rows), number, t)
     return head + np.concatenate(rows).astype("<f8").tobytes()
 
 
 def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
-    """Return number, time in s, measured joints (n,), and desired ones (n,) or None, of a packet.
+    """Return a packet's number, time in s, measured joint values (n,), and desired joint values (n,) or None.
 
     Raises:
-        DeviceError: length, mark, version, number of joints or a number is wrong; the message has value and limit.
+        DeviceError: length, first four bytes, version, number of joints or a number is wrong; the message has value
+            and limit.
     """
     if len(data) < HEAD.size:
         raise DeviceError(f"the packet has {len(data)} bytes; it must have at least {HEAD.size}")
@@ -72,7 +73,7 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
 
 
 class JointPackets:
-    """Receives joint values; one sender at a time, until it has been silent for `PATIENCE` seconds.
+    """Receives joint values from one sender, until this sender has been silent for `PATIENCE` seconds.
 
     Attributes:
         port: the UDP port.

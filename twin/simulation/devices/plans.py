@@ -49,8 +49,8 @@ class PlannedArm:
 class Plans(Block):
     """Writes `<robot>.planned` (17,) of all arms: a state of `controllers.planned`, and a pose in base row by row.
 
-    Reads `<robot>.encoder` and, of a machine, its run level `<robot>.run` and that of its model `<robot>.model`. The
-    poses of a machine wait until both are in PEDAL_DN. The clutch and silence of the hands end a motion.
+    Reads `<robot>.encoder`; for a machine, also the run levels in `<robot>.run` (machine) and `<robot>.model` (model).
+    A machine's motion begins when machine and model are in PEDAL_DN. The clutch and silence of the hands end a motion.
 
     Attributes:
         robot: name of the arm that is planned for; "": none.
@@ -70,7 +70,7 @@ class Plans(Block):
 
     @property
     def fraction(self) -> float:
-        """Part of the poses that have been written, 0 to 1."""
+        """Fraction of the poses that have been written, 0 to 1."""
         return self._k / len(self._Ts) if len(self._Ts) else 0.0
 
     def aim(self, robot: str) -> None:
@@ -89,7 +89,7 @@ class Plans(Block):
         self._set(self.robot, HELD)
 
     def run(self, Ts: Array) -> None:
-        """Let the arm of `aim` follow poses (k, 4, 4) of its tool in base, one in each tick; the rest do not move.
+        """Let the arm of `aim` follow poses (k, 4, 4) of its tool in base, one per tick; other arms do not move.
 
         Raises:
             WorldError: there is no arm, there are no poses, or a pose is not finite.
@@ -164,7 +164,7 @@ class Plans(Block):
         return None
 
     def _is_down(self, signals: Signals, t: float) -> bool:
-        """Return whether machine and model are in PEDAL_DN; end the motion if they leave it or do not reach it in time.
+        """Return whether machine and model are in PEDAL_DN; end the motion if they leave it or reach it too late.
 
         In a rehearsal of the trainer, only the model counts.
         """

@@ -48,9 +48,9 @@ class Manner:
         press: time in s for which jaws stay closed.
         taken: position of the first clip on the organ's side of the cut, as a fraction of the vessel's length from the
             organ; further clips are nearer to the organ.
-        cut: position of the cut, as the same kind of fraction.
-        kept: position of the first clip on the other side, as the same kind of fraction; further clips are farther from
-            the organ.
+        cut: position of the cut, as a fraction like `taken`.
+        kept: position of the first clip on the other side of the cut, as a fraction like `taken`; further clips are
+            farther from the organ.
         apart: distance in m between neighbouring clips.
     """
 
@@ -130,7 +130,7 @@ class ProcedureSurgeon(Block):
         self.outputs = self._said(still=True)
 
     def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
-        """Return the robot for a kind of tool: the robot that starts with it, or else the first that can carry it."""
+        """Return the robot for a kind of tool: one that starts with it, or else the first robot that can carry it."""
         p = self.procedure
         able = [n for n in among if any(t.kind == kind and n in t.robots for t in self._tools.values())]
         if not able:
@@ -197,7 +197,7 @@ class ProcedureSurgeon(Block):
             yield
 
     def _move(self, to: Mapping[str, Array], speed: float) -> Iterator[None]:
-        """Move the tips to places (3,) in the World along straight lines, all in the same time."""
+        """Move the tips to points (3,) in the World along straight lines; all motions last equally long."""
         start = {n: self._at[n] for n in to}
         long = max(float(np.linalg.norm(p - start[n])) for n, p in to.items())
         k = max(1, round(max(0.2, long / speed) / TICK))
@@ -207,7 +207,7 @@ class ProcedureSurgeon(Block):
             yield
 
     def _to(self, robot: str, p: Array) -> Iterator[None]:
-        """Approach a place along the shaft: quickly to a place before it, then slowly."""
+        """Approach a point along the shaft: quickly until shortly before the point, then slowly."""
         yield from self._move({robot: p - self.manner.before * self._inwards(robot, p)}, self.manner.quick)
         yield from self._move({robot: p}, self.manner.slow)
 
@@ -288,7 +288,7 @@ class ProcedureSurgeon(Block):
         return sum(float(self._now[n][0]) >= 1 - 1e-9 for n in names)
 
     def _close_at(self, vessel: str, s: float, aside: float = 0.0) -> Iterator[None]:
-        """Bring the middle of the jaws to a place along a vessel, or `aside` m beside it; close and open the jaws."""
+        """Move the middle of the jaws to s in m along a vessel, or `aside` in m beside it; close and open the jaws."""
         robot = self._worker
         point, along = self._place(vessel, s)
         tool = self._tools[[*self._tools][self._tool[robot]]]
@@ -311,7 +311,7 @@ class ProcedureSurgeon(Block):
         self.missed.append("cut")
 
     def _remove(self) -> Iterator[None]:
-        """Free the bed cell by cell from the instrument's side, while the organ is lifted; then take the organ out."""
+        """Free the bed cell by cell, beginning on the instrument's side; lift the organ at each cell; take it out."""
         robot, holder, organ = self._worker, self._holder, self._organ.name
         yield from self._change(robot, "cautery")
         order = np.argsort(np.linalg.norm(self._bed() - self._arms[robot].port, axis=1))

@@ -51,15 +51,15 @@ class Manner:
     """Parameters of the handling of a ring, in m and rad; all ASSUMED.
 
     Attributes:
-        beyond: length by which the tips of the jaws extend beyond the wire that they hold.
+        beyond: length by which the tips of the jaws extend beyond the held wire.
         side: angle from the vertical at which an upright ring is grasped, on the side of the hand.
-        before: distance from which the jaws approach the wire, and to which they go back.
+        before: distance of the jaws from the wire before they approach it, and after they retreat.
         lift: distance by which a ring is lifted before it is pulled off.
-        pull: distance by which it is pulled off.
+        pull: distance by which the ring is pulled off its first peg.
         above, below: distance by which the ring's centre is above the end of its peg before the ring is lowered, and
             below this end when the ring is released.
         tilt: angle at which a ring is put over its peg, its far side lower than the near one.
-        near, fine: distance from its target at which a rough movement ends, and at which a fine movement ends.
+        near, fine: distance from the target at which a rough movement ends, and at which a fine movement ends.
     """
 
     beyond: float = 1.0 * MM
@@ -77,14 +77,14 @@ class Manner:
 class RingSurgeon(SurgeonHands):
     """Writes what `SurgeonHands` writes, and `surgeon.target`: number of rings that the surgeon has put on pegs.
 
-    The surgeon sees the rings from `<ring>.pose`, and whether the jaws hold a ring from `<ring>.holder`.
+    The surgeon reads the poses of rings from `<ring>.pose`, and whether jaws hold a ring from `<ring>.holder`.
 
     Attributes:
         missed: names of the rings that the surgeon gave up.
     """
 
     def __init__(self, seat: Seat, rings: Sequence[Ring]) -> None:
-        """Take the seat at a console; `rings`: the rings in the order of work."""
+        """Connect the surgeon to a console; `rings`: the rings in the order of work."""
         self.rings, self.manner = tuple(rings), Manner()
         self._turned: dict[str, float] = {}  # 1: the jaws' y axis is along the ring's axis at the grasp; -1: against it
         self._numbers = {eye.robot: k for k, eye in enumerate(seat.arms.values())}
@@ -130,7 +130,7 @@ class RingSurgeon(SurgeonHands):
         yield from self._rest(0.5)
 
     def _next(self) -> dict[str, Ring]:
-        """Return the next ring of each hand; a ring is for the hand on the side of the picture where its peg is."""
+        """Return the next ring of each hand; the hand for a ring is the one on the side of its peg in the picture."""
         right, left = self.arms
         jobs: dict[str, Ring] = {}
         for ring in self._left:
@@ -187,7 +187,7 @@ class RingSurgeon(SurgeonHands):
     def _grasp(self, hand: str, ring: Ring) -> Array:
         """Return the tool's pose (4, 4) in the World with the open jaws on both sides of a ring's wire.
 
-        The jaws point to the centre of the ring, from above and from the side of the hand. They close along its axis.
+        The jaws point to the centre of the ring, from above and from the hand's side. They close along the ring's axis.
         """
         T, view = self._ring(ring), self._view()
         n = -self._outwards(ring)

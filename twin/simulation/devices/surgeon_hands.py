@@ -40,8 +40,8 @@ class Habits:
 
     Attributes:
         hand: parameters of the motion of each hand.
-        middle: position of the right hand in {H} in the middle of its range; that of the left hand is its mirror image.
-        show: rotation of the handles in rad that shows that a person holds them; see `following.Start`.
+        middle: position in m in {H} of the right hand in the middle of its range; mirrored for the left hand.
+        show: rotation of the handles in rad to meet the start condition, see `following.Start`.
         clutched: time in s for which the clutch is pressed before and after the hands move back.
         open: angle of the grippers on the way to a target.
         grasp: time in s in which the grippers open or close.
@@ -73,7 +73,7 @@ class Eye:
 
 @dataclass(frozen=True)
 class Seat:
-    """The seat of a surgeon at a console: pedals, arms and picture.
+    """What connects a surgeon to a console: names of pedals, arms and camera, and parameters of the picture.
 
     Attributes:
         device: name of the device of the pedals.
@@ -112,7 +112,7 @@ class SurgeonHands(Block):
     """
 
     def __init__(self, seat: Seat, habits: Habits) -> None:
-        """Take the seat at a console, with the parameters of the surgeon."""
+        """Connect the surgeon to a console; `habits`: parameters of the surgeon."""
         self.device, self.arms, self.camera, self.dt = seat.device, dict(seat.arms), seat.camera, seat.dt
         self.scale, self.habits, arms = seat.scale, habits, seat.arms
         self.missed: list[str] = []
@@ -203,8 +203,8 @@ class SurgeonHands(Block):
     ) -> Iterator[None]:
         """Move the hands by displacements (3,) in m and rotations (3,) in rad.
 
-        Both are shortened if a hand would leave its range. If less than 5 % of them is possible, the hands move back to
-        the middle of their ranges with the clutch pressed, and nothing else is done.
+        Displacements and rotations are shortened if a hand would leave its range. If less than 5 % of them is possible,
+        the stroke is not made: the hands move back to the middle of their ranges with the clutch pressed.
         """
         hand = self.habits.hand
         part = 1.0

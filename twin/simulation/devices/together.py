@@ -1,4 +1,4 @@
-"""Several devices as one device; its input ends as soon as the input of one of them ends."""
+"""Combine several devices into one device; its input ends as soon as the input of any of the devices ends."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ _WAIT, _REST = 150.0, 0.6
 
 
 class Trainee(SurgeonHands):
-    """A device whose hands both make the same strokes, and which also writes `pedals.training`.
+    """Makes the same strokes with both hands, and also writes `pedals.training`.
 
     The trainee moves the tips along closed triangles by teleoperation. Then, with the model alone, the trainee
     rehearses a motion that does not end where it began, has the record checked, and replays it on the machines. Then

@@ -1,6 +1,6 @@
 """Masses, inertias and drives of a robot, read from TOML, each number with its provenance.
 
-A link is the part moved by one joint. Its mass centre and tensor are given in its frame in the modified
+A link is the part moved by one joint. Mass centre and tensor of a link are given in the link frame of the modified
 Denavit-Hartenberg form of Khalil and Kleinfinger. This frame is determined on the mechanism with all joints at zero: z
 is along the joint axis, and x is along x of the base. The origin is the point of the axis that is nearest to the axis
 of the next link in the file. For the last link, and if the next axis is parallel, the origin is the point of the axis
@@ -217,7 +217,7 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
 
 
 def _named(link: Link, mechanism: Mechanism, body: str, poses: dict[str, Array]) -> Array | None:
-    """Return T_base_frame (4, 4) of the frame that a link names; None if it names none."""
+    """Return T_base_frame (4, 4) of the frame that a link names; None: the link names no frame."""
     if link.frame is None:
         return None
     frames = {f.name: f for f in mechanism.frames if f.body == body}

@@ -152,7 +152,7 @@ class MujocoPlant:
         data.qvel[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ (J[:, self._rates] @ qd)
 
     def _close(self) -> Array:
-        """Close the loops with fixed active joints, by Gauss-Newton on MuJoCo's constraints; return their Jacobian."""
+        """Close the loops by Gauss-Newton, at fixed active joints; return the Jacobian of MuJoCo's constraints."""
         mujoco, model, data = self._mujoco, self.model, self.data
         for _ in range(20):
             mujoco.mj_fwdPosition(model, data)

@@ -47,7 +47,7 @@ class Tracking(Result):
         phases: (name, type, start in s, end in s) of each phase of the protocol.
         mismatch: relative error of the masses in the wrong models.
         runs: runs by name, first the run with the exact model.
-        curves: by name of the other conditions, runs with different inertia errors; empty if not requested.
+        curves: runs with different inertia errors, by name of the other conditions; empty if not requested.
     """
 
     kind: ClassVar[str] = "track"

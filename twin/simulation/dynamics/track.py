@@ -35,8 +35,8 @@ A prismatic joint has steps of this number times `LENGTH_SCALE` in m.
 """
 
 EXACT_LIMIT, TIP_LIMIT = 10e-6, 1e-3
-"""Limits of the tip error in m: with an exact model, where only the hold of one tick causes errors; with a wrong model,
-as in the paper."""
+"""Limits of the tip error in m: with an exact model, where errors come only from constant efforts within a tick; with
+a wrong model, as in the paper."""
 
 _LOST = 1.0
 """Joint error in rad (lengths: times `LENGTH_SCALE`, in m) beyond which the simulation diverges, and is stopped."""
@@ -55,7 +55,8 @@ class Conditions:
         rate: rate of the controller in Hz (ticks per second).
         w: control bandwidth in rad/s: Kp = w^2 and Kv = 2 w for each joint.
         inertia_error: relative error of masses and tensors in the controller's model.
-        signs: seed of a random sign of the error of each part; None: the same sign for all parts (positive: too heavy).
+        signs: seed for random signs of the errors, one sign per body; None: the same sign for all bodies (positive: too
+            heavy).
         friction_known: whether the model has the plant's friction.
         friction_error: relative error of the model's friction if the friction is not known; with `signs`, its sign is
             random.

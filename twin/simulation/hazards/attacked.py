@@ -1,7 +1,7 @@
 """One session of a campaign: an operator moves the tool in a circle, a fault acts, machine and model are compared.
 
-A session runs without a response first; the model, which no fault reaches, runs once for each motion scale. A second
-run has a trainee, whose responses reach machine and model.
+First, a session is run without a response of the operator. The model, which has no faults, is run once per motion scale
+for all sessions. In a second run of a session, a trainee responds; these responses act on machine and model.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Session:
 
     Attributes:
         faults: function that creates the faults of the machine; a fault can be used only once.
-        start: packet with which the fault begins.
+        start: number of the packet with which the fault begins.
         length: duration of the fault in packets.
         mass, friction: factors of all masses and of all friction of the machine.
         scale: motion scale of the operator.
@@ -75,10 +75,10 @@ class Outcome:
         peak: largest distance in mm between the true tips of machine and model; after a stop of the machine, the
             model's tip at the time of the stop is used.
         harm: time at which the distance exceeds `HARM`.
-        jump: time at which the tip is more than `HARM` from every point of the model's path, so that the tip does not
-            only lag.
-        beyond: time at which the distance of the true tips exceeds the limit of the cue (force that warns the
-            operator).
+        jump: time at which the tip is more than `HARM` from every point of the model's path; a tip that only lags does
+            not count.
+        beyond: time at which the distance between the true tips exceeds the limit above which the cue (force that
+            warns the operator) acts.
         cue: time of the first force on the operator's hand.
         adaptive: time at which the measured distance exceeds the adaptive limit.
         stop, check: time at which a check of the software stopped the arm, and the reason ("" without a stop).
@@ -160,7 +160,7 @@ class Arena:
         tips = self._tips(model.q[:k])
         stopped = seen.levels == Level.E_STOP
         wanted = tips.copy()
-        if stopped.any():  # after the stop, the machine should stand where the model was at the stop
+        if stopped.any():  # from the stop on, the machine is compared with the model at the stop
             wanted[stopped] = wanted[int(np.argmax(stopped))]
         true = self._tips(seen.q)
         apart = np.linalg.norm(true - wanted, axis=1) * _MM
@@ -310,11 +310,11 @@ def trace(
 
 
 def _off(true: Array, path: Array, far: np.ndarray) -> np.ndarray:
-    """Return (k,) whether a tip (k, 3) is more than `HARM` from each point of a path; only where `far` is true."""
+    """Return (k,) bool, valid up to the first True: whether a tip (k, 3) is `far`, and over `HARM` from the path."""
     out = far.copy()
     for k in np.flatnonzero(far):
         out[k] = float(np.min(np.linalg.norm(path - true[k], axis=1))) * _MM > HARM
-        if out[k]:  # the first one counts
+        if out[k]:  # the caller uses only the first
             break
     return out
 

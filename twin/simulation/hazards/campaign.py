@@ -58,7 +58,7 @@ class Scenario(Table):
     """A scenario of the paper's Table 1.
 
     Attributes:
-        name: name of the hazard, which the classes of faults use.
+        name: name of the hazard; classes of faults refer to this name.
         action: unsafe control action.
         causes: possible causes.
         module: affected module of the robot's software, with its variables.
@@ -80,9 +80,9 @@ class Class(Table):
     """Faults of one kind; target, operation, length and value of each fault are drawn at random.
 
     Attributes:
-        scenario: name of its scenario; "": it belongs to no scenario.
-        targets: possible targets; each is a list of numbers of the signal that a fault changes together; []: all
-            numbers.
+        scenario: name of the scenario of the class; "": none.
+        targets: possible targets. A target lists the names of those numbers of the signal that a fault changes
+            together; []: all numbers.
         value: range of the value, which is the same for all numbers of a target; `whole`: whole numbers only.
         length: possible lengths in packets; one packet per ms.
         weight: relative frequency of this class.

@@ -15,7 +15,7 @@ from twin.simulation.world import Hazard
 
 Operation = Literal["hold", "overwrite", "add", "add_once", "delay", "skip", "duplicate"]
 """How a fault changes a signal. hold: the last value before the fault; overwrite: `value`; add: the sum with `value`;
-add_once: as add, but the change remains after the fault's end; delay: what the signal was `value` steps earlier; skip:
+add_once: as add, but the change remains after the fault's end; delay: the signal as it was `value` steps earlier; skip:
 a packet is lost; duplicate: a packet arrives twice."""
 
 

@@ -38,7 +38,7 @@ class ClassRow:
             before the fixed limit was exceeded; before the adaptive limit was exceeded.
         danger: dangerous sessions, see `roc.dangerous`; in_time: a check stopped the arm before harm.
         seen_adaptive: dangerous sessions in which the adaptive limit was exceeded before harm or stop.
-        early: sessions with a deviation above 3 mm in which the adaptive limit was exceeded before 3 mm.
+        early: sessions in which the deviation exceeded first the adaptive limit, and later 3 mm.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""The experiments of the second paper (sections 3.1 and 3.2.1) with a plant that differs from its model as ASSUMED.
+"""The experiments of the second paper (sections 3.1 and 3.2.1), with ASSUMED differences between plant and model.
 
 First experiment, without a fault: the deviation between machine and model at each motion scale. Second experiment:
 every 8 s, the command of the first motor is stuck for 300 cycles, four times. The paper does not publish gains, motion
@@ -31,7 +31,7 @@ from twin.simulation.machine.machine import Parts
 from twin.simulation.machine.plant import TICK
 
 PUBLISHED = (2.43, 1.72)
-"""Mean and spread in mm of the error without faults over all motion scales, which the paper's 3 mm limit implies."""
+"""Mean and spread in mm of the error without faults over all motion scales; the paper's 3 mm limit implies both."""
 
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five"}
 
@@ -233,7 +233,7 @@ def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str
 
 
 def _apart(parts: Parts, run: Trace, model: Trace) -> Array:
-    """Return the distance (k,) of the true tips in mm; after a stop, that from the model's tip at the stop."""
+    """Return the distance (k,) in mm between the true tips; after a stop, the model's tip at the stop is used."""
     k = len(run.q)
     wanted = parts.kin.forward_many(model.q[:k])[:, :3, 3]
     stopped = run.levels == Level.E_STOP

@@ -5,8 +5,9 @@
     aim         r' = low-pass of the desired joints; errors of the joints q_desired - q and r' - qd
     drive       s' = s + h e; counts = ((kp e + ki s' + kd de) + T^T efforts) times counts per N m, rounded towards 0
 
-T is the matrix of the transmission (q = T m). Each operation is rounded separately, as in numpy: the results are
-exactly those of numpy, in a fifth of the time.
+Here m are the motor values; v, w and r are filtered rates of x, of m and of the desired joint values; e and de are the
+motor errors of value and rate, s is the integral of e. T is the matrix of the transmission (q = T m). Each operation is
+rounded separately, as in numpy: the results are exactly those of numpy, in a fifth of the time.
 """
 
 from __future__ import annotations

@@ -17,11 +17,11 @@ class Exchange:
     """
 
     def __init__(self, links: Mapping[str, MachineLink], states: Mapping[str, MachineStates], outbox: Outbox) -> None:
-        """Connect links, devices that receive the states of machines, and the block that stores packets."""
+        """Store the links, the devices that write states (by robot), and the block that stores packets."""
         self.links, self._states, self._outbox = links, states, outbox
 
     def receive(self) -> None:
-        """Give the newest states of the machines to the World, which uses them in its next tick."""
+        """Pass the newest states of the machines to the World for its next tick."""
         for name, link in self.links.items():
             self._states[name].give(link.state)
 

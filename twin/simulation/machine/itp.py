@@ -14,7 +14,7 @@ arm 1:
 | 120 | int32 | checksum: surgeon mode + all six increments + both buttons + sequence number, modulo 2^32 |
 
 Layout and checksum are those of uw-biorobotics/raven2. The checksum covers neither quaternions nor jaws, and the
-released software does not check it. That increments are along the axes of {base} is ASSUMED.
+released software does not check it. ASSUMED: increments are along the axes of {base}.
 """
 
 from __future__ import annotations
@@ -76,14 +76,14 @@ def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
 
 
 def number_of(count: int) -> int:
-    """Return the sequence number of the packet that a sender sends as number `count` (1, 2, ... without limit)."""
+    """Return the sequence number of a sender's packet with the running number `count` (1, 2, ... without limit)."""
     return (count - 1) % _NUMBERS + 1
 
 
 def ahead(sequence: int, last: int) -> int:
     """Return how many packets `sequence` comes after `last`; the result is negative if it comes before `last`.
 
-    As in serial number arithmetic (RFC 1982), the shorter way around decides, so that 1 is one packet after 2^32 - 1.
+    As in serial number arithmetic (RFC 1982), the shorter way around the cycle counts: 1 is one packet after 2^32 - 1.
     """
     return (sequence - last + _NUMBERS // 2) % _NUMBERS - _NUMBERS // 2
 

@@ -69,7 +69,7 @@ class Reader:
         self.level, self._read, self._count = level, level, self._cycles
 
     def read(self, levels: Sequence[Level]) -> Level:
-        """Return the lowest of these levels if it was equal in the last `cycles` calls, else the previous result."""
+        """Return the lowest of the levels if it was the same in the last `cycles` calls, else the previous result."""
         lowest = min(levels)
         self._count = self._count + 1 if lowest == self._read else 1
         self._read = lowest

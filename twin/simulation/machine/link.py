@@ -91,7 +91,7 @@ class StateReader:
 
     @property
     def answers(self) -> bool:
-        """Whether a state has come within the last `PATIENCE` seconds."""
+        """Whether a state has arrived within the last `PATIENCE` seconds."""
         return not self.problem and self.newest is not None and time.monotonic() - self._heard < PATIENCE
 
     def press(self, button: str) -> None:

@@ -1,6 +1,6 @@
 """A machine of one arm, tick by tick: network, PLC, control software, motors and links, without clock and sockets.
 
-The control software follows the released one of the Raven-II (uw-biorobotics/raven2): increments of the tool pose are
+The control software follows that released for the Raven-II (uw-biorobotics/raven2): increments of the tool pose are
 added while the pedal is down, the inverse kinematics computes joint values, the servo computes counts of the DAC. The
 machine deviates from its model if the parameters of its plant differ from those in the software. Faults act on the
 signals of `LOCATIONS`:
@@ -250,7 +250,7 @@ class Machine:
         try:
             self._control(t, counts, accepted)
             self._bit = not self._bit
-        except TwinError as error:  # the watchdog bit stays, so that the PLC stops the arm
+        except TwinError as error:  # the watchdog bit does not change: the PLC stops the arm
             self.servo.stop = self.servo.stop or str(error)
         if self.servo.stop:
             self.plc.stop(self.servo.stop)
@@ -314,7 +314,7 @@ class Machine:
                 return
 
     def _home(self, t: float) -> Array:
-        """Return the desired joints of a minimum-jerk motion to home; the encoders know where the joints are."""
+        """Return the desired joints of a minimum-jerk motion from the measured joint values to home."""
         speed = self.parts.settings.number.homing_speed.value * np.where(self._angles, 1.0, 0.1)
         if self._homing is None:
             way = np.abs(self.parts.home - self.q) / speed
@@ -327,7 +327,7 @@ class Machine:
         return start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (self.parts.home - start)
 
     def _follow(self, packet: Packet) -> None:
-        """Move the target by a packet, if the arm reaches it within its limits."""
+        """Move the target by a packet, if the arm reaches the new target within the limits."""
         if self._target is None:
             return
         v = packet.values
@@ -344,7 +344,7 @@ class Machine:
         self._reach(T, seed)
 
     def _reach(self, T: Array, seed: Array) -> None:
-        """Move the target to the pose T, if the arm reaches it within its limits; seed (n,) as for the inverse."""
+        """Move the target to the pose T, if the arm reaches T within the limits; `seed` (n,): as for the inverse."""
         try:
             q = self.parts.kin.inverse(T, seed)
         except KinematicsError:

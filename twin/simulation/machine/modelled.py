@@ -1,8 +1,8 @@
 """The model of a machine in a World: it gets the same packets, and is compared with the machine's states.
 
-A packet takes some milliseconds to the machine, and its state takes some milliseconds back. Therefore, a state is
-compared with the state that the model had after the same packet, so that the delay of the network does not count as
-deviation.
+A packet takes some milliseconds to the machine, and the machine's state takes some milliseconds back. Therefore, a
+state of the machine is compared with the state that the model had after the same packet. So the delay of the network
+does not count as deviation.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Modelled(Block):
     Reads `<robot>.given`, `<robot>.phase`, `<robot>.measured` and `<robot>.run`. Writes:
 
     - `<robot>.q` and `<robot>_model.q` (n,): measured joint values of the machine, and joint values of the model;
-    - `<robot>.encoder` (n,): joints of the arm that the hand moves, which is the model in a rehearsal;
-    - `<robot>.model` (3,): run level of the model, speed of its tip in m/s, packets whose target was out of reach;
+    - `<robot>.encoder` (n,): joint values of the arm that the hand moves: in a rehearsal the model, else the machine;
+    - `<robot>.model` (3,): run level of the model, speed of its tip in m/s, number of targets out of reach;
     - `<robot>.deviation` (2,): distance in m between the tips of machine and model; speed of the machine's tip in m/s;
     - `<robot>.apart` (n,): joint values of the model minus those of the machine, rad or m;
     - `<robot>.cue` (3,): force of the cue in N in base, in teleoperation and replay; 0 unless machine and model are in
@@ -50,7 +50,7 @@ class Modelled(Block):
         self._share = parts.arithmetic.share
         self._kept = np.tile(self._model.q, (_KEPT, 1))
         self._sent = self._given = 0
-        self._seen, self._tip, self._speed = -1.0, self._forward(q)[:3, 3], np.zeros(3)  # of the model, now
+        self._seen, self._tip, self._speed = -1.0, self._forward(q)[:3, 3], np.zeros(3)  # last tick; model's tip
         self.outputs = {
             f"{robot}.q": q,
             f"{robot}.encoder": q,
@@ -96,7 +96,7 @@ class Modelled(Block):
         }
 
     def _compare(self, measured: Array, run: Array, alone: bool) -> None:
-        """Compare a new state with the model after the same packet; if the model moves alone, with the model now."""
+        """Compare a new state with the model after the same packet; if the model moves `alone`, with the model now."""
         ticks, self._seen = int(np.clip(run[TICK] - self._seen, 1, 1000)), run[TICK]
         behind = ahead(number_of(self._sent), int(run[SEQUENCE]))
         q = self._kept[(self._sent - behind) % _KEPT] if not alone and 0 <= behind < _KEPT else self._model.q

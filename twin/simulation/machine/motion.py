@@ -44,7 +44,7 @@ class Motion:
 
 @dataclass
 class _Moved:
-    """Motion of a body: pose, angular velocity and acceleration, acceleration of its origin minus gravity."""
+    """Motion of a body: pose R, p; angular velocity w and its derivative `turn`; a: origin's acceleration - gravity."""
 
     R: Any
     p: Any

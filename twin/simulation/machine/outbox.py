@@ -11,10 +11,10 @@ from twin.simulation.world import Block, Signals
 
 
 class Outbox(Block):
-    """Stores the packets of all machines until `take` is called; the last block of a tick, which writes no signal."""
+    """Stores the packets of all machines until `take` is called; must be the last block of a tick; writes no signal."""
 
     def __init__(self, parts: Mapping[str, Parts]) -> None:
-        """Prepare for the machines; `parts`: compiled parts by robot. Numbers of packets begin at 1."""
+        """Prepare for the machines; `parts`: compiled parts by robot. Sequence numbers begin at 1."""
         self.outputs = {}
         self._of = {n: (parts[n].settings.arm, parts[n].settings.packet_version) for n in parts}
         self._packets: dict[str, list[bytes]] = {n: [] for n in parts}

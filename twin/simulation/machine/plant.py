@@ -3,10 +3,11 @@
     (M(q) + T^-T J T^-1) qdd + b(q, qd) + V qd + f(qd) = T^-T motor torque
 
 T is the matrix of the transmission (q = T m), J the rotor inertias, V the viscous friction, f the Coulomb friction. One
-tick is one step of the implicit Euler method for the viscous friction, and of the semi-implicit one for the rest. The
-friction f of a joint is the effort that brings the joint to rest within the tick, but at most the Coulomb friction in
-`Physics.coulomb`; therefore, a joint can stick. These efforts are computed by three sweeps over the joints (projected
-Gauss-Seidel; J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, Springer 1988).
+tick is one step of the implicit Euler method for the viscous friction, and of the semi-implicit Euler method for the
+other terms. The friction f of a joint is the effort that brings the joint to rest within the tick, but at most the
+Coulomb friction in `Physics.coulomb`; therefore, a joint can stick. The efforts f are computed by three sweeps over the
+joints (projected Gauss-Seidel; J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, Springer
+1988).
 """
 
 from __future__ import annotations

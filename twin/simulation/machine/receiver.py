@@ -15,7 +15,7 @@ class Receiver:
     first packet after the gap is dropped, and the next one is accepted. Unlike in the released software, the checksum
     must be correct, and each sequence number must be after the previous one (1 is after 2^32 - 1, see `itp.ahead`). In
     the released software, a packet with a number more than 1000 lower restarts the numbering, so that old packets are
-    accepted again. A master controls the machine until it has been silent for `timeout` s.
+    accepted again. A master controls the machine until this master has been silent for `timeout` s.
 
     Attributes:
         master: address of the sender whose packets are accepted; None: the next sender is accepted.
@@ -33,7 +33,7 @@ class Receiver:
         self._pedal, self._heard = False, float("-inf")
 
     def read(self, data: bytes, sender: Any, t: float) -> Packet | None:
-        """Return a packet that arrives at t in s; None if it is to be sent back (number 0).
+        """Return a packet that arrives at t in s; None: the caller must send the packet back (sequence number 0).
 
         Raises:
             DeviceError: the packet is refused; it has no effect.

@@ -63,7 +63,7 @@ class Servo:
 
     @property
     def counted(self) -> int:
-        """Number of violations for the policy "hard": the sum of all motors, or the maximum of the motors."""
+        """Violations for the policy "hard": with a shared counter, the sum over the motors; otherwise, the maximum."""
         return int(self.violations.sum() if self.settings.released.shared_counter else self.violations.max())
 
     def counts_of(self, error: Array, change: Array, efforts: Array) -> Array:

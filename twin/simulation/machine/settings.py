@@ -72,10 +72,10 @@ class Released(Table):
     """Faults of the released software (uw-biorobotics/raven2). True: reproduce the fault; false: corrected.
 
     Attributes:
-        shared_counter: one counter for all motors counts the commands above the limit: if ten motors exceed it in one
-            tick, it counts ten.
-        rates_without_coupling: joint rates come from the motor's own rate only, although joint values contain the
-            coupling of the cables; without coupling there is no difference.
+        shared_counter: one counter for all motors counts the commands above the limit; if ten motors exceed the limit
+            in one tick, the counter increases by ten.
+        rates_without_coupling: the rate of a joint is computed from the joint's own motor only, although joint values
+            include the coupling by the cables; for a robot without coupling, there is no difference.
         whole_counts: encoder counts per rad are rounded down (1303 instead of 1303.8 in the released software), so that
             angles are measured too large.
     """
@@ -86,7 +86,7 @@ class Released(Table):
 
 
 class Motor(Sourced):
-    """A motor: torque constant in N m/A at the rotor, counts of the DAC per A, gear ratio, gains behind the gear."""
+    """A motor: torque constant in N m/A at the rotor, counts of the DAC per A, gear ratio, gains after the gear."""
 
     name: Identifier
     torque_per_amp: Positive
@@ -117,7 +117,7 @@ class PointMass(Sourced):
 
 
 class Settings(Table):
-    """The machine file; motors and joints in any order.
+    """The machine file; it lists motors and joints in any order.
 
     Without `compensation`, the gravity compensation uses the masses of inertia.toml.
     """

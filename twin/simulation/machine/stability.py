@@ -1,7 +1,7 @@
 """Check that the gains of a machine are stable: eigenvalues of the sampled control loop at a posture.
 
 One tick at rest, without Coulomb friction, limits and gravity, is linear in joint values q, rates v, filtered motor
-rates w and the integral s of the motor errors (A: motor angles from joint values, h: tick, c: share of the low-pass):
+rates w and the integral s of the motor errors (A: motor angles from joint values, h: tick, c: low-pass fraction):
 
     w' = w + c (A (q - q_before) / h - w)        s' = s - h A q
     (M + h V) v' = M v + h A^T (-kp A q - kd w' + ki s')        q' = q + h v'

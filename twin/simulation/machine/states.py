@@ -84,8 +84,8 @@ def unpack(data: bytes, n: int) -> State:
     """Return the state of a machine with n joints.
 
     Raises:
-        DeviceError: length, mark, version, number of joints, run level or a number is wrong; the message has value and
-            limit.
+        DeviceError: length, first four bytes, version, number of joints, run level or a number is wrong; the message
+            has value and limit.
     """
     if len(data) < HEAD.size:
         raise DeviceError(f"a state has {len(data)} bytes; {size(n)} are expected for {n} joints")

@@ -22,7 +22,7 @@ class CameraReferee(Block):
     Attributes:
         complete: always False, because only the person decides when the camera is aligned.
         moves: number of presses of the camera pedal in which the camera moved.
-        time: time in s from the first moment at which the hands control the camera to its last motion.
+        time: time in s from the first moment at which the hands control the camera to the last motion of the camera.
     """
 
     outputs: Mapping[str, Array] = {}

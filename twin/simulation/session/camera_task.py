@@ -33,8 +33,8 @@ class AlignMeasures:
         time: time in s from the first press of the camera pedal to the end of the last motion of the camera.
         angle: AlignErr in rad by projection, at the end: angle of the upper side against the line, counter-clockwise
             positive; NaN if the rectangle is behind the lens.
-        off: largest distance of an end of the upper side from the same end of the line, divided by the length of the
-            line; NaN if the rectangle is behind the lens.
+        off: largest distance of an end of the upper side from the corresponding end of the line, divided by the length
+            of the line; NaN if the rectangle is behind the lens.
         seen: AlignErr in rad in the drawn picture at the end; None: the angle could not be measured.
         refused: reason why `seen` is None; "" otherwise.
         path: length in m of the path of the lens.
@@ -66,7 +66,7 @@ def measure(
         alignment: the task.
         Ts_world_picture: (k, 4, 4) frame of the picture over time, from the equations of the camera's arm.
         view: angle of view over the height of the picture, in rad.
-        sight: surfaces and pose of the camera at the end, from the mechanisms.
+        sight: all surfaces, and the pose of the camera, at the end of the session; computed from the mechanisms.
         lens: (k, 3) position of the lens in m.
     """
     driven = kept["console.mode"][:, 0] == CAMERA
@@ -100,7 +100,7 @@ class Sight:
 
 
 def in_picture(sight: Sight, view: float) -> tuple[float | None, str]:
-    """Return (AlignErr in rad in the drawn picture, ""), or (None, reason) if it cannot be measured."""
+    """Return (AlignErr in rad in the drawn picture, ""), or (None, reason) if this angle cannot be measured."""
     drawn = picture.draw(sight.surfaces, RECTANGLE, sight.T_world_camera, view)
     if sum(drawn.covered.values()) > _COVERED:
         parts = {n: part for n, part in drawn.covered.items() if part > _COVERED / 4}

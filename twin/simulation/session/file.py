@@ -2,9 +2,9 @@
 
 A `twin-session` file is one line of JSON (`Head`), then chunks of at most `CHUNK` ticks, then an end mark. All numbers
 are little-endian. A chunk has, in this order: "TWNS"; its number of ticks and its number of packed bytes (u32 each);
-the SHA-256 of all signals of the World in these ticks (float64, row by row); packed bytes. The packed bytes, compressed
-by zlib, are the device's signals in these ticks, then the row of all signals after the last tick (float64). The end
-mark is "TWNE", the number of all ticks, 0 (u32 each), and the SHA-256 of the digests of all chunks.
+the SHA-256 of all signals of the World in these ticks (float64, row by row); the packed bytes. The packed bytes are
+compressed by zlib. They contain the device's signals in these ticks, then the row of all signals after the last tick
+(float64). The end mark is "TWNE", the total number of ticks, 0 (u32 each), and the SHA-256 of all chunks' digests.
 """
 
 from __future__ import annotations
@@ -242,7 +242,7 @@ class SessionWriter:
             raise OutputError(f"cannot write to {self.path}: {error.strerror or error}") from error
 
     def abandon(self) -> None:
-        """Close the file as it is, after an error; its `.part` is kept if it has a complete chunk."""
+        """After an error, close the file without an end mark; keep the `.part` if it has a complete chunk."""
         if self._file is None:
             return
         with suppress(OSError):

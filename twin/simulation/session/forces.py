@@ -16,8 +16,8 @@ class ForceMeasures:
 
     Attributes:
         on: fraction of the session in which the forces were switched on.
-        felt: time in s with a force, by hand.
-        largest: largest force in N, by hand.
+        felt: time in s with a force on each hand.
+        largest: largest force in N on each hand.
     """
 
     on: float
@@ -26,7 +26,7 @@ class ForceMeasures:
 
 
 def measure(kept: Recording, hands: Sequence[str]) -> ForceMeasures | None:
-    """Return the measures of the forces on some hands; None: the World of the session has no forces."""
+    """Return the measures of the forces on the given hands; None: the World of the session has no forces."""
     if "haptics.on" not in kept.sizes:
         return None
     sizes = {hand: np.linalg.norm(kept[f"{hand}.force"], axis=1) for hand in hands}

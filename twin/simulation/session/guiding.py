@@ -1,4 +1,4 @@
-"""Judge a task with a ring to guide sample by sample: its steps, touches of the wire, drops, collisions, events.
+"""Judge, sample by sample, how a ring is guided along a wire: steps, touches of the wire, drops, collisions, events.
 
 A page shows the results of a `Referee` during the task; for a report, a second `Referee` judges the recorded signals.
 """
@@ -39,11 +39,12 @@ class GuideMeasures:
     Attributes:
         steps: time in s at which each of `STEPS` was done; None: the step is not done. The last two steps count only if
             their result lasts until the end.
-        passed: fraction (0 to 1) of the wire along which the second arm guided the ring without leaving the wire.
+        passed: fraction (0 to 1) of the wire along which the second arm guided the ring; it counts from 0 again if the
+            ring leaves the wire.
         touches: number of touches of the wire by the held ring.
-        touching: time in s of these touches.
-        drops: number of times that the hands lost the ring before it was guided. Before the ring is picked up, a loss
-            counts only if the ring then lies elsewhere; a failed grasp does not count.
+        touching: total time in s of these touches.
+        drops: number of times that the hands lost the ring before it was guided. Until the ring is picked up, a loss
+            counts only if the ring is then away from its start; a failed grasp does not count.
         collisions: number of collisions of an instrument with a fixed part, or with the other instrument.
         time: time in s from the first moment in which an arm follows its hand until the last step is done; if a step is
             not done, until the end of the session.
@@ -95,7 +96,7 @@ class GuideMeasures:
 
 
 class Referee(InstrumentReferee):
-    """Judges a task with a ring to guide while it is performed.
+    """Judges, sample by sample, a running task in which a ring is guided along a wire.
 
     Signals: those of `InstrumentReferee`, `<ring>.pose`, `<ring>.holder`, `<ring>.rubs` and `<robot>.q`.
     """
@@ -135,7 +136,7 @@ class Referee(InstrumentReferee):
         self._rubs = Runs(self._few)
         self._rubbing = self._drops = 0
         self._passed, self._on, self._held, self._holder = 0.0, False, -1, -1
-        self._fell = self._fallen = False  # no hand holds it; the first arm has not held it since
+        self._fell = self._fallen = False  # the ring fell, and no hand has held it since; the same for the first arm
 
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
         name = self._ring.name
@@ -202,7 +203,7 @@ class Referee(InstrumentReferee):
         self._do("retracted", k) if out else self._undo("retracted")
 
     def _place(self, T: Array) -> float | None:
-        """Return the length in m of the wire from its free end to the ring; None: it does not pass through the ring."""
+        """Return the length in m of the wire from its free end to the ring; None: the wire is not in the ring."""
         along = 0.0
         for (a, b), length in self._pieces:
             if (s := crossing(T, self._ring.size[0], a, b)) is not None:

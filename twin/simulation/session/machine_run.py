@@ -46,7 +46,7 @@ def train(
 
     Args:
         setup: a scene with machines, its robots, and the condition of the cues on the hands.
-        parts: compiled parts of the machines, by the names of their places.
+        parts: compiled parts of the machines, by place name.
         links: connections to the machines.
         path: the session file.
         seed: random seed of the trainee; with the same seed, the states of real machines still differ between runs.
@@ -89,10 +89,10 @@ def train(
 
 
 def ready(name: str, link: MachineLink, patience: float = _HOME) -> None:
-    """Press the start button of a machine in E_STOP, and wait until it is at home.
+    """Press the start button of a machine in E_STOP, and wait until the machine is in its home posture.
 
     Raises:
-        DeviceError: the machine does not answer, or is not at home within `patience` s.
+        DeviceError: the machine does not answer, or is not in its home posture within `patience` s.
     """
     end, pressed = time.monotonic() + patience, False
     while time.monotonic() < end:

@@ -15,7 +15,7 @@ SHORT = 0.1
 CUT_OFF, AMPLITUDE, PADDING = 10.0, 0.05, 4
 """Parameters of the spectral arc length: largest frequency in Hz, smallest amplitude, padding as an exponent of two.
 
-Speeds are computed from positions that are low-pass filtered at the same frequency.
+Speeds are computed from positions that are low-pass filtered at `CUT_OFF` as well.
 """
 
 
@@ -64,8 +64,8 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
 def economy(p: Array, parts: list[tuple[int, int]]) -> float:
     """Return the economy of motion: straight distances of all movements divided by their path lengths, 0 to 1.
 
-    Both are sums over the movements; the result is NaN without a movement. `p` (k, 3): positions of the point in m;
-    `parts`: the result of `movements`.
+    Distances and path lengths are added up over the movements; the result is NaN without a movement. `p` (k, 3):
+    positions of the point in m; `parts`: the result of `movements`.
     """
     straight = sum(float(np.linalg.norm(p[b] - p[a])) for a, b in parts)
     path = sum(path_length(p[a : b + 1]) for a, b in parts)
@@ -73,7 +73,7 @@ def economy(p: Array, parts: list[tuple[int, int]]) -> float:
 
 
 def spectral_arc_length(v: Array, dt: float) -> float:
-    """Return the smoothness (SPARC) of one movement with speed v (k,), sampled every dt in s; it is at most 0.
+    """Return the smoothness (SPARC) of one movement with speed v (k,), sampled every dt in s; the result is at most 0.
 
     Source: S. Balasubramanian, A. Melendez-Calderon, A. Roby-Brami, E. Burdet, On the analysis of movement smoothness,
     J. NeuroEng. Rehabil. 12:112, 2015, eqs (1) to (3), which refines the measure of Balasubramanian et al., IEEE Trans.

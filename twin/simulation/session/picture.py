@@ -1,8 +1,8 @@
 """Draw a part of a scene as a camera sees it, by a rasteriser with a depth buffer and 8 samples per pixel.
 
-Only the box around one surface is drawn, with everything in the box that is not farther away. The
-rasteriser needs no graphics driver, and gives the same picture on every machine. The rasteriser shares no code with the
-projection in `aligned`.
+Only the box around one surface is drawn: this surface, and everything in the box that is not farther away than the
+surface. The rasteriser needs no graphics driver, and draws the same picture on every machine. It shares no code with
+the projection in `aligned`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _MARGIN = 6
 
 _SAMPLES = 8
 _ROWS = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-"""Heights of the samples in a pixel. All samples are in the middle of its width, so that the height of an edge there is
-measured to an eighth of a pixel at every slope; samples spread over the width do not achieve this."""
+"""Heights of the samples in a pixel. All samples are on the vertical centre line of the pixel. There, the height of an
+edge is measured to an eighth of a pixel at every slope; samples that are spread over the width do not achieve this."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Picture:
 
     Attributes:
         rgb: (height, width, 3) linear colours; 0 outside the box.
-        covered: fraction of the surface that nearer surfaces cover, by the owner of these surfaces.
+        covered: fraction of the surface that is hidden by nearer surfaces, by owner of the nearer surfaces.
     """
 
     rgb: Array
@@ -87,7 +87,7 @@ def draw(surfaces: Sequence[Surface], name: str, T_world_camera: Array, view: fl
 
 
 def _project(surfaces: Sequence[Surface], T_world_camera: Array, focal: float) -> tuple[np.ndarray, Array, Array]:
-    """Return surface (k,), corners (k, 3, 3) and shade (k,) of the triangles that face the lens.
+    """Return surface indices (k,), corners (k, 3, 3) and shades (k,) of the triangles that face the lens.
 
     A corner is given by column, row and inverse depth. A triangle that reaches behind the lens is cut.
     """
@@ -108,7 +108,7 @@ def _project(surfaces: Sequence[Surface], T_world_camera: Array, focal: float) -
 
 
 def _reaches(flat: Array, low: np.ndarray, high: np.ndarray, depth: float) -> np.ndarray:
-    """Return (k,) bool: whether a triangle may be nearer than an inverse depth in a box; others cover nothing."""
+    """Return (k,) bool: whether the inverse depth of each triangle may exceed `depth` inside the box low to high."""
     a, b, c = flat[:, 0], flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     area = np.where(np.abs(area) < 1e-12, np.inf, area)
@@ -122,7 +122,7 @@ def _reaches(flat: Array, low: np.ndarray, high: np.ndarray, depth: float) -> np
 
 
 def _cut(corners: Array) -> Iterator[Array]:
-    """Yield the triangles (3, 3) of the part of a triangle that is beyond the smallest drawn distance."""
+    """Cut a triangle at the smallest drawn distance; yield the triangles (3, 3) of its farther part."""
     kept: list[Array] = []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         if a[2] > _NEAR:

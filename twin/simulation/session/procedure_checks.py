@@ -19,7 +19,7 @@ from twin.simulation.setup import Setup
 from twin.simulation.world import Block, Recording, Signals
 
 _SHUT = 1 - 1e-9
-"""Minimum fraction of a vessel's width between the legs of a clip that closes the vessel."""
+"""A clip closes a vessel if at least this fraction of the vessel's width is between the legs of the clip."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Closed:
 
     @property
     def closes(self) -> bool:
-        """Whether the clip closes the vessel on its whole width."""
+        """Whether the clip closes the whole width of the vessel."""
         return self.cover >= _SHUT
 
 
@@ -99,8 +99,8 @@ class ProcedureReferee(Block):
     Attributes:
         t: time in s of the last sample.
         closed: the clips that were closed so far, in order of time.
-        lift: height in m, in the last sample, of the held point of the organ above its place at rest; 0: the organ is
-            not held.
+        lift: height in m by which the held point of the organ is above its rest position in the last sample; 0: the
+            organ is not held.
         seen: fraction of the vessel that the camera sees in the last sample.
         freed: (n,) whether each cell of the bed is free.
         out: distance in m of the middle of the organ from the nearest port.
@@ -130,7 +130,7 @@ class ProcedureReferee(Block):
         self._clips = [n.removesuffix(".on") for n in clips]
         self.closed, self.t, self._samples = list[Closed](), 0.0, 0
         self.lift = self.seen = 0.0
-        self._last_lift = 0.0  # of the sample before the first clip
+        self._last_lift = 0.0  # lift in the last sample before the first clip is closed
         self._high: float | None = None
         self._run = self._best = 0
         self._shown: float | None = None
@@ -138,7 +138,7 @@ class ProcedureReferee(Block):
         self._cuts = [np.zeros(v.segments) for v in scene.vessels]
         self.freed, self.energy = np.zeros(len(organ.held), bool), np.zeros(len(organ.held))
         self.out = np.inf
-        self._removed: tuple[float, bool] | None = None  # first time at which it was done, whether it is now
+        self._removed: tuple[float, bool] | None = None  # first time of removal in s; whether it is removed now
         self._depths = dict.fromkeys(p.spare, 0.0)
         self._paths, self._tips = dict.fromkeys(self.robots, 0.0), dict[str, Array]()
         self._pull = self._slipped = 0.0

@@ -30,7 +30,7 @@ def by_hand(session: Session) -> bool:
 
 
 def keep_for(world: World, procedure: ProcedureTable, sample: float = _SAMPLE) -> Keep:
-    """Return a `Keep` of the signals for measures, every `sample` s, without the nodes of vessels and other organs."""
+    """Return a `Keep` for the signals that measures use, one row every `sample` s; of all nodes, only the organ's."""
     own = f"{procedure.organ}.nodes"
     names = [n for n in world.signals.sizes if n == own or not n.endswith((".nodes", ".pose", ".goal", ".command"))]
     return Keep(world, names, sample)
@@ -72,12 +72,12 @@ def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Ra
     Args:
         session: the session.
         path: file of the session, for messages.
-        setup: scene, robots, task, condition and organs of the session; the props are only needed for a session by
-            hand.
+        setup: scene, robots, task, condition and organs of the session; the props are only needed for a session
+            that was performed at a console.
         progress: called with "replay" and the fraction done.
 
     Raises:
-        WorldError: the session is of another scene, of one that has changed since, or of a World with other signals.
+        WorldError: the session is of another scene, the scene has changed since, or the World has other signals.
     """
     begin, tape = session.head, Tape()
     kind = console_scene if by_hand(session) else procedure_scene

@@ -40,7 +40,7 @@ class Runs:
     last: int | None = None
 
     def see(self, k: int, on: bool) -> bool:
-        """Return whether an interval of contact begins at sample k."""
+        """Add sample k (`on`: with contact); return whether an interval of contact begins at this sample."""
         if not on:
             return False
         begins = self.last is None or k - self.last > self.few
@@ -121,5 +121,5 @@ class InstrumentReferee(Block):
         self.events.append(Event(k * self.period, tone, text))
 
     def _told(self, last: int) -> list[list]:
-        """Return the `last` events as plain data."""
+        """Return the newest events, at most `last`, as plain data."""
         return [[round(e.t, 1), e.tone, e.text] for e in self.events[-last:]]

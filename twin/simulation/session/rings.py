@@ -29,8 +29,8 @@ class RingResult:
 
     Attributes:
         ring, peg: names of ring and peg.
-        t: time in s since which the ring is around its peg and not held, until the end; None: the ring is not there at
-            the end.
+        t: time in s from which the ring stays around its peg, not held, until the end; None: at the end, the ring is
+            held or not around its peg.
         drops: number of times that the ring has been dropped.
     """
 
@@ -57,7 +57,7 @@ class BoardMeasures:
 
     @property
     def transferred(self) -> int:
-        """Number of rings that lie around their pegs at the end; n_RTC."""
+        """Number of rings that are around their pegs, and not held, at the end; n_RTC."""
         return sum(r.t is not None for r in self.rings)
 
     @property
@@ -120,7 +120,7 @@ class Referee(InstrumentReferee):
 
     @property
     def complete(self) -> bool:
-        """Whether all rings lie around their pegs, and no hand has held a ring for some time."""
+        """Whether all rings are around their pegs, and no hand has held a ring for some time."""
         return all(ring.settled for ring in self._rings)
 
     def measures(self) -> BoardMeasures:
@@ -152,16 +152,17 @@ def measure(
 def around(T: Array, radius: float, peg: Peg) -> bool:
     """Return whether a ring at a pose T (16,), row by row, in the World has the peg in its hole.
 
-    The peg is in the hole if its axis intersects the plane of the ring at less than `radius` in m from the ring's
-    centre.
+    The peg is in the hole if the axis of the peg intersects the plane of the ring at less than `radius` in m from the
+    ring's centre.
     """
     return crossing(T, radius, peg.foot, peg.end) is not None
 
 
 def crossing(T: Array, radius: float, start: Array, end: Array) -> float | None:
-    """Return where a line from `start` (3,) to `end` crosses a ring at a pose T (16,), row by row: 0 (start) to 1.
+    """Return where a line from `start` (3,) to `end` (3,) crosses a ring: 0 (at `start`) to 1 (at `end`), or None.
 
-    None: the line does not pass through the plane of the ring at less than `radius` in m from the ring's centre.
+    The ring has the pose T (16,), row by row. None: the line does not intersect the plane of the ring at less than
+    `radius` in m from the ring's centre.
     """
     _, _, nx, x, _, _, ny, y, _, _, nz, z, *_ = T.tolist()
     (fx, fy, fz), (ex, ey, ez) = start.tolist(), end.tolist()
@@ -220,7 +221,7 @@ class _Ring:
         """Judge sample k; return tone and text of an event, or None."""
         before, self.at, self.holder = self.holder, k, holder
         if holder >= 0:
-            if self.held is None or k - self.held > self.few:  # a shorter gap does not end the grasp before
+            if self.held is None or k - self.held > self.few:  # after a shorter gap, it is still the same grasp
                 self.drops += self.fell
             self.held, self.free, self.placed = k, None, None
         else:
@@ -250,7 +251,7 @@ class _Ring:
         return ("plain", f"{spoken(self.name)} has left its peg") if before == "placed" else None
 
     def state(self, robots: Sequence[str]) -> str:
-        """Return the place of the ring as text."""
+        """Return the state of the ring as text: held, on its peg, dropped or not on its peg."""
         if self.holder >= 0:
             return f"held by {robots[self.holder]}"
         return "on its peg" if self.settled else "dropped" if self.fell and self.left else "not on its peg"

@@ -45,7 +45,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Difference:
-    """First chunk (one second) of a session whose replay gives different bytes.
+    """First chunk (one second) of a session in which the replay differs from the recording.
 
     Attributes:
         t0, t1: start and end of this chunk in s.
@@ -160,7 +160,7 @@ def surgeon(
 
 
 def seat_of(setup: Setup, seed: int, scale: float | None) -> Seat:
-    """Return the seat of a simulated surgeon, who controls the first arm of each hand; `scale` None: as the console."""
+    """Return the seat of a simulated surgeon, who controls the first arm of each hand; `scale` as in `surgeon`."""
     table, arms = console_scene.console_of(setup.scene), {}
     for hand in HANDS:
         name = getattr(table, hand)[0]
@@ -189,7 +189,7 @@ def perform(
         seed: random seed of the surgeon.
         scale: motion scale; None: the motion scale of the console.
         mistake: a mistake to make in a task with a ring to guide, "": none.
-        progress: called with the name of the target or ring, and the fraction of them done.
+        progress: called with the name of the target or ring, and the fraction of targets or rings done.
 
     Raises:
         OutputError: the file cannot be written.
@@ -290,7 +290,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
 
 
 def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
-    """Return the difference of a chunk from t0 to t1 in s, from its last row in the replay and in the recording."""
+    """Compare the last rows of a chunk from t0 to t1 in s: `row` of the replay with `last` of the recording."""
     off = np.abs(row - last)
     k = int(np.argmax(off))
     if off[k] == 0:

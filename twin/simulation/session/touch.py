@@ -19,8 +19,8 @@ class Touched:
     Attributes:
         name: name of the target.
         t: time in s at which the touch was complete; None: the target was not touched.
-        nearest: smallest error in m since the previous touched target; the error is the largest distance of a tip from
-            its point.
+        nearest: smallest error in m since the previous touch was complete. The error is the distance between a tip and
+            its point; if there are two tips, the larger distance.
     """
 
     name: str
@@ -29,7 +29,7 @@ class Touched:
 
 
 def touched(task: Task, t: Array, tips: Mapping[str, Array]) -> list[Touched]:
-    """Return the result of every target of a task, in order; a touch counts only after the previous touched target.
+    """Return the result of every target of a task, in order; a touch counts only after the previous touch is complete.
 
     Args:
         task: the task.

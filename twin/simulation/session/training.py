@@ -37,7 +37,7 @@ _NAMES = {
 
 @dataclass(frozen=True)
 class Step:
-    """A part of a session in one phase of the trainer.
+    """Time span of a session in which the trainer is in one phase.
 
     Attributes:
         phase: the phase.
@@ -62,7 +62,7 @@ class Training:
     Attributes:
         robot: name of the machine.
         t: (k,) times in s.
-        deviation: (k,) distance in m of the tips of machine and model; nan while the model moves alone.
+        deviation: (k,) distance in m between the tips of machine and model; nan while the model moves alone.
         limit: deviation in m above which the cue (force on the hand) acts.
         steps: the phases in order.
         cue: largest force of the cue in N, and time in s with a cue.
@@ -85,7 +85,7 @@ class Training:
         return max((s.deviation for s in self.steps if s.phase == Phase.TELEOPERATE), default=float("nan"))
 
     def rows(self) -> Iterator[tuple[str, ...]]:
-        """Yield phase, duration, deviation from the model, distance from the rehearsed path, and reason, as text."""
+        """Yield for each step: phase, duration, deviation from the model, distance from the rehearsed path, reason."""
         for s in self.steps:
             shown = ("-" if np.isnan(x) else f"{x / MM:.2f} mm" for x in (s.deviation, s.record))
             yield (_NAMES[s.phase], f"{s.end - s.begin:.1f} s", *shown, s.text or "-")
@@ -139,7 +139,7 @@ def _number(x: float) -> float | None:
 
 
 def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
-    """Return the measures of a machine from the kept signals of a session; `kin`: its equations."""
+    """Return the measures of a machine from the kept signals of a session; `kin`: the machine's equations."""
     phase, t = kept[f"{robot}.phase"], kept.t
     run, force = kept[f"{robot}.run"], np.linalg.norm(kept[f"{robot}.cue"], axis=1)
     alone = np.isin(phase[:, 0], (Phase.REHEARSE, Phase.JUDGED))
@@ -176,7 +176,7 @@ def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -
 def _apart(path: Array, record: Array, most: int) -> float:
     """Return the largest distance of a path (k, 3) from a record (n, 3), at the best delay of at most `most` samples.
 
-    Both begin at rest, and rest at their ends.
+    Path and record begin and end at rest.
     """
     first = [int(np.argmax(np.linalg.norm(p - p[0], axis=1) > 1e-4)) for p in (record, path)]
     record = record[first[0] :]

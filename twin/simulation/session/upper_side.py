@@ -67,7 +67,7 @@ def angle(rgb: Array) -> float:
 
 
 def _mask(rgb: Array) -> Array:
-    """Return the green part (height, width) of every pixel, 0 to 1.
+    """Return the green fraction (height, width) of every pixel, 0 to 1.
 
     The value of a fully green pixel is measured in each column, a few rows below its first green pixel, because light
     is not the same everywhere.
@@ -106,7 +106,7 @@ def _require_convex(mask: Array) -> None:
 
 
 def _upper(mask: Array) -> tuple[Array, Array]:
-    """Return columns (k,) and the height (k,) of the upper edge in each, in pixels from the top."""
+    """Return columns (k,), and for each column the height (k,) of the upper edge in pixels from the top."""
     full = mask >= _FULL
     columns = np.flatnonzero(full.any(axis=0))
     first = full.argmax(axis=0)[columns]
@@ -116,7 +116,7 @@ def _upper(mask: Array) -> tuple[Array, Array]:
 
 
 def _longest_line(x: Array, y: Array) -> tuple[np.ndarray, float]:
-    """Return (columns (k,) bool on the line with the most columns, its slope); the upper edge also has corners."""
+    """Find the line that contains most columns; return ((k,) bool: whether each column is on the line, slope)."""
     best, slope = np.zeros(len(x), bool), 0.0
     picks = np.unique(np.linspace(0, len(x) - 1, 24).astype(int))
     for i, a in enumerate(picks):

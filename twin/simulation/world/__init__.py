@@ -1,8 +1,8 @@
 """The World: a deterministic simulation of devices, controllers and plants, tick by tick.
 
-`block` defines the base classes of devices, controllers, plants and hazards; `signals` the values that they exchange;
-`engine` the World, which steps them; `recording` the record of all signals. Nothing in this package depends on a
-robot's equations, a particular device or a scene file.
+`block` defines the base classes of devices, controllers, plants and hazards; `signals` stores the values that blocks
+exchange; `engine` has the World, which steps the blocks; `recording` stores all signals of all ticks. Nothing in this
+package depends on a robot's equations, a particular device or a scene file.
 """
 
 from twin.simulation.world.block import Block, Hazard

@@ -51,7 +51,7 @@ class Block(ABC):
 
 
 class Hazard(ABC):
-    """Changes one signal after the block that writes it, before any other block reads it.
+    """Changes one signal after one block has written it, and before other blocks read it.
 
     A hazard, like a block, is used in one World only.
 

@@ -24,7 +24,7 @@ from twin.simulation.world.signals import Signals, put
 
 @dataclass(frozen=True)
 class Placed:
-    """A mechanism and its pose T_world_base (4, 4); the signal `<name>.q` of a robot has its active joints (n,).
+    """A mechanism and its pose T_world_base (4, 4); for a robot, `<name>.q` has the values (n,) of the active joints.
 
     `links` returns T_base_body (4, 4) of each body at active joint values (n,). The default is the reference model; a
     compiled function is worth its compilation in a World that is drawn many times per second.
@@ -37,7 +37,7 @@ class Placed:
 
 
 class _Run(NamedTuple):
-    """A block, the ticks and the time in s between its steps, the memory of its signals, and their hazards.
+    """A block, the ticks and the time in s between two steps, and memory and hazards of the block's signals.
 
     The World unpacks this tuple in each tick, which is faster than reading attributes.
     """
@@ -54,7 +54,7 @@ class World:
 
     Equal blocks with equal seeds give equal bytes, independent of the wall clock. Pacing, display and network are
     outside the World. A tick runs all devices, then the controllers, then the plants, in the given order; each hazard
-    acts after the block that writes its signal. Contact and tissue are plants after those of the robots.
+    acts after the block that writes its signal. The plants of contact and tissue run after those of the robots.
 
     Attributes:
         dt: duration of one tick in s.
@@ -150,7 +150,7 @@ class World:
         return self.tick * self.dt
 
     def step(self, ticks: int = 1) -> bool:
-        """Run `ticks` ticks; return False if the input of a device ended before.
+        """Run `ticks` ticks; return False if the input of a device ended before the last tick.
 
         Raises:
             WorldError: a block reads a missing signal, writes a signal of another block, or writes a number that is not

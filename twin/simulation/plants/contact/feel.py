@@ -25,7 +25,7 @@ _NEAR = 0.2e-3
 """Distance in m from the proxy within which a part is found before the proxy touches it; ASSUMED."""
 
 _FAR = 1e-3
-"""Largest motion of a proxy in m at once; ASSUMED, less than half of the thickness of parts."""
+"""Largest motion of a proxy in m in one step; ASSUMED, less than half of the thickness of parts."""
 
 _Touch = tuple[float, int, Array, Array]
 """A contact of an instrument: depth (negative: distance), body and deepest point of the instrument, normal out of the
@@ -41,9 +41,10 @@ class Feel:
     without slip. Objects that are not held have no planes.
 
     A part does not stop an instrument, which can move through it. The contacts of an instrument in a part are therefore
-    found at its proxy, which stays outside on the side from which the instrument came (Ruspini, Kolarov and Khatib,
-    SIGGRAPH 1997): the proxy moves towards the nearest point outside of the planes found last, by at most `_FAR` at
-    once, less than parts are thick. When the instrument is through and touches nothing, it and its proxy are one again.
+    found at its proxy, which stays outside the part on the side from which the instrument came (Ruspini, Kolarov and
+    Khatib, SIGGRAPH 1997): the proxy moves towards the nearest point outside of the planes found last, in steps of at
+    most `_FAR`, which is less than the thickness of parts. When the instrument has passed through the part and touches
+    nothing, the proxy returns to the instrument.
     """
 
     def __init__(
@@ -148,7 +149,7 @@ class Feel:
         return out
 
     def _displace(self, qpos: Array, arm: int, q: Array, way: Array) -> None:
-        """Displace the links of an instrument as its tool is displaced by a way (3,) in m at constant orientation."""
+        """Displace an instrument's links for a displacement `way` (3,) in m of its tool at constant orientation."""
         for start, twist in zip(self._free[arm], self._levers[arm].twists(q, self._step), strict=True):
             place, quat = qpos[start : start + 3], qpos[start + 3 : start + 7]
             place += twist[:3] @ way
@@ -197,12 +198,12 @@ class _Proxy:
 
     Attributes:
         found: planes found last.
-        planes: (SIZE,) their rows.
+        planes: (SIZE,) rows of the planes in `found`.
         away: whether the instrument touches something; if not, the proxy is at the tool.
     """
 
     def __init__(self) -> None:
-        """Compile the way to the proxy."""
+        """Compile the displacement from the tool to the proxy."""
         self.found: list[LocalPlane] = []
         self.planes, self.away, self._T, self._place = np.zeros(SIZE), False, np.zeros(16), np.zeros(3)
         planes, T = ca.SX.sym("planes", SIZE), ca.SX.sym("T", 16)
@@ -217,13 +218,13 @@ class _Proxy:
         self.planes[:] = 0
 
     def find(self, T: Array, planes: list[LocalPlane]) -> None:
-        """Set the planes of a tool at T (4, 4); the first ones are found at the tool, where the proxy begins."""
+        """Set the planes of a tool at T (4, 4); the first call after `release` starts the proxy at the tool."""
         if not self.away:
             self._place, self.away = T[:3, 3].copy(), True
         self.found, self.planes[:] = planes, rows(planes, T)
 
     def move(self, T: Array) -> Array:
-        """Move the proxy towards its place for a tool at T (4, 4); return the way (3,) in m from the tool to it."""
+        """Move the proxy towards its place for a tool at T (4, 4); return its offset (3,) in m from the tool."""
         self._T[:] = T.ravel()
         self._compute()
         move = T[:3, 3] + self._way - self._place

@@ -30,7 +30,7 @@ class Jaw:
         body: the link.
         axis, point: (3,) direction and a point in m of the axis, in the frame of the tool's body.
         ratio: angle about the axis per value of the jaw's joint.
-        T_hand_jaw: (4, 4) pose in the tool's body at jaw value 0.
+        T_hand_jaw: (4, 4) pose of the jaw in the frame of the tool's body at jaw value 0.
     """
 
     body: Body
@@ -46,9 +46,9 @@ class Gripper:
     Attributes:
         robot: name of the robot in the World.
         hand: body of the tool; it carries the jaws.
-        links: links from `hand` towards the base, up to the one that the prismatic joint carries.
+        links: links from `hand` towards the base, up to the link that the prismatic joint moves.
         jaws: the jaws; empty if the robot has no auxiliary joint.
-        T_hand_tool: (4, 4) pose of the tool frame in its body.
+        T_hand_tool: (4, 4) pose of the tool frame in the frame of `hand`.
         effort: largest torque in N m with which one jaw presses.
         jaw: index of the jaw's joint in q; -1 without jaws.
     """
@@ -71,7 +71,7 @@ class Gripper:
             effort: largest torque in N m with which one jaw presses.
 
         Raises:
-            WorldError: the effort is not positive, or a link between tool and insertion does not move by one joint.
+            WorldError: the effort is not positive, or a link between tool and insertion is not moved by one joint.
         """
         if not effort > 0:
             raise WorldError(f"'{robot}': the torque of a jaw is {effort:g} N m; it must be above 0")

@@ -1,4 +1,4 @@
-"""Movable objects in contact with instruments and fixed parts: MuJoCo moves the objects, joint values the robots."""
+"""Movable objects in contact with robots and fixed parts: MuJoCo moves the objects, joint values move the robots."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ The joint values alone move the links; this inertia only keeps contact forces fr
 """
 
 _JAW_INERTIA = 1e-5
-"""Moment of inertia in kg m2 of a jaw with its drive about its axis; ASSUMED."""
+"""Moment of inertia in kg m2 of a jaw with its drive, about the axis of the jaw; ASSUMED."""
 
 _PATCH = 0.5e-3
 """Radius in m of the contact patch that resists turning about the normal; ASSUMED."""
@@ -43,9 +43,9 @@ class Contact(Block):
 
     Signals:
         `<object>.pose` (16,): T_world_object, row by row.
-        `<object>.holder`: index of the gripper whose jaws all touch the object; if there are several, the one that
-        grasped last; -1: none.
-        `<object>.rubs`: 1 while the object touches a part of `rubbed`; only if there are any.
+        `<object>.holder`: index of the gripper of which all jaws touch the object; if several grippers hold the object,
+        the one that grasped last; -1: none.
+        `<object>.rubs`: 1 while the object touches a part of `rubbed`; only if `rubbed` is not empty.
         `<robot>.touches`: 1 while the instrument touches a fixed part.
         `<robot>.meets`: 1 while the instrument touches another instrument.
         `<robot>.planes`: local planes of the parts that the instrument or its held object touches; only with `feels`.
@@ -94,12 +94,12 @@ class Contact(Block):
         d = self._data = mujoco.MjData(m)
         self._start(q or {})
         self._sort()
-        names = [part.name for solid in solids for part in solid.parts]  # one geom of the World's body each, in order
+        names = [part.name for solid in solids for part in solid.parts]  # in the order of the geoms of the World's body
         fixed = np.flatnonzero(m.geom_bodyid == 0).tolist()
         self._rubbed = {geom for geom, name in zip(fixed, names, strict=True) if name in rubbed}
         mujoco.mj_forward(m, d)
         self._require_apart()
-        self._holding: list[list[int]] = [[] for _ in self._objects]  # grippers that hold each object, in their order
+        self._holding: list[list[int]] = [[] for _ in self._objects]  # grippers at each object, by time of grasp
         self._said: tuple[list[int], set[int], set[int], set[int]] | None = None
         self.outputs = self._signals()
         self._feel = Feel(m, self._grippers, [o.name for o in self._objects], self._whose) if feels else None
@@ -178,7 +178,7 @@ class Contact(Block):
         self._seen = [b""] * len(self._places)
 
     def _sort(self) -> None:
-        """Note for each geom its object, its instrument and its jaw; -1: none."""
+        """Store for each geom the indices of its object, instrument and jaw; -1: none."""
         m = self._model
         whose = {m.body(item.name).id: (i, -1, -1) for i, item in enumerate(self._objects)}
         for k, gripper in enumerate(self._grippers):
@@ -232,7 +232,7 @@ class Contact(Block):
         return out
 
     def _contacts(self) -> tuple[list[int], set[int], set[int], set[int]]:
-        """Return each object's holder (-1: none), instruments at fixed parts, those at each other, objects that rub."""
+        """Return holders of objects; instruments at fixed parts; instruments at other instruments; objects that rub."""
         holders, touches, meets, rubs = [-1] * len(self._objects), set[int](), set[int](), set[int]()
         if not self._data.ncon:
             self._holding = [[] for _ in self._objects]

@@ -87,10 +87,11 @@ def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Arra
 
 @lru_cache(maxsize=256)
 def _hull(vertices: bytes) -> tuple[Array, float, Array, Array]:
-    """Return the corners (k, 3), the volume, and the smallest box around the convex hull of vertices (float64).
+    """Return the convex hull of vertices (float64): corners (k, 3), volume, and the smallest box around the hull.
 
-    The box is given by the pose (4, 4) of the vertices' frame in its middle, and its edges (3,). The result is
-    cached, because both arms of a scene have the same instruments, and a restarted World has the same parts.
+    The box is given by the pose (4, 4) of the vertices' frame relative to the middle of the box, and by its edges (3,).
+    The result is cached, because both arms of a scene have the same instruments, and a restarted World has the same
+    parts.
     """
     import trimesh  # imported here, because the import takes a second
 

@@ -1,7 +1,7 @@
 """The bed (tissue that holds an organ), freed node by node, and jaws that hold a point of the organ.
 
-Both are constraints of MuJoCo on the joints of the organ's nodes. The position of a material point is a weighted sum of
-nodes, and therefore linear in the joints: a tendon in MuJoCo.
+Bed and jaws are constraints of MuJoCo on the joints of the organ's nodes. The position of a material point is a
+weighted sum of nodes, and therefore linear in the joints: a tendon in MuJoCo.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ GRIPS = 2
 """Number of jaws that can hold the organ at once."""
 
 _DRAG = 2.0
-"""Damping by the surroundings of the organ, divided by its mass, in 1/s; ASSUMED. It brings a freed organ to rest."""
+"""Damping by the organ's surroundings, divided by the organ's mass, in 1/s; ASSUMED. A freed organ comes to rest."""
 
 _SLIDE = 0.5 * MM
 """Distance in m by which the jaws slide in a step at twice the force limit; proportional to the excess force."""
@@ -91,7 +91,7 @@ class Hold:
             m: the model.
             d: state of the model.
             held: indices of the nodes of the bed.
-            dofs: (3 k,) velocities of the free nodes, along the axes of the grid.
+            dofs: (3 k,) indices in qvel of the velocities of the free nodes, along the axes of the grid.
             free: (k,) indices of the free nodes.
             R_world_grid: (3, 3) orientation of the grid.
         """
@@ -117,7 +117,7 @@ class Hold:
             self._d.eq_active[self._m.equality(f"bed_{node}_{axis}").id] = 0
 
     def grasp(self, k: int, weights: Array, p_world: Array, limit: float) -> None:
-        """Hold the point weights @ nodes at p_world (3,) in m by the jaws number k, up to a force of `limit` in N."""
+        """Hold the point weights @ nodes at p_world (3,) in m with jaws k, up to a force of `limit` in N."""
         self.grips[k] = Grip(weights, limit, p_world.copy(), np.zeros(3), np.zeros(3))
         w = weights[self._free]
         for axis in range(3):
@@ -128,7 +128,7 @@ class Hold:
             self._d.eq_active[self._equality[k][axis]] = 1
 
     def release(self, k: int) -> None:
-        """Open the jaws with number k."""
+        """Open jaws k."""
         if self.grips.pop(k, None) is not None:
             self._d.eq_active[self._equality[k]] = 0
 
@@ -150,7 +150,7 @@ class Hold:
         return bool(self.grips) or pulled or len(self.held) < len(self._bed)
 
     def end(self) -> None:
-        """Read the forces of the jaws after a step; let jaws slide whose friction limit is exceeded."""
+        """Read the forces of the jaws after a step; let the jaws slide if their friction limit is exceeded."""
         d = self._d
         rows = np.flatnonzero(d.efc_type[: d.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         by_id = dict(zip(d.efc_id[rows].tolist(), d.efc_force[rows].tolist(), strict=True))

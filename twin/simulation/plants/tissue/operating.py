@@ -1,7 +1,7 @@
 """Operate on an organ in a World: instruments with tools grasp, clip, cut and cauterise.
 
-The effect of a tool depends on its position: a clip closes the vessel between its legs, on its whole width or a part of
-it; scissors cut the vessel between their blades; cautery heats the cells of the bed near its tip.
+The effect of a tool depends on its position: a clip closes the part of a vessel's width between its legs; scissors cut
+the vessel between their blades; cautery heats the cells of the bed near its tip.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _APART = 1.0 * MM
 """Minimum distance in m along a vessel from a cut to a clip, because blades do not cut a clip."""
 
 _TORN = 10 * MM
-"""Distance in m by which a held point may slip before it is out of the jaws; ASSUMED."""
+"""Distance in m by which a held point slips before the jaws lose it; ASSUMED."""
 
 _LOOK = 12
 """Number of steps between two updates of `<vessel>.seen`."""
@@ -74,7 +74,7 @@ class Instrument:
 
 @dataclass
 class _State:
-    """What an instrument does: the tool, whether its jaws are open, what they hold (0: the organ, k: vessel k - 1)."""
+    """State of an instrument: its tool, whether the jaws are open, what the jaws hold (0: organ, k: vessel k - 1)."""
 
     tool: str
     T: Array
@@ -114,10 +114,10 @@ class Operating(Tissues):
     Signals that it writes:
         `<robot>.tip` (3,): tip in the World in m.
         `<robot>.carries`: index of the tool that the robot carries.
-        `<robot>.holds`: what its jaws hold: -1 nothing, 0 the organ, 1 the first vessel, 2 the second, and so on.
+        `<robot>.holds`: what the jaws hold: -1 nothing, 0 the organ, 1 the first vessel, 2 the second, and so on.
         `<robot>.pull` (3,): force in N on what the jaws hold.
         `<robot>.slipped`: slip of the held point in m.
-        `<robot>.lifted` (3,): displacement in m of the held point from its place at rest.
+        `<robot>.lifted` (3,): displacement in m of the held point from its rest position.
         `<organ>.energy` (n,): energy in J applied to each cell of the bed.
         `<organ>.freed` (n,): 1: the cell of the bed is free.
         `<organ>.depth`: depth in m of the deepest tip below the rest surface of an organ that must be spared.
@@ -125,8 +125,8 @@ class Operating(Tissues):
         `<vessel>.cut` (n,): 1: the segment is cut away.
         `<vessel>.seen`: fraction of the vessel that the camera sees.
         `clip_<k>.pose` (16,): pose of the clip in the World, row by row.
-        `clip_<k>.on`: index of the clip's vessel; -1: the clip is on none, -2: it is not used yet.
-        `clip_<k>.at`: place of the clip along the vessel in m.
+        `clip_<k>.on`: index of the clip's vessel; -1: the clip is on no vessel; -2: the clip is not used yet.
+        `clip_<k>.at`: position of the clip along the vessel in m.
         `clip_<k>.cover`: fraction of the vessel's width between the legs of the clip; at 1 the vessel is closed.
     """
 
@@ -190,7 +190,7 @@ class Operating(Tissues):
         return organ.hold
 
     def _root(self, v: Vessel) -> Array | None:
-        """Return the weights (k,) of the nodes at which a vessel is on the organ; None: it is not."""
+        """Return the weights (k,) of the organ's nodes at a vessel's first point; None: the vessel is on no organ."""
         if not v.organ:
             return None
         if v.organ != self._organ.name:
@@ -273,9 +273,9 @@ class Operating(Tissues):
         state.holds = -1
 
     def _between(self, state: _State, tool: ToolTable) -> tuple[int, float, float]:
-        """Return which vessel is between the jaws, where along it in m, and the fraction of its width between them.
+        """Return (index of the vessel between the jaws, position along it in m, fraction of its width in the jaws).
 
-        A vessel passes between them if its centre line is within half their gap of the line in their middle.
+        A vessel is between the jaws if its centre line is at most half of the jaws' gap away from their middle line.
         """
         assert tool.open_mm is not None
         tip, z, long = state.T[:3, 3], state.T[:3, 2], tool.jaw_mm * MM
@@ -313,7 +313,7 @@ class Operating(Tissues):
             self._tubes[v].sever(at)
 
     def _burn(self, tip: Array, tool: ToolTable) -> None:
-        """Heat the cell of the bed that is nearest to the tip; free it when it got the energy of the procedure."""
+        """Heat the cell of the bed nearest to the tip; free the cell when its energy reaches that of the procedure."""
         nodes = self.organs.nodes[self._organ.name][self._organ.held]
         far = np.linalg.norm(nodes - tip, axis=1)
         far[self._freed > 0.5] = np.inf

@@ -27,7 +27,7 @@ SAMPLE = 5 * MM
 """Distance in m between the sample points of a link, which are tested for being near or inside an organ."""
 
 MOST = 15
-"""Largest number of organs. Bit k of MuJoCo's contact filter: links touch organ k. Bit 15 + k: organ k touches those
+"""Largest number of organs. Bit k of MuJoCo's contact filter: links touch organ k. Bit 15 + k: organ k touches organs
 with a larger number that have this bit too."""
 
 
@@ -78,7 +78,7 @@ class Organ:
     # -- the model ----------------------------------------------------------------------------------------
 
     def xml(self, period: float) -> str:
-        """Return the element of MuJoCo."""
+        """Return the organ as an XML element for MuJoCo."""
         t, T = self.tissue, self.tissue.T_world_grid
         affinity = self.bit | sum(1 << MOST + k for k in range(self._index))
         quaternion = np.zeros(4)
@@ -104,7 +104,7 @@ class Organ:
             body = spec.body(f"{t.name}_" + "_".join(map(str, cells)))
             if body is None:
                 continue  # the cells around this node are empty, and no vertex depends on it
-            factors = (self._by_node[index] @ self._R / self._area).tolist()  # MuJoCo scales the constraint by them
+            factors = (self._by_node[index] @ self._R / self._area).tolist()  # MuJoCo scales the constraint by these
             for axis, joint, factor in zip("xyz", body.joints, factors, strict=True):
                 joint.name = f"{body.name}_{axis}"
                 self._joints.append(joint.name)
@@ -135,7 +135,7 @@ class Organ:
     def begin(self) -> None:
         """Linearise the constraint of the volume at the latest nodes.
 
-        Its coefficients are the derivatives of the volume with respect to the joints.
+        The coefficients of the constraint are the derivatives of the volume with respect to the joints.
         """
         content, by_node = self._volume.at(self.nodes - self._origin)
         coefficients = (by_node[self._free] @ self._R).ravel() / self._area
@@ -193,7 +193,7 @@ class Organ:
         if not len(near):
             return False
         vertices = self.tissue.weights @ self.nodes
-        # usually ends early: of most links that are inside, one of the first points is inside
+        # usually ends early: if a link is inside, one of its first points usually is
         return any(inside(p, vertices, self._triangles)[0] for p in near)
 
     def look(self, k: int, is_inside: bool) -> bool:
@@ -202,7 +202,7 @@ class Organ:
         return self.may_touch(k)
 
     def mute(self, links: Sequence[int], on: bool) -> None:
-        """Switch off the contact of links with the organ while jaws hold it (`on`), or switch it on again."""
+        """Switch off the contact of links with the organ (`on`: jaws now hold the organ), or switch it on again."""
         (self._muted.update if on else self._muted.difference_update)(links)
 
     def may_touch(self, k: int) -> bool:

@@ -45,10 +45,10 @@ a relative residual of 1.02e-8 instead of 1e-8 for a gallbladder half out of its
 
 _CROSSED = 3 * RADIUS
 """Surfaces of two organs cross if a contact is deeper than this in m: both are thickened by `RADIUS`, and contact holds
-them apart within 0.2 mm. Where surfaces cross, forces of contact would hold the organs in each other."""
+them apart within 0.2 mm. If surfaces cross, contact forces would lock the organs together."""
 
 _PIERCED = 0.3
-"""Compression of an organ, see `Organ.compression`, below which a link that touches it counts as inside; ASSUMED.
+"""Limit of `Organ.compression` below which a link that touches the organ counts as inside the organ; ASSUMED.
 MuJoCo's elasticity cannot prevent this: a finite force inverts a cell."""
 
 _BEFORE = 0.3
@@ -85,7 +85,7 @@ class Organs:
         tools: the links.
         period: time in s between two steps.
         operable: the organ that can be grasped and freed, or None.
-        crossed: the pairs of organs (numbers) whose surfaces cross.
+        crossed: pairs of organs whose surfaces cross, by number.
     """
 
     def __init__(
@@ -210,7 +210,7 @@ class Organs:
         self._rests = True
 
     def step(self, poses: Sequence[Array]) -> bool:
-        """Move the links to T_world_link (4, 4), and the organs by contact and elasticity; return whether one moved."""
+        """Move the links to T_world_link (4, 4), organs by contact and elasticity; return whether an organ moved."""
         m, d, organs = self._model, self._data, self._organs.values()
         before = self._poses
         jumped, moved = self._place(poses), any(map(_differ, before, poses))
@@ -341,13 +341,13 @@ class Organs:
         )
 
     def _look(self, jumped: Sequence[int]) -> None:
-        """Let links that jumped into an organ not touch it, until they are outside."""
+        """Switch off contact of links that jumped into an organ with this organ, until the links are outside."""
         for organ in self._organs.values():
             for k in {*jumped, *(organ.within if self._steps % _LOOK == 0 else ())}:
                 self._look_at(organ, k)
 
     def _look_through(self, index: int, organ: Organ, pressed: bool) -> None:
-        """Treat links as inside an organ if it is `pressed` too far, or if its surface has jumped over them."""
+        """Treat links as inside an organ if the organ is `pressed` too far, or its surface has jumped over links."""
         contact = self._data.contact
         at = np.flatnonzero((contact.flex[:, 1] == index) & (contact.geom[:, 0] >= 0) & (contact.elem[:, 1] >= 0))
         if not len(at):
@@ -358,7 +358,7 @@ class Organs:
             a, b, c = (self._data.flexvert_xpos[corners[:, k]] for k in range(3))
             outwards = np.cross(b - a, c - a)
             outwards /= np.linalg.norm(outwards, axis=1, keepdims=True) + 1e-30
-            # a contact's normal points from the link to the organ: inwards, if the link is before the surface
+            # a contact's normal points from the link to the organ: inwards, if the link is outside
             inwards, weights = -np.einsum("ij,ij->i", contact.frame[at, :3], outwards), -contact.dist[at]
             least = _BEFORE * np.bincount(links, weights, len(self.tools))
             links = links[(np.bincount(links, inwards * weights, len(self.tools)) < least)[links]]
@@ -371,7 +371,7 @@ class Organs:
         self._let_touch(organ, k)
 
     def mute(self, robot: str, on: bool) -> None:
-        """Switch off contact of a robot's links with the operable organ (`on`), or on again once they are outside."""
+        """Switch off contact of a robot's links with the operable organ (`on`), or on again when links are outside."""
         organ = self.operable
         assert organ is not None
         links = [k for k, tool in enumerate(self.tools) if tool.robot == robot]
@@ -430,6 +430,6 @@ def _differ(a: Array, b: Array) -> bool:
 
 
 def _moved(points: Array, before: Array, after: Array) -> float:
-    """Return the largest distance in m between the places of points (n, 3) of a link at two poses."""
+    """Return the largest distance in m between the positions of points (n, 3) of a link at two poses."""
     D = after - before
     return float(np.linalg.norm(points @ D[:3, :3].T + D[:3, 3], axis=1).max())

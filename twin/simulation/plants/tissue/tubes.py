@@ -57,7 +57,7 @@ class Tube:
         flat: (n + 1,) fraction by which clips flatten the vessel at its nodes.
         across: (3,) direction in which clips flatten the vessel.
         held: the nodes in jaws, by number of the jaws.
-        reaction: (3,) force in N of the chain on the holder of its first node.
+        reaction: (3,) force in N that the chain exerts on what holds its first node.
     """
 
     def __init__(self, vessel: Vessel, period: float) -> None:
@@ -131,12 +131,12 @@ class Tube:
         return (1 - part) * self.points[k] + part * self.points[k + 1]
 
     def crossed(self, base: Array, tip: Array) -> tuple[float, float, float, float]:
-        """Return where the vessel passes nearest to a straight line from base (3,) to tip (3,) in the World in m.
+        """Find where the vessel is nearest to a straight line from base (3,) to tip (3,), both in m in the World.
 
         Returns:
-            (distance in m between vessel and line, distance in m from the base along the line, place in m along the
-            vessel, sine of the angle between vessel and line). The distance is infinite if the whole vessel is cut
-            away.
+            (distance in m between vessel and line, distance in m from the base along the line, position in m along
+            the vessel, sine of the angle between vessel and line). The first distance is infinite if the whole vessel
+            is cut away.
         """
         a, d = self.points[:-1], np.diff(self.points, axis=0)
         best = (np.inf, 0.0, 0.0, 1.0)
@@ -159,7 +159,7 @@ class Tube:
         return best
 
     def sever(self, s: float) -> int:
-        """Cut away the segment at a place in m along the vessel; return its index."""
+        """Cut away the segment at a position s in m along the vessel; return the index of the segment."""
         k = int(np.clip(np.searchsorted(self.vessel.arc, s) - 1, 0, self.vessel.segments - 1))
         self.cut[k], self._creeps = 1, True
         return k

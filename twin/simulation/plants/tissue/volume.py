@@ -10,7 +10,7 @@ from twin.core.spatial import Array, Index
 class Volume:
     """The volume of a surface as a polynomial of third degree in the nodes of its grid.
 
-    The volume is the sum of det(a, b, c) / 6 over the triangles, and each corner is a weighted sum of nodes.
+    The volume is the sum of det(a, b, c) / 6 over triangles with corners a, b, c; a corner is a weighted sum of nodes.
     """
 
     def __init__(self, weights: Array, triangles: Index) -> None:
