@@ -479,6 +479,7 @@ def _with_a_port() -> tuple[twin.Robot, twin.Robot]:
     raise AssertionError("no robot has a protocol that places its trocar")
 
 
+@pytest.mark.slow
 def test_what_builds_a_robot_leaves_it_as_it_is(tmp_path):
     """Bound to a port it stays there, in Python and on its stage; weighing moves nothing and changes no robot."""
     drawn, bound = _with_a_port()

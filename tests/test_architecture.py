@@ -82,6 +82,7 @@ def test_check_of_imports_sees_a_heavy_one():
     assert "numpy" in _modules_after("import twin; twin.load") & HEAVY
 
 
+@pytest.mark.slow
 def test_listing_robots_loads_no_geometry():
     """`twin list` reads descriptions only."""
     loaded = _modules_after("from twin.cli import main; main(['list'])")

@@ -225,6 +225,7 @@ def _files(folder: Path) -> dict[str, str]:
     return {str(p.relative_to(folder)): p.read_text() for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", thinned([None, OSError(errno.EIO, "input/output error"), KeyboardInterrupt], every=3))
 @pytest.mark.parametrize("old", [OLD, {}], ids=["over old files", "a new folder"])
 def test_killed_at_any_step_it_is_whole_after_the_next_start(tmp_path, old, error):

@@ -216,6 +216,7 @@ def test_values_of_a_ball_are_found_from_its_poses(rng):
     assert np.abs(along(chain, found, 40) - goal).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_the_audit_loads_no_writer():
     code = "import sys; from twin.exchange.audit import gltf, mjcf, usd_checks; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

@@ -50,6 +50,7 @@ ALONE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALONE)
 def test_a_file_alone_is_held_against_nature(name, bars, tmp_path):
     folder = tmp_path / "bars"
@@ -60,6 +61,7 @@ def test_a_file_alone_is_held_against_nature(name, bars, tmp_path):
     assert report.exit_code == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unknown", [("base", "crank", "coupler", "rocker"), ("coupler",)])
 def test_masses_that_are_unknown_are_no_contradiction(unknown, tmp_path):
     """MJCF and URDF require a mass, and state that they assume one; a base fixed to the world needs none."""

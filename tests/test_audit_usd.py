@@ -221,6 +221,7 @@ def test_each_defect_is_named(name, good, tmp_path):
     assert found[0].where.startswith(("usd/", "bars_ar"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
@@ -310,6 +311,7 @@ def test_units_and_up_axis_of_a_foreign_stage_are_honoured(suffix, tmp_path):
     assert np.degrees(np.arccos((np.trace(turned[:3, :3]) - 1) / 2)) == pytest.approx(30)
 
 
+@pytest.mark.slow
 def test_a_foreign_stage_is_audited_without_names_to_compare(tmp_path):
     report = audit(foreign(tmp_path / "x.usda"))
     assert report.verdict in ("agree", "disagree")

@@ -93,11 +93,13 @@ def test_poses_in_millimetres_are_not_told_in_micrometres(tables):
     assert "e+0" not in told
 
 
+@pytest.mark.slow
 def test_links_of_a_usdz_are_counted_as_those_of_the_others(good):
     links = {f["format"]: f["links"] for f in audit(good).files}
     assert links["usdz"] == links["glb"] == links["tracks"]
 
 
+@pytest.mark.slow
 def test_nodes_of_a_usdz_alone_are_not_called_links(good, capsys):
     from twin.cli import main
 

@@ -73,6 +73,7 @@ def works(scene, robots, seconds, seed):
     return off
 
 
+@pytest.mark.slow
 def test_shafts_stay_in_their_ports_under_random_hands(scene, robots):
     off = works(scene, robots, 3.6, seed=1)
     assert max(off.values()) < 0.1 * MM, off
@@ -86,6 +87,7 @@ def test_shafts_stay_in_their_ports_for_a_minute(scene, robots, seed):
     print({n: f"{1e6 * x:.3g} um" for n, x in off.items()})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hand", ["right", "left"])
 def test_the_fulcrum_turns_the_motion_across_the_shaft_round_and_scales_it(scene, robots, hand):
     ways, size = {}, 0.012
@@ -207,6 +209,7 @@ def test_a_scene_without_ports_and_tools_refuses_them(bare_theatre):
     op.close()
 
 
+@pytest.mark.slow
 def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkeypatch):
     # on a busy machine the World would fall behind the hand, and take its motion for a jump
     monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
@@ -247,6 +250,7 @@ def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
     assert main(["session", str(path)]) == 0
 
 
+@pytest.mark.slow
 def test_a_spectator_sees_robots_and_organs_as_the_server_simulates_them(scene, robots):
     def watch(port):
         watched = Watched(port, scene.name)
@@ -269,6 +273,7 @@ def test_a_spectator_sees_robots_and_organs_as_the_server_simulates_them(scene, 
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_a_spectator_sees_rings_and_shows_no_frames_of_another_task(theatre):
     task = theatre.scene.tasks["pegboard"]
 

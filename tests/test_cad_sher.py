@@ -178,6 +178,7 @@ def test_nothing_runs_into_anything(cad, model):
     assert found.distance[worst] > 0.2 * MM, (q[worst], found.pair[worst])
 
 
+@pytest.mark.slow
 def test_the_instrument_enters_the_eye_and_tilts_in_its_hole(cad, model):
     T = model.home().T_base_tool
     seed, poses = None, []

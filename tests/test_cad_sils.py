@@ -132,6 +132,7 @@ def test_the_drawn_posture_is_home(sils_cad):
 # -- meshes and masses ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_part_is_closed_in_both_finenesses(sils_cad):
     for tolerance, angle in ((None, None), (MASS_TOLERANCE, 0.15)):
         parts = (read_step(STEP) if tolerance is None else read_step(STEP, tolerance, angle)).parts

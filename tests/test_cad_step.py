@@ -294,6 +294,7 @@ def test_a_second_reading_comes_from_the_cache(fresh, monkeypatch):
     assert same(first, read_step(DATA / "inch.step"))
 
 
+@pytest.mark.slow
 def test_other_content_and_other_tolerances_are_other_entries(fresh, tmp_path):
     read_step(DATA / "inch.step")
     read_step(DATA / "inch.step", 0.05 * MM)
@@ -302,6 +303,7 @@ def test_other_content_and_other_tolerances_are_other_entries(fresh, tmp_path):
     assert read_step(altered(tmp_path, "inch.step", ("'block'", "'brick'"))).parts[0].name == "brick"
 
 
+@pytest.mark.slow
 def test_a_damaged_entry_is_read_anew_and_repaired(fresh):
     first = read_step(DATA / "inch.step")
     (entry,) = fresh.iterdir()

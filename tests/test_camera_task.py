@@ -106,6 +106,7 @@ def random_views(goal, seen, count, seed):
     return np.array(off), reasons
 
 
+@pytest.mark.slow
 def test_both_measures_agree_in_random_views(goal, plate):
     off, _ = random_views(goal, plate, 12, 0)
     assert np.abs(off).max() < 0.03
@@ -277,6 +278,7 @@ def test_the_same_seed_gives_the_same_bytes_and_the_replay_too(davinci, performe
         replay_session(path, changed)
 
 
+@pytest.mark.slow
 def test_a_surgeon_who_gives_up_has_missed_the_task(davinci, monkeypatch):
     monkeypatch.setattr(camera_surgeon, "_PRESSES", 1)
     monkeypatch.setattr(camera_surgeon, "_STROKES", 1)

@@ -177,6 +177,7 @@ def test_info_of_a_robot_without_equations(run, robot):
     assert run("info", robot, "--json").json["variants"] == {}
 
 
+@pytest.mark.slow
 def test_info_of_a_stage(run):
     result = run("info", ROOT / "usd/sils/sils.usda", "--json")
     assert result.code == 0
@@ -621,6 +622,7 @@ def test_interrupt_says_how_to_go_on(run, monkeypatch):
     assert run("list").err == "twin: interrupted: 3 sessions are kept\n"
 
 
+@pytest.mark.slow
 def test_interrupt_waits_for_an_import(tmp_path, monkeypatch):
     """A native module that is loaded cannot be interrupted: it crashes, or swallows the interrupt."""
     (tmp_path / "interrupted_module.py").write_text(
@@ -644,6 +646,7 @@ def test_interrupt_waits_for_an_import(tmp_path, monkeypatch):
     assert not hasattr(sys.modules.pop("interrupted_module"), "swallowed")
 
 
+@pytest.mark.slow
 def test_interrupt_is_not_lost_in_casadi():
     """CasADi asks an argument for its shape, and ignores what is raised there."""
     import casadi as ca
@@ -693,6 +696,7 @@ def test_interrupt_names_the_folders_that_are_complete(run, tmp_path, monkeypatc
 # ----------------------------------------------------------------------------------------- terminals and pipes
 
 
+@pytest.mark.slow
 def test_reader_of_a_pipe_may_leave():
     reader, writer = os.pipe()
     os.close(reader)
@@ -732,6 +736,7 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch, screen, quiet, shown)
     assert ("reading something" in stream.getvalue()) is shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("as_json", [False, True])
 def test_progress_goes_to_the_terminal_and_never_into_the_output(as_json):
     leader, follower = pty.openpty()

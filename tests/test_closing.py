@@ -138,6 +138,7 @@ def test_two_loops_that_change_their_modes_together_are_noticed():
     assert (signs[0] != signs[2]).sum() == 1
 
 
+@pytest.mark.slow
 def test_levers_bound_the_approach_of_bodies_beyond_a_ball_joint():
     m, rng = model("sils"), np.random.default_rng(2)
     pairs, x = Pairs(m, (), 5 * MM), m.home().x

@@ -59,6 +59,7 @@ def test_it_is_shown_and_follows_a_hand(robot):
     np.testing.assert_allclose(desk.assembly.T_base_tool, T, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_it_is_controlled_by_its_efforts(robot, trajectory):
     result = api.track(robot)
     assert result.verdict == "agree", result.findings
@@ -72,6 +73,7 @@ def test_it_is_controlled_by_its_efforts(robot, trajectory):
     assert lift.rms == pytest.approx(9.81 * carried, rel=0.05)
 
 
+@pytest.mark.slow
 def test_motors_on_cables_are_asked_for_what_does_the_same_work(robot, tmp_path):
     geared = api.load(column.with_motors(column.folder(tmp_path / "column")))
     result, direct = (api.track(r, mismatch=0.0) for r in (geared, robot))

@@ -76,6 +76,7 @@ def test_a_flat_part_is_named():
         Contact([RING], [Solid("board", [sheet], 0.5)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sleeps", [True, False])
 def test_a_ring_rests_on_a_peg_for_a_minute(sleeps):
     """Also if it is simulated all the time: that objects at rest are skipped hides no creep."""

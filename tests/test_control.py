@@ -72,6 +72,7 @@ def test_micrometre_steps_are_made(kin, solver, microns):
     assert np.linalg.norm(pose_error(kin.forward(q), T)) < 1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(-1, 1), min_size=11, max_size=11), st.sampled_from(SOLVERS))
 def test_no_limit_is_ever_passed_and_the_solvers_agree(x, solver):

@@ -356,6 +356,7 @@ def test_an_unknown_mistake_is_named(scene, tmp_path, capsys):
 # -- by hand -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_attempt_by_hand_has_the_scoreboard_and_can_be_ended(scene, props):
     live = LiveConsole(LoadedScene(scene, robots_at(scene.places), props), Exercise(scene.tasks["ring"]))
     live.advance(0.02)

@@ -108,6 +108,7 @@ def test_forward_undoes_inverse_and_efforts_of_motors_do_the_same_work(dynamics)
         assert motors @ d.mechanism.motors(qd) == pytest.approx(efforts @ qd, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_power_of_the_efforts_is_the_rise_of_energy(make):
     """Moves on by the equations, loops and friction included, and compares what went in with what is there."""
     for name in ("bars", "column", "raven"):
@@ -244,6 +245,7 @@ def sweep(d, seconds=0.2):
     return Motion(t, d.model.home().q + s[:, None] * way, v[:, None] * way, a[:, None] * way)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["column", "bars", "raven", "screwed"])
 def test_any_of_them_follows_a_motion(make, name):
     whole = arm(make(name).mechanism)
@@ -258,6 +260,7 @@ def test_any_of_them_follows_a_motion(make, name):
         assert ours.tip_error == pytest.approx(exact.tip_error, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_motors_stop_at_their_limits_each_at_its_own(make):
     """One motor of three on cables gives less than is asked: all joints that it leads to are off."""
     whole = arm(make("raven").mechanism)

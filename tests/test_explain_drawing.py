@@ -47,6 +47,7 @@ def check(robot, off: Off):
     return part
 
 
+@pytest.mark.slow
 def test_a_bar_that_is_too_long_is_told_by_its_length():
     robot = twin.load("sils")
     m = robot.cad.measured["bar1"]
@@ -59,6 +60,7 @@ def test_a_bar_that_is_too_long_is_told_by_its_length():
     assert "'bar1' differs from 'bar2', 'bar3'" in part.why
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["lapbot"])
 def test_a_random_fault_is_named_exactly(robot, rng):
     loaded = twin.load(robot)
@@ -103,6 +105,7 @@ def test_random_faults_are_named_exactly(rng):
     assert np.mean([t[2] for t in told]) > 0.7  # the others cannot be told: moved along an axis that rows ignore, say
 
 
+@pytest.mark.slow
 def test_two_faults_are_told_apart():
     robot = twin.load("sher")
     at = np.eye(4)

@@ -71,6 +71,7 @@ def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
     assert not c.serves
 
 
+@pytest.mark.slow
 def test_a_changed_dimension_is_not_explained_by_edits(sils):
     formula, truth = sils
     for name, d in (("L_V", 2e-4), ("l_2", 3e-4)):
@@ -99,6 +100,7 @@ def test_what_a_repair_drops_is_said(sils, tmp_path):
     assert found.cures[0][0].dropped == ("X_S2",)
 
 
+@pytest.mark.slow
 def test_an_index_of_a_scalar_is_no_cure(tmp_path):
     """w[1] is zero at these poses, so any positive number would do beside it: q1[1] is the second pose's q1."""
     case = seeds.built_in("pa10")

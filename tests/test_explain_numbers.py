@@ -43,6 +43,7 @@ def test_a_length_that_moved_is_named_with_both_values(sils, sils_model):
     assert moved.fitted == pytest.approx(135.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_tenth_of_a_millimetre_is_recovered_to_one_percent(sils):
     for name in ("l_0", "l_1", "L_V"):
         found = identify(wrong(sils, **{name: 1e-4}))
@@ -67,6 +68,7 @@ def test_an_angle_is_recovered_to_one_percent(sher):
     assert found.moved[0].fitted - found.moved[0].formula == pytest.approx(-0.05, rel=0.01)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_apart_is_named(sher):
     found = identify(wrong(sher, r_b=1e-4))
     assert found.exact

@@ -68,6 +68,7 @@ def test_quarter_turns_are_named(pa10, wrong, said):
     assert text.endswith(f"with {said}")
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_off_or_no_offset_cures_it(pa10, psm):
     assert messages(*pa10) == messages(*psm) == []
     assert messages(*pa10, table1=other_twist) == []

@@ -95,6 +95,7 @@ def test_two_edits_are_one_diff_of_finished_lines(sils_text, sils_model, truth, 
     assert x.repairs[0].seconds > 0
 
 
+@pytest.mark.slow
 def test_a_symbol_that_nobody_values_is_found_with_what_is_meant(sils_text, sils_model, tmp_path):
     """As the paper has it: equation (2) reads L_H, equation (3) values L_B."""
     path = tmp_path / "formula.py"

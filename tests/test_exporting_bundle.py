@@ -334,6 +334,7 @@ def test_tracks_of_a_robot_at_rest_are_refused(run):
     assert ".tmp" not in err
 
 
+@pytest.mark.slow
 def test_a_stage_at_rest_has_no_motion(tmp_path):
     made = api.export(api.load(ROOT / "usd/pa10/pa10.usda"), folder=tmp_path, formats=("glb", "tracks", "usdz"))
     assert made.order.clips == ()

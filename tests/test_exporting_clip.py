@@ -139,6 +139,7 @@ def brute_force(mechanism, trajectory, rate: float) -> tuple[float, float]:
     return off, turn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("um", [20, 2])
 def test_the_rate_is_the_lowest_that_keeps_the_budget_as_brute_force_finds_it(short, um):
     mechanism, trajectory = short

@@ -170,6 +170,7 @@ def test_a_colour_for_displays_and_back_is_itself(part):
     assert units.srgb(units.linear(part)) == pytest.approx(part, abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", [write_mjcf, write_urdf])
 def test_a_colour_that_is_written_is_read_again(write, tmp_path):
     robot = twin.load("lapbot").weighed().mechanism

@@ -139,6 +139,7 @@ def test_rcm_is_the_first_registered_one_and_each_phase_has_its_own(sils):
     assert track(mechanism, replace(clip, phases=phases, phase_rcm=(None,) * 3, phase_rcm_enforced=()))["rcm"] == []
 
 
+@pytest.mark.slow
 def test_a_trocar_of_the_mechanism_is_the_rcm():
     robot = api.load("lapbot")
     clip = make_clip(robot.mechanism, api.plan(robot, "cavity"))

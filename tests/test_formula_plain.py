@@ -257,6 +257,7 @@ def arms(draw):
     return [draw(link) for _ in range(count)]
 
 
+@pytest.mark.slow
 @given(arms())
 @settings(deadline=None, max_examples=25)
 def test_forward_of_random_arms_agrees_with_pinocchio(arm):

@@ -60,6 +60,7 @@ def by_poses(folder, goal, top=""):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_first_protocol_can_be_followed_whatever_the_freedoms(name, folder_of):
     robot = api.load(folder_of(name))
@@ -100,6 +101,7 @@ def five_bar_turn(robot, xy):
     return np.arctan2(*robot.reference().solve(q).T_base_tool[[1, 0], 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("position", "angles", "said"),
     [
@@ -212,6 +214,7 @@ def test_the_equations_of_a_planar_robot_agree_and_a_fault_in_them_disagrees(fiv
         formula.write_text(right)
 
 
+@pytest.mark.slow
 def test_a_full_turn_in_the_equations_is_stated_and_is_no_disagreement(five_bar, capsys):
     formula = five_bar / "formula.py"
     right = formula.read_text()
@@ -233,6 +236,7 @@ def test_a_workspace_says_which_joints_have_no_limits(five_bar, tmp_path, capsys
     assert json.loads((tmp_path / "workspace.json").read_text())["without_limits"] == names
 
 
+@pytest.mark.slow
 def test_texts_of_a_first_robot_have_no_empty_parts(folder_of, tmp_path, capsys):
     """Without equations there are no variants, and small files have a size."""
     folder = folder_of("sarrus")

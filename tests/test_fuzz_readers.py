@@ -15,6 +15,7 @@ HERE = Path(__file__).parent
 READERS = sorted(fuzz.readers())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_nothing_but_a_twin_error_comes_out_of_damaged_text(name):
     result = fuzz.run(name, 60, seed=1)
@@ -30,6 +31,7 @@ def test_nothing_but_a_twin_error_comes_out_of_much_damaged_text(name):
     assert not result.crashes, [(i, what[-500:]) for i, what, _ in result.crashes]
 
 
+@pytest.mark.slow
 def test_what_must_not_happen_is_noticed(monkeypatch):
     good = fuzz.readers()["closures"]
     seed = good.seeds[0].read_bytes()

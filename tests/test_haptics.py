@@ -75,6 +75,7 @@ def test_nothing_is_felt_outside_without_the_switch_or_with_the_clutch():
 points = st.tuples(*[st.floats(-6 * MM, 6 * MM)] * 3)
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(st.lists(points, min_size=2, max_size=12), st.integers(0, 2**32 - 1), st.integers(1, COUNT), st.booleans())
 def test_no_surface_pulls_inwards_and_no_force_exceeds_the_clip(hands, seed, count, bounds):
@@ -194,6 +195,7 @@ def unoptimal(way, normals, depths):
     return nnls(pushes, np.append(way, proxy.REACH))[1]
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
@@ -284,6 +286,7 @@ def passive_for(seconds, seed):
     return least
 
 
+@pytest.mark.slow
 def test_random_hands_take_no_energy_out():
     for what, (energy, _, largest) in passive_for(2, seed=1).items():
         assert energy >= 0, what
@@ -299,6 +302,7 @@ def test_random_hands_take_no_energy_out_for_long():
         assert largest > 0.5, what
 
 
+@pytest.mark.slow
 def test_the_hands_of_a_person_need_no_bound():
     """The bound on the force is for the worst case: below 8 Hz it is never reached after the first touch."""
     rng = np.random.default_rng(3)
@@ -314,6 +318,7 @@ def test_the_hands_of_a_person_need_no_bound():
 UNDAMPED = Surface(damping=0, device_damping=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("surface", "late", "active"),
     [(Surface(), 0, False), (Surface(damping=-12), 0, True), (UNDAMPED, 1, True), (UNDAMPED, 16, True)],

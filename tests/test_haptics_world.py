@@ -77,6 +77,7 @@ def ramp(t, way, begin=0.2, speed=0.05):
     return np.asarray(way) / length * np.clip((t - begin) * speed, 0, length)
 
 
+@pytest.mark.slow
 def test_the_floor_pushes_by_the_depth_that_is_drawn(setup):
     world, force = moved(setup, 900, lambda t: ramp(t, [0, 0, -24 * MM]))
     depth = FLOOR - lowest(world, setup)
@@ -110,6 +111,7 @@ def test_instruments_push_each_other_apart(setup):
     assert np.ptp(force["right"][-20:], axis=0).max() < 0.02
 
 
+@pytest.mark.slow
 def test_without_haptics_the_world_has_no_forces_and_off_is_zero(setup):
     def way(t):
         return ramp(t, [0, 0, -24 * MM])
@@ -172,6 +174,7 @@ def planes(world):
     return [LocalPlane(r[3:6], r[:3], r[6:9], float(r[9])) for r in rows if r.any()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_thin_wall_pushes_back_to_the_side_of_entry_until_the_instrument_is_through(psm, side):
     """A wall of 3 mm in two panels, thinner than the instrument; through it, back through it, each from its side."""
@@ -262,6 +265,7 @@ def test_a_grasp_gives_one_pulse_along_x(setup):
 # -- switch, session, settings ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_switch_works_while_it_runs_and_the_session_knows(theatre, tmp_path, monkeypatch):
     monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
     condition = randomised(7, 1)

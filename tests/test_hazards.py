@@ -97,6 +97,7 @@ def test_the_scenarios_are_those_of_the_paper(plan):
         assert any(c.scenario == scenario for c in plan.table.class_)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["raven_right", "pa10"])
 def test_every_campaign_that_comes_with_twin_is_valid(name):
     robot = twin.load(name)
@@ -136,6 +137,7 @@ def test_a_wrong_campaign_is_refused(parts, tmp_path, before, after, message):
         load(tmp_path / "mine.toml", parts.places)
 
 
+@pytest.mark.slow
 def test_an_unknown_target_ends_the_command_before_anything_is_written(tmp_path, capsys):
     text = TABLE.read_text().replace('targets = [["grasp"]]', 'targets = [["grsap"]]', 1)
     (tmp_path / "mine.toml").write_text(text)
@@ -236,6 +238,7 @@ def test_a_log_with_a_line_of_another_session_is_refused(tmp_path, plan, change,
     log.close()
 
 
+@pytest.mark.slow
 def test_a_jump_is_felt_in_the_tick_after_3_mm(arena):
     found = arena.run(session(("dac", "overwrite", 2500.0, {"target": 0}), length=100))
     assert found.peak > 3
@@ -277,6 +280,7 @@ def test_a_failed_read_hides_the_deviation_from_the_cue(arena):
     assert found.seen < 1.5
 
 
+@pytest.mark.slow
 def test_a_trainee_slows_down_and_releases_the_pedal(arena):
     """A fault of half a second that the cue shows: he acts after his reaction time, and the arm follows again."""
     fault = ("packet", "overwrite", [30.0, *[0.0] * 8], {"target": [0]})
@@ -288,6 +292,7 @@ def test_a_trainee_slows_down_and_releases_the_pedal(arena):
     assert found.response_peak < 0.7 * alone.peak
 
 
+@pytest.mark.slow
 def test_a_trainee_restarts_after_a_stop_and_converts_after_the_second(arena):
     fault = ("packet", "add", [5000.0, *[0.0] * 8], {})
     found = arena.respond(session(fault, length=1), Reaction(0.3, 0.5, 0.2))
@@ -305,6 +310,7 @@ def test_a_fault_in_the_first_packet_has_an_outcome(arena):
     assert found.residual == found.ratio == 0.0, "nothing was measured before the fault"
 
 
+@pytest.mark.slow
 def test_a_trainee_slower_than_a_session_has_no_response(arena):
     jump = session(("joints", "add_once", 0.3, {"target": 0}), length=100)
     assert arena.run(jump).noticeable
@@ -521,6 +527,7 @@ def test_processes_and_a_kill_change_no_outcome(short, tmp_path):
                 assert rows[index][name] == value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stopped", ["by hand", "by a failure"])
 def test_a_stopped_campaign_says_what_is_kept_and_how_to_go_on(short, tmp_path, monkeypatch, stopped):
     def poll(stream):

@@ -132,6 +132,7 @@ def test_nothing_moves_until_somebody_shows_to_be_there(hands):
     assert [hands.state()["hands"][s]["follows"] for s in SIDES] == [True, False]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("side", "robot"), [("right", "psm1"), ("left", "psm2")])
 def test_a_tool_goes_in_the_picture_as_its_hand_does_and_turns_with_it(hands, side, robot):
     hands.start(side)
@@ -288,6 +289,7 @@ def test_one_client_has_the_hands_until_it_lets_go_or_is_silent(hands):
     assert all(np.allclose(q, before[n], atol=1e-9) for n, q in hands.q().items())
 
 
+@pytest.mark.slow
 def test_an_arm_at_its_limit_is_told_and_comes_back(hands, caplog):
     hands.start("right")
     before = hands.seen("psm1")
@@ -471,6 +473,7 @@ class Slow:
         pass
 
 
+@pytest.mark.slow
 def test_hands_are_heard_at_once_where_a_frame_takes_longer_than_the_time_between_two_messages(bare_theatre):
     slow = Slow()
 

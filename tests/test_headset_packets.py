@@ -96,6 +96,7 @@ def page(client="c1", number=1, x=0.3):
 # -- motion by packets ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_packets_move_both_instruments_and_the_page_says_so(running):
     q = running.q()
     running.start()
@@ -146,6 +147,7 @@ def test_the_hands_have_one_owner_at_a_time(running):
 # -- nothing by surprise --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_silence_stops_everything_and_hands_take_hold_anew(running, monkeypatch, caplog):
     monkeypatch.setattr(packet_hands, "_GONE", 1.0)
     running.start().move("right", (0.01, 0, 0))
@@ -219,6 +221,7 @@ def test_a_camera_pedal_that_is_stuck_at_the_start_moves_nothing(running):
     assert not np.array_equal(running.q(), q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pedal", ["clutch", "camera"])
 def test_a_pedal_that_stays_pressed_is_told(running, monkeypatch, caplog, pedal):
     monkeypatch.setattr(console_state, "_STUCK", 0.3)
@@ -236,6 +239,7 @@ def test_a_pedal_that_stays_pressed_is_told(running, monkeypatch, caplog, pedal)
     assert running.state["pedal"] is None
 
 
+@pytest.mark.slow
 def test_a_limit_is_felt_as_a_surface(running):
     running.start()
     running.pens.forces()
@@ -259,6 +263,7 @@ def test_a_limit_is_felt_as_a_surface(running):
     assert not dict(running.wait(0.05).pens.forces())[0].any()
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
@@ -319,6 +324,7 @@ def session(running, ticks=700, delay=100, lost=0.05):
     return missed
 
 
+@pytest.mark.slow
 def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(bare_theatre, monkeypatch):
     monkeypatch.setattr(console.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True}))
     monkeypatch.setattr(console, "_BUDGET", np.inf)
@@ -382,6 +388,7 @@ def test_through_the_server(bare_theatre):
 # -- the command ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_port_that_is_taken_is_told(running, capsys):
     port = running.op.packets.door.port
     assert main(["serve", "davinci", "--no-browser", "--port", "0", "--packets", str(port)]) == 2

@@ -190,6 +190,7 @@ def test_a_refusal_brings_back_the_id_but_not_what_was_sent():
     assert "12345" not in str(refused.value)
 
 
+@pytest.mark.slow
 @given(st.one_of(st.text(max_size=200), st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=9),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(

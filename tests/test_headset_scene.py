@@ -155,6 +155,7 @@ def shown(scene, robots, props=None, plans=False, feed=None):
     return lambda: served.of_scene(LoadedScene(scene, robots, props, feed), plans)
 
 
+@pytest.mark.slow
 def test_every_robot_stands_in_its_place_and_what_stands_around_is_told(scene, robots, props):
     async def go():
         async with serving(shown(scene, robots, props, feed=Cloth()), plans=False) as s, joined(s.port) as peer:
@@ -295,6 +296,7 @@ def test_a_robot_with_a_field_is_a_scene_and_one_alone_is_not(robots):
     asyncio.run(go(Cloth(n=4, duration=0.1), wire.VERSION))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("how", "message"), [("nan", "not finite"), ("raise", "ZeroDivisionError")])
 def test_a_field_that_breaks_is_told_once_and_the_robots_stay(robots, how, message):
     robot = next(iter(robots.values()))
@@ -322,6 +324,7 @@ def test_a_field_that_breaks_is_told_once_and_the_robots_stay(robots, how, messa
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_a_session_of_a_scene_replays_byte_for_byte(scene, robots, planned, playback, tmp_path):
     file = tmp_path / "session.json"
     feed = Cloth()

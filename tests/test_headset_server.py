@@ -194,6 +194,7 @@ def test_an_address_opens_once_and_becomes_a_session(sils):
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_tls_streams_and_its_cookie_is_secure(sils, planned, tmp_path):
     openssl = shutil.which("openssl")
     if openssl is None:
@@ -254,6 +255,7 @@ def test_secure_cookies_and_names_of_an_open_server():
 # --------------------------------------------------------------------------------------------------- the robot
 
 
+@pytest.mark.slow
 def test_what_is_shown_is_the_protocol_sample_by_sample(sils, planned, playback):
     truth = sevens(np.stack(list(sils.reference().link_poses(playback.x).values()), axis=1))
 
@@ -392,6 +394,7 @@ def test_of_drags_that_wait_the_newest_counts(sils, monkeypatch):
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_a_variant_shows_where_the_printed_equations_put_the_tool(sils, planned, playback):
     kin = sils.kinematics({"eq1": "printed"}, {})
 
@@ -459,6 +462,7 @@ def test_the_workspace_comes_in_pieces_and_goes(sils, monkeypatch):
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_a_robot_without_protocols_or_equations_is_served(tmp_path):
     """A bare stage: it has no equations, no protocol, no title; it is dragged by its loops."""
 
@@ -482,6 +486,7 @@ def test_a_robot_without_protocols_or_equations_is_served(tmp_path):
 # --------------------------------------------------------------------------------------------------- coming back
 
 
+@pytest.mark.slow
 def test_a_holder_that_comes_back_has_its_grab(sils, monkeypatch):
     monkeypatch.setattr(servers, "GRACE", 0.6)
 
@@ -510,6 +515,7 @@ def test_a_holder_that_comes_back_has_its_grab(sils, monkeypatch):
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_a_silent_holder_loses_the_grab_and_a_ping_keeps_it(sils, monkeypatch):
     monkeypatch.setattr(servers, "SILENCE", 0.5)
 
@@ -531,6 +537,7 @@ def test_a_silent_holder_loses_the_grab_and_a_ping_keeps_it(sils, monkeypatch):
 # --------------------------------------------------------------------------------------------------- recordings
 
 
+@pytest.mark.slow
 def test_no_client_fills_the_disk_with_recordings(sils, tmp_path, monkeypatch):
     monkeypatch.setattr(recordings, "FILES", 3)
 
@@ -578,6 +585,7 @@ def test_budget_of_all_recordings(tmp_path, monkeypatch):
     recording.check_room()  # a recording that has ended counts once
 
 
+@pytest.mark.slow
 def test_the_log_stays_quiet_when_peers_hang_up_while_they_are_answered(sils, caplog):
     """asyncio writes a line for each write to a peer that is gone: a flood of pings is none of our lines."""
 
@@ -902,6 +910,7 @@ def behave(behaviour, port):
         return behaviour(s)
 
 
+@pytest.mark.slow
 def test_whoever_means_no_good_is_ended_and_harms_nobody(sils, planned, monkeypatch):
     monkeypatch.setattr(connections, "HEAD_SECONDS", 1.0)
     monkeypatch.setattr(clients, "STALL", 0.8)
@@ -937,6 +946,7 @@ def test_a_flood_of_good_messages_is_thinned(sils):
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_a_slow_client_gets_the_newest_and_at_most_one_waits(sils, planned):
     async def go():
         async with serving(sils) as s, joined(s.port) as good:

@@ -118,6 +118,7 @@ def test_bad_file_is_refused_with_file_and_element(name):
     assert name in str(error.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["error_no_child.urdf", "error_locked_joint.xml", "error_unknown_body.usda"])
 def test_a_bad_file_leaves_no_folder_and_exits_2(name, tmp_path, capsys):
     target = tmp_path / "robots/arm"
@@ -126,6 +127,7 @@ def test_a_bad_file_leaves_no_folder_and_exits_2(name, tmp_path, capsys):
     assert not target.parent.exists()
 
 
+@pytest.mark.slow
 def test_a_parser_that_crashes_or_hangs_is_an_error_that_names_the_file(tmp_path, monkeypatch):
     path = tmp_path / "bad.xml"
     path.write_text("<mujoco/>")
@@ -154,6 +156,7 @@ def test_the_guard_lets_good_files_pass(kind, tmp_path):
     assert guard.run(good[kind], kind, *arguments) == 0
 
 
+@pytest.mark.slow
 def test_files_pass_together_or_none_does(tmp_path, monkeypatch):
     good = [DATA / "models/fourbar.usda", tmp_path / "again.usda"]
     shutil.copy(good[0], good[1])

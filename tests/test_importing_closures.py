@@ -59,6 +59,7 @@ def made(folder, name, urdf, yaml):
     return close(read(folder / f"{name}.urdf"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "closure"), [*((k, "3d") for k in RETYPED), ("SPHERICAL", "6D"), ("UJOINT_XY", "3D")])
 def test_a_retyped_joint_moves_as_its_hinges_do(kind, closure, tmp_path):
     yaml = f"closed_loop: [[end_A, end_B]]\ntype: [{closure}]\nname_mot: [q]\n"
@@ -114,6 +115,7 @@ def test_a_hinge_of_a_universal_joint_can_be_driven(tmp_path):
     assert [j.name for j in m.active] == ["s_y"]
 
 
+@pytest.mark.slow
 def test_a_gap_is_the_models_own_only_if_all_of_the_file_was_read(tmp_path):
     # The ends are 1 m apart: nothing closes it.
     urdf = linkage([("s", "fixed", "1 0 0")]).replace("0.16 0.03 -0.04", "1.16 0 0")

@@ -117,6 +117,7 @@ def test_alpha_survives_from_every_format_that_has_it():
         assert mesh.color_rgba[3] == pytest.approx(0.5), name
 
 
+@pytest.mark.slow
 def test_our_own_stage_comes_back_with_points_frames_and_trocar(tmp_path):
     source = assets.files("sils").stage
     before = read_stage(source)

@@ -220,6 +220,7 @@ def test_the_sign_of_printed_products_is_told_by_the_mass_that_it_asks_for(seed)
         assert codes(told.findings) == ["inertia.sign"]
 
 
+@pytest.mark.slow
 def test_the_command_on_the_pa10(capsys):
     assert main(["info", "pa10", "--inertia", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)

@@ -48,6 +48,7 @@ def test_published_zero_poses():
     np.testing.assert_allclose(tool[:3, 3], [0.93, 0, 0.35], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_lapbot_reaches_what_is_within_its_arm():
     kin = compile_formula(load_formula("lapbot"))
     Ts = lapbot_poses(POSES, 3)

@@ -153,6 +153,7 @@ def test_a_drag_ends_where_it_ends_in_one_step_and_in_many(robot, rng):
     assert not found.flips + found.disagreeing + found.opened + found.apart
 
 
+@pytest.mark.slow
 def test_a_point_that_slides_along_two_limits_ends_in_one_place():
     """Where one way is hard and a limit stands in the other, a step of no length was taken for the last one."""
     desk = Desk(twin.load("sils"))

@@ -146,6 +146,7 @@ def test_the_jacobian_is_the_derivative_of_the_residual(solvers, name, rng):
 # -- other mechanisms ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [("q", "e"), ("error", "pose")])
 def test_joints_may_be_called_as_the_values_of_a_kernel(names):
     """A passive joint `q` or `e` of a user is told from the values of the same name inside."""

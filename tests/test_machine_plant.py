@@ -264,6 +264,7 @@ def run(plant, model, software, gravity, start, stuck):
     return np.array(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", ["without", "with"])
 def test_stuck_dac_deviates_as_published(left, made, software, friction):
     """Within 10 %: peak deviation from the fault-free run, and time to 3 mm.

@@ -47,6 +47,7 @@ def judged(formula, model, run):
     return {(r.name, r.kind): r for r in Boundary(model, rows_of(formula, model, run), run.x).judge()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", thinned(designs(), every=4))
 def test_no_row_of_a_correct_robot_is_accused(name):
     found = judged(*setting(name))
@@ -247,6 +248,7 @@ def test_validate_reports_a_wrong_measure_with_row_pose_and_size(tmp_path):
     assert finding.unit == "mm"
 
 
+@pytest.mark.slow
 def test_explain_counts_what_was_judged_and_locates_a_wrong_measure(tmp_path):
     from twin.cli.show import plain
     from twin.robots import load_formula, pa10

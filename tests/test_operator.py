@@ -58,6 +58,7 @@ def test_the_hand_brings_the_tool_to_its_goal(kin):
     assert (np.abs(np.diff(record.q, axis=0)) <= LIMITS.max_speed / 200 * (1 + 1e-9)).all()
 
 
+@pytest.mark.slow
 def test_while_the_pedal_is_up_the_tool_stands(kin):
     goal = goal_beside_home(kin, (12, 0, 0))  # 120 mm of hand: more than its reach
     record = operate(kin, HOME, LIMITS, controller(), [goal])

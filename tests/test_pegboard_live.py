@@ -203,6 +203,7 @@ def test_an_attempt_is_ended_and_restarted(theatre, tmp_path):
     assert (tmp_path / "hands-2.session").is_file()
 
 
+@pytest.mark.slow
 def test_a_restart_that_cannot_be_recorded_loses_nothing(theatre, tmp_path):
     (tmp_path / "hands-2.session").write_text("mine")
     live = LiveConsole(theatre, Exercise(theatre.scene.tasks["pegboard"], tmp_path / "hands.session"))

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from twin.planning.protocol.phases import TABLES
 
 ROOT = Path(__file__).parents[1]
@@ -76,6 +78,7 @@ def test_each_file_holds_one_type_with_a_place_of_its_own():
         assert table.__module__.endswith(f".{name}")
 
 
+@pytest.mark.slow
 def test_a_new_type_is_one_new_file(tmp_path):
     """In a copy of the package: read, refused where it does not follow, in the schema, and a path."""
     leave = shutil.ignore_patterns("__pycache__", "_data", "web", "unity")

@@ -190,6 +190,7 @@ def test_the_hand_moves_the_target_and_all_arms_rest(console):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_target_in_the_dome_is_blocked_with_the_bodies_and_a_free_one_is_not(console):
     console.ask("aim")
     console.wait(10)
@@ -527,6 +528,7 @@ def rehearsing(monkeypatch):
     made.console.close()
 
 
+@pytest.mark.slow
 def test_in_a_rehearsal_the_models_follow_a_plan_and_the_machines_stay(rehearsing):
     signals = rehearsing.console.world.signals
     at = {n: (signals[f"{n}.q"], signals[f"{n}.encoder"]) for n in (ARM, "raven_right")}
@@ -694,6 +696,7 @@ def room(scene, number=1):
     return Room(number, str(scene.file), ARM, {})
 
 
+@pytest.mark.slow
 def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
     scene = dome.scene
     start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)

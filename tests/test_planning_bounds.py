@@ -112,6 +112,7 @@ def test_nearer_agrees_with_the_exact_distance_at_every_margin():
     assert seen > 5, "some of the bodies must collide"
 
 
+@pytest.mark.slow
 def test_a_damaged_cache_is_made_again(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr("twin.reference.bounds._NODES", 1000)

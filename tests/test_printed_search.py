@@ -108,6 +108,7 @@ def test_every_cost_is_minimised_and_obeys_the_triangle_inequality(kind):
         assert total(cost, paths[0]) < total(cost, paths[1]), "the shortest path has more corners"
 
 
+@pytest.mark.slow
 def test_more_samples_shorten_the_path_and_a_closed_wall_is_said_to_enclose():
     costs = np.zeros((6, 3))
     for seed in range(6):

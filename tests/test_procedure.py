@@ -147,6 +147,7 @@ def lift(organs, hold, height, steps=100):
         organs.step([made.at(0, 0, 2)])
 
 
+@pytest.mark.slow
 def test_jaws_lift_an_organ_that_keeps_its_volume():
     organs, hold, weights = held_block(50.0)
     start = weights @ organs.nodes["block"]
@@ -395,6 +396,7 @@ def test_surgeon_grasps_and_lifts_the_gallbladder(vsrs):
     assert abs(volume(vertices, surface.triangles) / surface.volume - 1) < 0.02
 
 
+@pytest.mark.slow
 def test_instrument_in_an_organ_at_the_start_is_refused(vsrs):
     low = tuple(replace(p, start={"q1": 400.0}) if p.name == "lapbot" else p for p in vsrs.places)
     with pytest.raises(WorldError, match=r"'lapbot/.*' is inside '.*' at the start; start the robot outside, or move"):

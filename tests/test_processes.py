@@ -72,6 +72,7 @@ def test_the_command_does_not_import_what_lies_there(hostile):
     assert json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_nor_does_python_m_twin(hostile):
     """Beside a `twin.py` Python takes that, before any code of ours: all others are ours to leave out."""
     (hostile / "twin.py").unlink()
@@ -106,6 +107,7 @@ def robot(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [["--quiet", "--json"], []])
 def test_that_code_is_run_is_always_told(how, tmp_path):
     """In a process of its own: it is said once in each."""

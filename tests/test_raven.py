@@ -75,6 +75,7 @@ def test_equations_and_mechanism_agree_over_the_range(robot, count):
             assert np.abs(values - run.points[name])[inside].max() <= 1e-9, name
 
 
+@pytest.mark.slow
 def test_the_inverse_returns_all_joints(robot):
     """20 000 poses of the whole range with the wrist beyond the RCM."""
     kin = robot.kinematics()

@@ -219,6 +219,7 @@ def simulated(arm, seconds, friction, closed, step=1e-3):
     return worst
 
 
+@pytest.mark.slow
 def test_mujoco_moves_as_the_model_does(left):
     """From efforts to joints at 1 kHz, without friction; efforts of our run are given to MuJoCo without feedback."""
     assert simulated(left, 0.5, np.zeros(7), closed=False) < 1e-8

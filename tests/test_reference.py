@@ -50,6 +50,7 @@ def test_the_four_bar_follows_its_closed_form_through_a_full_turn(four_bar):
     assert np.array_equal(run.q[:, 0], cranks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [70, 81, 100, 170 + 81])
 def test_a_crank_that_cannot_turn_fully_is_driven_around_what_it_cannot_pass(monkeypatch, degrees):
     """Beyond 138 degrees the crank is blocked; from -100 degrees, the shorter way to 100 would lead through that."""
@@ -67,6 +68,7 @@ def test_a_crank_that_cannot_turn_fully_is_driven_around_what_it_cannot_pass(mon
         np.testing.assert_allclose(model.link_poses(x[None])["rocker"][0], poses["rocker"], atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turns", [1, 2])
 @pytest.mark.parametrize("count", [2, 10, 14, 27, 47])
 def test_a_few_wide_samples_stay_on_the_branch_too(four_bar, count, turns):
@@ -227,6 +229,7 @@ def test_sils_has_six_freedoms_and_nine_redundant_rows_everywhere(sils_model, si
         assert state.worst_gap < 1e-13
 
 
+@pytest.mark.slow
 def test_sils_goes_to_a_pose_and_back(sils_model, sils_states):
     for state in sils_states:
         back = sils_model.solve_pose(state.T_base_tool)
@@ -420,6 +423,7 @@ def test_a_loop_that_is_too_short_shares_its_gap(sils_cad):
 # -- refusals ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("active", "target", "other"), [("lift", 0.55, 0.5), ("push", 0.6, 0.5)])
 def test_what_cannot_close_raises_with_the_best_state_and_its_gap(active, target, other):
     model = ReferenceModel(rod(active))
@@ -433,6 +437,7 @@ def test_what_cannot_close_raises_with_the_best_state_and_its_gap(active, target
     assert best.q[0] == pytest.approx(other, abs=0.02)  # as far as the rod reaches
 
 
+@pytest.mark.slow
 def test_a_rocker_is_not_driven_through_its_toggle():
     """Crank and coupler in line end the rocker's range; beyond, no state exists."""
     good = made.four_bar()

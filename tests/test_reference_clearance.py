@@ -222,6 +222,7 @@ def test_a_wide_joint_between_two_parts_is_seen_once():
     assert sample == min(k for k in range(0, 1001, 5) if _touches(turn[k, 0]))
 
 
+@pytest.mark.slow
 def test_sils_keeps_its_distance_on_the_way_in(sils_model):
     """Bars 1 and 2 pass each other closest; centre lines 15.6 mm apart at insertion, each 10 mm thick."""
     q = np.linspace(*(sils_model.mechanism.posture(n) for n in ("home", "insertion")), 40)

@@ -42,6 +42,7 @@ def test_stretched_knees_are_singular_and_the_robots_are_not(drawn):
         assert not regularity(model, [model.home().x])[0].singular
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [0, 1])
 @pytest.mark.parametrize("step", [-1e-4, -0.005, -0.02, -0.1, -0.3])
 def test_a_walk_leaves_a_singular_start_within_the_limits(drawn, joint, step):

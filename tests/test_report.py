@@ -113,6 +113,7 @@ def test_same_bytes_every_time(disagree, written):
     assert render_html(disagree).encode() == written[1]["html"].read_bytes()
 
 
+@pytest.mark.slow
 def test_users_matplotlib_settings_do_not_matter(written):
     import matplotlib
 
@@ -253,6 +254,7 @@ def test_a_report_of_nothing(tmp_path):
     assert "Nothing was compared" in out["html"].read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_numbers_that_are_none(agree):
     rows = tuple(replace(r, worst=math.nan, rms=math.inf, t=math.nan) for r in agree.residuals)
     series = {k: np.where(np.arange(len(y)) % 5 == 0, np.nan, y.T).T for k, y in agree.series.items() if "t" not in k}

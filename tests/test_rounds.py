@@ -35,6 +35,7 @@ def planned(tmp_path_factory):
     return [Planned(plan(protocol, kinematics, T_tool_frame=np.eye(4)), (True,) * 3) for _ in range(2)]
 
 
+@pytest.mark.slow
 def test_a_plan_has_the_rounds_of_each_search_and_its_files_are_the_same_each_time(planned, tmp_path):
     first, again = planned
     assert list(first.rounds) == ["to_w1"], "the second path is straight"
@@ -54,6 +55,7 @@ def test_a_plan_has_the_rounds_of_each_search_and_its_files_are_the_same_each_ti
     assert png(rounds.figure("x", first.rounds)) == png(rounds.figure("x", again.rounds))
 
 
+@pytest.mark.slow
 def test_the_text_of_a_plan_tells_costs_and_times(planned):
     (table,) = (t for t in planned[0].text() if isinstance(t, Table) and t.header[0] == "search for")
     assert [row[:2] for row in table.rows] == [("to_w1", "60"), ("to_w1", "200"), ("to_w1", "300")]
@@ -61,6 +63,7 @@ def test_the_text_of_a_plan_tells_costs_and_times(planned):
     assert all(row[3].endswith(" mm") for row in table.rows[1:])
 
 
+@pytest.mark.slow
 def test_the_report_has_the_rounds_without_times_and_their_plot(tmp_path):
     report = reports.make_report("agree", 50)
     phases = tuple(replace(p, rounds=r) for p, r in zip(report.phases, (MANY, None, ONE, None, None), strict=True))

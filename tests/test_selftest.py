@@ -57,6 +57,7 @@ def test_a_draw_is_the_same_for_the_same_seed_and_another_for_another(bench):
     assert {f.what for f in alone} <= {f.what for f in drawn(bench, FAMILIES[3:], 34, 3)} | {f.what for f in one}
 
 
+@pytest.mark.slow
 def test_every_family_and_kind_is_drawn(bench):
     rng = np.random.default_rng(0)
     written = bench.case().written

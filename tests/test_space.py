@@ -62,6 +62,7 @@ def length_of(space, path):
     return np.linalg.norm(np.diff(path(DENSE) * space.weights, axis=0), axis=1).sum()
 
 
+@pytest.mark.slow
 def test_more_samples_shorten_the_path():
     space = space_of(arm(), post(0.52, 0))
     first, second = (length_of(space, around(space, *ENDS, seed=2, samples=n)) for n in (0, 400))
@@ -75,6 +76,7 @@ def test_improved_paths_of_all_seeds_are_equally_long():
     assert max(lengths) < 1.01 * min(lengths)
 
 
+@pytest.mark.slow
 def test_a_path_whose_corners_graze_keeps_most_of_its_shortcuts():
     """Without any shortcut, three of these paths are 0.40 m long."""
     space = space_of(arm(), post(0.52, 0))
@@ -82,6 +84,7 @@ def test_a_path_whose_corners_graze_keeps_most_of_its_shortcuts():
     assert max(lengths) < 1.08 * min(lengths)
 
 
+@pytest.mark.slow
 def test_rounds_are_told_with_their_costs_and_the_last_one_is_the_path():
     space, first, again = space_of(arm(), post(0.52, 0)), [], []
     path = around(space, *ENDS, seed=0, samples=700, ended=first.append)
@@ -103,6 +106,7 @@ def test_rounds_are_told_with_their_costs_and_the_last_one_is_the_path():
     around(space_of(arm()), np.zeros(3), np.ones(3), ended=lambda r: pytest.fail("it searched"))
 
 
+@pytest.mark.slow
 def test_the_cost_for_clearance_keeps_the_path_away_from_the_post():
     stills = [post(0.52, 0)]
     space = space_of(arm(), *stills)
@@ -247,6 +251,7 @@ def test_a_closed_loop_meets_what_stands_in_the_way_of_a_passive_body():
     assert not blocked.free_between(q[0], q[-1])
 
 
+@pytest.mark.slow
 def test_loops_that_cannot_close_are_not_free():
     made = limited_four_bar()
     wide = replace(made, joints=tuple(replace(j, limits=(-9.0, 9.0)) if j.active else j for j in made.joints))

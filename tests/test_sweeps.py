@@ -63,6 +63,7 @@ def poses(grid):
 # -- workspace -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", one_of_a_kind())
 def test_positions_are_judged_as_the_equations_say(robots, name):
     robot = robots[name]
@@ -286,7 +287,9 @@ def test_workspace_refuses(arguments, message, tmp_path, capsys, monkeypatch):
 # -- tolerance -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["sils", "lapbot", "pa10", pytest.param("sher", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["lapbot", *(pytest.param(n, marks=pytest.mark.slow) for n in ("sils", "pa10", "sher"))]
+)
 def test_sensitivities_are_what_a_moved_frame_does_to_the_reference(robots, name, rng):
     """Frames of the mechanism are moved, and Pinocchio closes its loops."""
     mechanism = robots[name].mechanism
@@ -587,6 +590,7 @@ def test_workers_of_its_own_are_on_this_machine_alone():
         assert dict(cluster.each(client, pow, [(2, 3), (3, 2)])) == {0: 8, 1: 9}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.04, 0.02, 0.01])
 @pytest.mark.parametrize("thick", [0.03, 0.2])
 def test_the_stated_error_of_a_volume_holds_for_known_bodies(step, thick):
@@ -606,6 +610,7 @@ def test_the_stated_error_of_a_volume_holds_for_known_bodies(step, thick):
     assert reach.volume_error(inside, cell) < 0.5 * true
 
 
+@pytest.mark.slow
 def test_workspace_and_sweep_agree_within_the_errors_that_they_state():
     robot = twin.load("sils")
     T = reach.centre(robot)

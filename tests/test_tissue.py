@@ -99,6 +99,7 @@ def test_rings_count_outwards_by_shared_corners():
 # -- the material --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_small_pushes_are_linear_and_the_stiffness_is_that_of_the_material():
     organ = made.block()
     x, F = [], []
@@ -146,6 +147,7 @@ def test_symmetric_push_gives_a_symmetric_dent_that_decays_with_the_rings():
     assert by_level[0] > 9 * MM
 
 
+@pytest.mark.slow
 def test_organs_keep_their_volume_and_return_to_rest():
     rods = made.Rods(made.abdomen())
     assert [t.name for t in rods.tissues] == ["liver", "gallbladder", "stomach", "wall"]
@@ -257,6 +259,7 @@ def wandered(seed, seconds, period=8e-3):
     return found
 
 
+@pytest.mark.slow
 def test_random_instruments_leave_organs_finite_and_the_same_seed_gives_the_same_bytes():
     found = wandered(0, 1.5)
     assert found.touched > 20
@@ -339,6 +342,7 @@ def crossed(monkeypatch, parts):
     return organs, seen
 
 
+@pytest.mark.slow
 def test_organs_that_were_pressed_through_each_other_part(monkeypatch):
     organs, seen = crossed(monkeypatch, parts=True)
     assert seen

@@ -141,6 +141,7 @@ def shifted(bend):
     return Bend(bend.mesh, bend.weights, bend.times, nodes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "code"),
     [
@@ -156,6 +157,7 @@ def test_audit_finds_seeded_faults(bends, tmp_path, fault, code):
     assert {f.code for f in ledger.findings} == {code}
 
 
+@pytest.mark.slow
 def test_audit_finds_an_open_surface_and_a_broken_file(bends, tmp_path):
     torn = replace(bends[1], mesh=replace(bends[1].mesh, triangles=bends[1].mesh.triangles[1:]))
     exported(tmp_path, [bends[0], torn])

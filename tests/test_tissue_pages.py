@@ -91,6 +91,7 @@ def test_organs_in_the_viewer_follow_the_displayed_links():
         front.close()
 
 
+@pytest.mark.slow
 def test_feed_of_organs_dents_them_and_lets_them_return():
     rods = made.Rods(made.abdomen())
     feed = OrganFeed(rods.tissues, rods.links)

@@ -85,6 +85,7 @@ def test_organ_that_cannot_be_built_is_named_with_the_scene(tmp_path, old, new, 
         tissue_scene.tissues(scene, read_props(ORGANS / "anatomy.toml"))
 
 
+@pytest.mark.slow
 def test_organs_are_assumed_apart_and_in_the_abdomen():
     scene = load_scene(SCENE)
     numbers = [p for p in scene.parameters if p.name.startswith("tissue ")]

@@ -241,6 +241,7 @@ def test_a_plan_of_two_arms_keeps_all_limits_of_both(tmp_path, stand):
     assert min(rates["motor"], rates["jerk"]) > 0.9, "these limits must matter"
 
 
+@pytest.mark.slow
 def test_two_arms_of_a_scene_pass_each_other_and_one_stays_where_its_phases_end(tmp_path, stand):
     arms = {
         "left": (Robot(arm()), protocol_of(tmp_path, UP, DOWN)),
@@ -293,6 +294,7 @@ def stand_file(tmp_path, monkeypatch):
     return file
 
 
+@pytest.mark.slow
 def test_a_plan_tells_the_distance_between_the_arms_from_that_inside_an_arm_and_its_files_play_it(tmp_path, stand_file):
     arms = {
         n: (Robot(motorised(9.0)), protocol_of(tmp_path, UP, DOWN, *rest))
@@ -445,6 +447,7 @@ def test_a_robot_that_does_not_stand_at_its_place_is_refused(tmp_path, stand):
         api.plan_together("stand", arms, CLEARANCE)
 
 
+@pytest.mark.slow
 def test_a_plan_of_several_arms_can_be_cancelled_at_any_moment(tmp_path, stand):
     arms = {n: (Robot(arm()), protocol_of(tmp_path, UP, UP + 0.1)) for n in PLACES}
     now, steps = [""], {}

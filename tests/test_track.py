@@ -339,6 +339,7 @@ def test_a_file_of_another_mechanism_is_refused(table):
 # -- computed torque control -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_with_an_exact_model_only_the_hold_of_a_tick_is_left(arm, motion, kin):
     exact = run(arm, motion)
     assert exact.conditions.plant == "mujoco"
@@ -353,6 +354,7 @@ def test_with_an_exact_model_only_the_hold_of_a_tick_is_left(arm, motion, kin):
     assert same.tip_error == pytest.approx(other.tip_error, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fraction", "seed"), [(0.05, None), (-0.05, None), (0.05, 0), (0.05, 1)])
 def test_a_realistic_mismatch_stays_within_a_millimetre(arm, motion, fraction, seed):
     r = run(arm, motion, Conditions().realistic(fraction, seed))
@@ -364,6 +366,7 @@ def test_a_realistic_mismatch_stays_within_a_millimetre(arm, motion, fraction, s
     assert max(rows, key=lambda row: row.peak).joint == "q2"
 
 
+@pytest.mark.slow
 def test_the_error_grows_with_the_mismatch_on_both_sides(arm, kin):
     quick = circle(kin, 1.0, 0.3)
     tips = [r.tip_max for r in curve(arm, quick, (-0.2, -0.1, 0.0, 0.1, 0.2))]

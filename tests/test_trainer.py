@@ -73,6 +73,7 @@ def scene():
 # -- packets -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(max_examples=2, deadline=None)
 @given(
     way=st.tuples(*(st.floats(-0.01, 0.01) for _ in range(3))),

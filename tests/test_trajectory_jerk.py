@@ -71,6 +71,7 @@ def test_the_average_is_that_of_the_motion_itself():
     assert (s[0], s[-1], sd[0], sd[-1], sdd[0], sdd[-1]) == (0, 1, 0, 0, 0, 0)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.floats(-0.5, 1.5), st.floats(-5, 0))
 @example(405, 3, 0.0, -4.9921875)  # 16 steps in all, and 0.4 % too fast: slower must mean a step more

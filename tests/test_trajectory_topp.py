@@ -152,6 +152,7 @@ def path_of(derivatives):
 TINY = {"10 urad": (1e-5, 1.0, 5.0), "10 um": (1e-5, 0.01, 0.1), "1 um": (1e-6, 0.01, 0.1), "200 um": (2e-4, 0.01, 0.1)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TINY)
 def test_moves_of_micrometres_never_fail(name):
     size, speed, acceleration = TINY[name]
@@ -275,6 +276,7 @@ def test_a_plan_says_which_phases_toppra_timed(monkeypatch):
     assert "toppra" in found[0].message
 
 
+@pytest.mark.slow
 def test_toppra_is_not_loaded_for_a_plan():
     """It takes seconds."""
     import subprocess

@@ -317,6 +317,7 @@ def test_the_workspace_ends_where_a_motor_does(robot):
     assert 0 < tight.reached.sum() < 0.5 * free.reached.sum()
 
 
+@pytest.mark.slow
 def test_it_is_validated_and_its_margins_are_told(robot, trajectory):
     report = api.validate(robot, trajectory)
     assert report.verdict == "agree", [f.message for f in report.findings if f.severity != "info"]
@@ -528,6 +529,7 @@ def test_work_of_motors_is_work_of_joints_in_mujoco(bundle):
 # -- the audit -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_good_export_passes_the_audit(bundle, robot):
     for known in (None, robot.weighed().mechanism):
         report = audit(bundle, mechanism=known)

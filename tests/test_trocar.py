@@ -78,6 +78,7 @@ def test_the_equations_of_the_arm_give_the_same_joints(kin, arm):
     assert same > 60  # the others are another of the eight postures
 
 
+@pytest.mark.slow
 def test_the_best_swivel_is_the_best_of_a_fine_scan(kin, arm):
     for tip, trocar in zip(*problems(kin, 15, 2), strict=True):
         margins = [arm.at(tip, trocar, s).margin for s in np.linspace(-np.pi, np.pi, 721)]

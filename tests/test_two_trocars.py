@@ -159,6 +159,7 @@ def test_a_protocol_that_has_a_trocar_beside_its_poses_is_refused_by_name(robot,
         twin.plan(robot, _file(tmp_path, made.protocol("moved", made.MOVED, stated), "moved"))
 
 
+@pytest.mark.slow
 def test_a_trocar_that_was_moved_after_the_motion_was_baked_is_told_by_name(robot, moved, built, tmp_path):
     """No pose of the protocol depends on the right one: only what holds it tells."""
     stated = {**made.MOVED, "right": made.MOVED["right"] + AWAY}
@@ -172,6 +173,7 @@ def test_a_trocar_that_was_moved_after_the_motion_was_baked_is_told_by_name(robo
     assert not as_written(SimpleNamespace(**{**vars(case), "cad": robot.bound(robot.protocol("moved")).cad}))
 
 
+@pytest.mark.slow
 def test_equations_that_have_one_trocar_elsewhere_are_told_by_name(folder, tmp_path):
     own = shutil.copytree(folder, tmp_path / made.NAME)
     file = own / "formula.py"
@@ -186,6 +188,7 @@ def test_equations_that_have_one_trocar_elsewhere_are_told_by_name(folder, tmp_p
     assert next(r for r in report.residuals if r.name == "at_left").agrees
 
 
+@pytest.mark.slow
 def test_a_shaft_beside_its_trocar_is_told_by_name(folder, tmp_path):
     """The tube's bore is drawn 0.5 mm beside the place that it turns about, and what slides in it with it."""
     own = shutil.copytree(folder, tmp_path / made.NAME)

@@ -130,6 +130,7 @@ def test_q4_outside_the_published_frame_is_a_warning(judged):
     assert warning[0].size == pytest.approx(4.84215325, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_printed_target_misses_the_rcm(judged):
     report = judged("table2_printed", ("protocol", "equations"))
     assert report.exit_code == 1

@@ -290,6 +290,7 @@ def go_on(front, until, seconds=20.0):
     raise AssertionError(status(front.console.reading))
 
 
+@pytest.mark.slow
 def test_the_scoreboard_of_a_task_its_end_and_a_restart(theatre):
     scene, server = theatre.scene, serve("test", "127.0.0.1", 0)
     front = ConsoleFront("test", theatre, server, Exercise(scene.tasks["pegboard"]))
@@ -333,6 +334,7 @@ def test_views_look_at_the_tools_and_through_the_endoscope(front):
     assert up @ along == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_arrows_move_a_tool_and_come_back_to_it(front):
     drag(front, "right", (0.001, 0.0, 0.0), ended=False)
     T = drag(front, "right", (0.004, 0.002, 0.0), ended=False)

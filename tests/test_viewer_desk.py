@@ -80,6 +80,7 @@ def test_the_tool_goes_where_it_is_dragged(any_desk, rng):
         assert desk.assembly.worst_gap < 1e-9
 
 
+@pytest.mark.slow
 def test_out_of_reach_keeps_the_last_good_pose_and_says_why(any_desk):
     desk = home(any_desk)
     before = desk.assembly
@@ -504,6 +505,7 @@ def test_a_joint_that_would_pass_another_on_its_rail_says_which(sils):
         assert sils.assembly.q[k] - sils.assembly.q[i] >= least - 1e-9
 
 
+@pytest.mark.slow
 def test_a_slider_ends_where_the_loops_end_whatever_its_speed(any_desk):
     """Each joint towards its limits, in one step and in eight: the same end, and closed."""
     for i, (low, high) in enumerate(any_desk.mechanism.limits):

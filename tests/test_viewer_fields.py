@@ -36,6 +36,7 @@ def front():
     front.close()
 
 
+@pytest.mark.slow
 def test_a_field_follows_the_clock_and_one_that_breaks_is_told_once(front, monkeypatch):
     said = []
     monkeypatch.setattr(front, "say", lambda text, bad=False: said.append(text))

@@ -201,6 +201,7 @@ def test_a_plan_is_shown_with_path_tree_and_clearance_then_accepted_and_made(fro
     assert usable(front) == {"targets"}
 
 
+@pytest.mark.slow
 def test_a_preview_keeps_the_hands_and_its_target_is_changed_or_cancelled(front):
     T = aim(front, (0.0, 0.0, 0.004))
     press(front, "Plan")
@@ -229,6 +230,7 @@ def test_what_is_refused_is_told(front, monkeypatch):
     assert said[-1] == ("the target is where raven_left is: move the target away first", True)
 
 
+@pytest.mark.slow
 def test_a_target_stays_when_the_arm_had_not_reached_its_goal(scene):
     with opened(scene) as front:
         at = front._at["left"].copy()

@@ -218,6 +218,7 @@ def test_what_does_not_fit_or_finds_nothing_says_so(sils, changes, text):
 # --------------------------------------------------------------------------------- the process
 
 
+@pytest.mark.slow
 def test_cloud_gives_what_evaluate_gives(shared, sils):
     job = replace(sils, count=50_000)
     assert shared.poll() is None
@@ -229,6 +230,7 @@ def test_cloud_gives_what_evaluate_gives(shared, sils):
     assert shared.poll() is None
 
 
+@pytest.mark.slow
 def test_errors_arrive_as_text_and_the_next_job_runs(shared, sils):
     for bad, text in (
         (replace(sils, parameters={"l_9": 1.0}), "there is no parameter 'l_9'"),
@@ -255,6 +257,7 @@ def test_cancel_stops_a_job_and_a_new_one_replaces_it(shared, sils):
     np.testing.assert_array_equal(joined(chunks)[0], joined(evaluate(sils))[0])
 
 
+@pytest.mark.slow
 def test_close_leaves_no_process_and_start_begins_another(sils):
     before = children()
     cloud = Cloud()

@@ -186,6 +186,7 @@ def test_a_world_without_devices_does_not_run_for_ever():
 # -- hazards --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_pedal_that_sticks_lets_the_tool_follow_the_hand_back():
     """The handle goes back to the middle with the pedal up; where it sticks down, the tool goes along."""
     far = (9, 0, 0)

@@ -281,7 +281,7 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
 
 
 def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -> list[Finding]:
-    """Return a finding for each joint that misses its value in the waypoint at one of the samples `rows`."""
+    """Return a finding for each joint that differs from its value in the waypoint at one of the samples `rows`."""
     out = []
     for joint, value in (waypoint.joints or {}).items():
         q = trajectory.q[list(rows), trajectory.joint_names.index(joint)]
