@@ -16,7 +16,7 @@ demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
 
 test: .venv/.synced-dev
-	$(RUN) pytest -n auto --dist loadfile
+	$(RUN) pytest -n auto --dist loadfile --ignore tests/witness
 
 # One worker more than processors: its tests often wait for a network, a server, another process.
 test-slow: .venv/.synced-dev  ## what the default suite leaves out

@@ -55,6 +55,7 @@ def angle(v):
 # -- what is measured ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_feature_is_measured_where_the_file_expects_it(cad):
     d = cad.description
     assert {b: set(f) for b, f in cad.measured.items()} == {b: set(f) for b, f in d.feature.items()}
@@ -193,6 +194,7 @@ def test_the_instrument_enters_the_eye_and_tilts_in_its_hole(cad, model):
 # -- meshes and masses ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_part_is_closed_in_both_finenesses(cad):
     for tolerance, fine in ((None, None), (MASS_TOLERANCE, 0.15)):
         parts = (read_step(STEP) if tolerance is None else read_step(STEP, tolerance, fine)).parts

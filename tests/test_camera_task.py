@@ -241,6 +241,7 @@ def test_the_nearer_of_two_triangles_is_seen_and_a_mesh_behind_the_lens_is_not(g
 # -- the surgeon ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_simulated_surgeon_aligns_the_endoscope_with_both_hands(performed):
     a, start, end = performed.aligned, performed.ran.kept["ecm.at"][0], performed.ran.kept["ecm.at"][-1]
     assert performed.verdict == "agree"

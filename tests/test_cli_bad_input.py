@@ -471,14 +471,14 @@ def test_read_only_output(robot, capsys, tmp_path, monkeypatch):
     assert f"cannot write to {tmp_path / 'out'}: Read-only file system" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("argv", "most", "cache"),
     [
         (["plan"], 20_000, {}),
-        # the STEP file is read anew
-        pytest.param(["build", "--protocol", "short"], 60_000, {"XDG_CACHE_HOME": "new"}, marks=pytest.mark.slow),
-        pytest.param(["build", "--protocol", "short"], 300_000, {}, marks=pytest.mark.slow),
-        pytest.param(["validate"], 30_000, {}, marks=pytest.mark.slow),
+        (["build", "--protocol", "short"], 60_000, {"XDG_CACHE_HOME": "new"}),  # the STEP file is read anew
+        (["build", "--protocol", "short"], 300_000, {}),
+        (["validate"], 30_000, {}),
     ],
     ids=str,
 )

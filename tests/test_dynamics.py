@@ -71,6 +71,7 @@ def sizes(d):
     return np.where([j.is_angle for j in d.mechanism.active], 0.1, 2e-3)
 
 
+@pytest.mark.slow
 def test_energy_and_its_slopes_are_mass_gravity_and_coriolis(dynamics):
     d = dynamics
     for state, qd, _ in states(d):

@@ -142,10 +142,8 @@ FAULTS = (
 )
 
 
-@pytest.mark.parametrize(
-    ("text", "right", "wrong"),
-    [pytest.param(*f, id=f"{f[1]} as {f[2]}", marks=[pytest.mark.slow] if i else []) for i, f in enumerate(FAULTS)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("text", "right", "wrong"), [pytest.param(*f, id=f"{f[1]} as {f[2]}") for f in FAULTS])
 def test_a_fault_of_one_token_is_found_and_undone(text, right, wrong, truths, formula_of):
     assert text.count(right) == 1
     faulty = formula_of(text.replace(right, wrong))

@@ -48,6 +48,7 @@ def test_angles_of_every_sequence(order, a, b, c):
     np.testing.assert_allclose(again, R, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_another_euler_sequence(sils):
     formula, truth = sils
     a, b, c = spatial.euler_angles(truth.Ts[:, :3, :3], "xyz").T
@@ -76,6 +77,7 @@ def eq1_mirrored(X_E, Y_E, Z_E, psi, theta, phi, l_p):
     return S[0], -S[1], S[2], S[3], -S[4], S[5], S[6], -S[7], S[8]
 
 
+@pytest.mark.slow
 def test_degrees(sils):
     formula, truth = sils
     found = conventions(Judge(replaced(formula, "eq1", eq1_degrees), None, truth))

@@ -53,6 +53,7 @@ TAUTOLOGIES = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("row", "changes"), TAUTOLOGIES)
 def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
     """It agrees at every pose, whatever the dimensions are, and is refused all the same."""

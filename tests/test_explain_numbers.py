@@ -77,6 +77,7 @@ def test_what_cannot_be_told_apart_is_named(sher):
     assert "1 r_b +1 r_p" in found.blind
 
 
+@pytest.mark.slow
 def test_covariance_is_that_of_the_errors(sils):
     """Noise of 10 µm on the mechanism's values: the fit scatters as the covariance says."""
     noise, fits, sigmas = 1e4, [], []

@@ -37,6 +37,7 @@ def printed2(sils, sils_model, truth):
     return explain("sils", sils, sils_model, {"eq2": "printed"}, truth=truth)
 
 
+@pytest.mark.slow
 def test_the_corrected_equations_need_no_explanation(sils, sils_model, truth):
     x = explain("sils", sils, sils_model, truth=truth)
     assert (x.verdict, x.exit_code, x.rows, x.invariants) == ("agree", 0, (), ())
@@ -65,6 +66,7 @@ def test_eq1_printed_is_no_rigid_platform(printed1):
     assert all("a rigid body cannot" in f.message for f in printed1.invariants if f.code == "invariant.rigid")
 
 
+@pytest.mark.slow
 def test_the_repair_can_be_applied(sils, truth, tmp_path):
     search = Search(Judge(sils, {"eq1": "printed"}, truth))
     found, lost = search.run()
@@ -82,6 +84,7 @@ def test_eq2_printed_has_no_rigid_crank(printed2):
     assert any("'bar1' would be, from r12 to r13" in m and "182.000 mm" in m for m in rods)
 
 
+@pytest.mark.slow
 def test_eq2_printed_is_a_tie_that_the_paper_cannot_settle(printed2):
     assert [r.rows for r in printed2.repairs] == [("eq2.q1",), ("eq2.q3",), ("eq2.q5",)]
     for repair, odd, even in zip(printed2.repairs, "135", "246", strict=True):
@@ -135,6 +138,7 @@ def test_a_row_of_mixed_dimensions_is_told(faulty, sils_model, truth):
     assert x.repairs[0].cures[0][0].changes[0].edit == "2 -> 1"
 
 
+@pytest.mark.slow
 def test_one_edit_cures_several_rows(faulty, truth):
     formula = faulty(("c_psi, c_theta, c_phi = cos(psi)", "c_psi, c_theta, c_phi = sin(psi)"))
     (found,), lost = Search(Judge(formula, None, truth)).run()
@@ -143,6 +147,7 @@ def test_one_edit_cures_several_rows(faulty, truth):
     assert len(found.rows) == 5
 
 
+@pytest.mark.slow
 def test_a_name_that_is_not_there_is_put_right(faulty, sils_model, truth):
     formula = faulty(("c_psi * s_theta * s_phi", "c_psi * s_theta * s_phy"))
     x = explain("sils", formula, sils_model, truth=truth)
@@ -153,6 +158,7 @@ def test_a_name_that_is_not_there_is_put_right(faulty, sils_model, truth):
     assert any("name 's_phy' is not defined" in n for n in x.notes)
 
 
+@pytest.mark.slow
 def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, truth):
     right = "Z_S2 = Z_E + sqrt(3) / 3 * l_p * s_theta"
     formula = faulty((right, "Z_S2 = Z_E * cos(phi * X_E * 7.3) + psi ** 3 * theta"))
@@ -214,6 +220,7 @@ def test_command(capsys):
     assert main(["explain", "sils", "--seconds", "-1"]) == 2
 
 
+@pytest.mark.slow
 def test_what_is_printed_names_row_place_and_edit(printed1, printed2):
     from twin.cli.show import plain
     from twin.robots.sils import __file__ as sils_file

@@ -91,6 +91,7 @@ def test_every_file_that_was_promised_is_there(made):
     assert {p.as_posix() for p in made.files} == names
 
 
+@pytest.mark.slow
 def test_a_format_that_nothing_reads_again_does_not_pass(tmp_path, monkeypatch):
     def listed(order, folder):
         (folder / "links.csv").write_text("\n".join(b.name for b in order.mechanism.bodies))
@@ -182,6 +183,7 @@ def test_readme_says_what_is_assumed_left_out_and_untried(made):
 # ---------------------------------------------------------------------------------------------- exporting again
 
 
+@pytest.mark.slow
 def test_files_of_an_earlier_export_go_and_others_stay(robot, no_audit, tmp_path):
     folder = tmp_path / "out"
     api.export(robot, folder=folder, formats=("tracks", "urdf"), protocols=[SHORT])
@@ -273,6 +275,7 @@ def test_a_budget_that_no_rate_keeps_is_a_disagreement(no_audit, run):
     assert all(f["size"] > f["limit"] and "--budget-um" in f["suggestion"] for f in found)
 
 
+@pytest.mark.slow
 def test_a_smaller_budget_gives_more_keys(no_audit, run):
     rates = []
     for um in ("100", "3"):
@@ -342,6 +345,7 @@ def test_a_stage_at_rest_has_no_motion(tmp_path):
     assert made.verdict == "agree"
 
 
+@pytest.mark.slow
 def test_a_stage_with_motion_hands_its_samples_on(tmp_path):
     from twin.usd.read import read_motion
 
@@ -367,6 +371,7 @@ def own(tmp_path) -> Path:
     return own_robot.folder(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_robot_folder_of_ones_own(own, no_audit, tmp_path):
     made = api.export(api.load(own), folder=tmp_path / "out", formats=("tracks", "glb"))
     assert [c.name for c in made.order.clips] == ["short"]
@@ -399,7 +404,7 @@ def test_quick_looks_are_the_default_and_those_asked_for():
     assert _quick_looks("b", [], asked=False) == ()
 
 
-@pytest.mark.parametrize("alone", [pytest.param(f, marks=[pytest.mark.slow] * (f != "usdz")) for f in FORMATS])
+@pytest.mark.parametrize("alone", [pytest.param(f, marks=[pytest.mark.slow] * (f != "tracks")) for f in FORMATS])
 def test_each_format_alone_passes_its_audit(alone, robot, tmp_path):
     """Its README.txt names the motion that the file plays."""
     made = twin.export(robot, folder=tmp_path / "out", formats=[alone], protocols=[SHORT])

@@ -160,6 +160,7 @@ def test_a_smaller_budget_never_has_a_lower_rate(short):
     assert rates[0] == clips.RATES[0] < rates[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("budget", [Budget(1e-9, 1.0, 1.0), Budget(1.0, 1e-9, 1.0), Budget(1.0, 1.0, 1e-12)])
 def test_each_number_of_the_budget_counts_and_the_highest_rate_is_the_last_resort(short, budget):
     clip = make_clip(*short, budget=budget)

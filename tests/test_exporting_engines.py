@@ -72,6 +72,7 @@ def place_mujoco(model, data, mechanism, clip, k):
     mujoco.mj_fwdPosition(model, data)
 
 
+@pytest.mark.slow
 def test_mujoco_puts_every_link_where_it_is_and_finds_the_loops_closed(case, tmp_path):
     mechanism, clip = case
     model = mujoco.MjModel.from_xml_path(str(write_mjcf(mechanism, tmp_path)))
@@ -295,6 +296,7 @@ def test_the_usdz_is_one_layer_y_up_that_plays(case, tmp_path):
     assert not any(a.GetNumTimeSamples() for a in still.GetAttributes())
 
 
+@pytest.mark.slow
 def test_the_same_robot_gives_the_same_bytes(case, tmp_path):
     mechanism, clip = case
     for run in ("a", "b"):

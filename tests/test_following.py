@@ -157,6 +157,7 @@ def test_the_audit_finds_a_mimic_joint_that_follows_otherwise_or_no_more(tmp_pat
     assert {f.code for f in ledger.findings if "coupling" in f.where} == codes, ledger.findings
 
 
+@pytest.mark.slow
 def test_our_mimic_joints_come_back_and_those_of_others_are_refused(tmp_path):
     path = staged(arm(*BANDS), tmp_path)
     assert [c.name for c in read(path).mechanism.couplings] == ["second", "first"]

@@ -202,7 +202,11 @@ def test_a_pivot_of_an_arm_without_roll_of_its_shaft_leaves_free_directions_to_t
 
 @pytest.mark.parametrize(
     ("old", "new", "code"),
-    [("", "", 0), pytest.param("- lift_2", "+ lift_2", 1, marks=pytest.mark.slow), ("mm(80,", "mm(80.1,", 1)],
+    [
+        ("", "", 0),
+        pytest.param("- lift_2", "+ lift_2", 1, marks=pytest.mark.slow),
+        pytest.param("mm(80,", "mm(80.1,", 1, marks=pytest.mark.slow),
+    ],
 )
 def test_the_equations_of_a_planar_robot_agree_and_a_fault_in_them_disagrees(five_bar, old, new, code, capsys):
     formula = five_bar / "formula.py"
@@ -227,6 +231,7 @@ def test_a_full_turn_in_the_equations_is_stated_and_is_no_disagreement(five_bar,
     assert "is 1 full turn below the mechanism's" in findings["driven.turns"]["message"]
 
 
+@pytest.mark.slow
 def test_a_workspace_says_which_joints_have_no_limits(five_bar, tmp_path, capsys):
     arguments = ["workspace", str(five_bar), "--count", "1000", "--out", str(tmp_path)]
     assert cli.main(arguments) == 0

@@ -60,6 +60,7 @@ def test_the_force_is_clipped():
     assert np.linalg.norm(f, axis=1).max() == pytest.approx(3.3, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_nothing_is_felt_outside_without_the_switch_or_with_the_clutch():
     touch = Touch().among(FLOOR)
     hands = slow([0, 0, 50 * MM], [30 * MM, 0, 0.001 * MM], [0, 20 * MM, 30 * MM])
@@ -341,6 +342,7 @@ def test_the_observer_finds_an_active_surface(surface, late, active):
         assert least >= 0 or not bounds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hz", "stiffness", "damping"), [(500, 600, 10), (500, 2000, 0), (250, 600, 10)])
 def test_the_needed_damping_is_the_limit_of_a_vibrating_hand(hz, stiffness, damping):
     """A hand that vibrates inside of a surface, at the worst frequency, gains energy just below this damping."""

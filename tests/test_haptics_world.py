@@ -90,6 +90,7 @@ def test_the_floor_pushes_by_the_depth_that_is_drawn(setup):
     assert world.recording()["right.energy"].min() >= 0
 
 
+@pytest.mark.slow
 def test_an_instrument_under_the_floor_is_pushed_back_up(setup):
     """The floor is 8 mm thick: its lower side is nearer, but the instrument came from above."""
     world, force = moved(setup, 800, lambda t: ramp(t, [0, 0, -31 * MM], speed=0.07))
@@ -97,6 +98,7 @@ def test_an_instrument_under_the_floor_is_pushed_back_up(setup):
     np.testing.assert_allclose(force["right"][-1], [0, 0, 3.3], atol=0.05)
 
 
+@pytest.mark.slow
 def test_instruments_push_each_other_apart(setup):
     """Both hands feel the same force, each to its own side, and it is steady while they rest."""
 
@@ -243,6 +245,7 @@ def test_a_held_ring_is_felt_where_it_would_be(psm):
     assert found.normal[2] > 0.99
 
 
+@pytest.mark.slow
 def test_a_grasp_gives_one_pulse_along_x(setup):
     setup = replace(setup, task=setup.scene.tasks["pegboard"])
     world = console_scene.world(setup, run.surgeon(setup))

@@ -400,6 +400,7 @@ def brief(parts):
     return trends("raven_left", parts, short, lambda text, fraction: None)
 
 
+@pytest.mark.slow
 def test_the_trends_of_the_paper(brief):
     found = brief
     assert found.grows

@@ -395,6 +395,7 @@ def test_a_port_that_is_taken_is_told(running, capsys):
     assert f"cannot listen for packets on 127.0.0.1:{port}: Address already in use" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

@@ -102,6 +102,7 @@ def test_fields_that_cannot_be_sent_are_told():
         pack_field(np.zeros((scene_frame.VERTICES + 1, 3)))
 
 
+@pytest.mark.slow
 def test_the_cloth_of_the_test_room_is_a_cloth():
     """It hangs where it is held, keeps its edges, swings, and is the same in another run."""
     one, two = Cloth(), Cloth()
@@ -368,6 +369,7 @@ def test_the_page_is_told_what_to_fetch_first(tmp_path):
     assert page_files(tmp_path)["/"].content == (tmp_path / "index.html").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_scene_says_itself_what_is_played():
     done = subprocess.run(
         [sys.executable, "-m", "twin", "serve", "vsrs", "scan", "--port", "0", "--no-browser"],

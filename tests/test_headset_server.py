@@ -349,6 +349,7 @@ def test_what_cannot_be_reached_keeps_the_last_good_pose_and_says_why(sils):
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_a_point_of_a_link_is_led_and_the_base_stands(sils):
     async def go():
         async with serving(sils, plans=False) as s, joined(s.port) as peer:
@@ -368,6 +369,7 @@ def test_a_point_of_a_link_is_led_and_the_base_stands(sils):
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_of_drags_that_wait_the_newest_counts(sils, monkeypatch):
     async def go():
         async with serving(sils, plans=False) as s, joined(s.port) as peer:

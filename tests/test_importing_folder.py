@@ -39,15 +39,8 @@ def inverse(pose):
 """
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "fourbar.urdf",
-        pytest.param("slider.xml", marks=pytest.mark.slow),
-        pytest.param("slider.sdf", marks=pytest.mark.slow),
-        pytest.param("fourbar.usda", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["fourbar.urdf", "slider.xml", "slider.sdf", "fourbar.usda"])
 def test_info_validate_build_and_view_work_on_a_new_folder_at_once(name, tmp_path, capsys):
     folder = tmp_path / "deep/own"
     assert cli.main(["new", "own", "--from", str(MODELS / name), "--out", str(folder), "--quiet"]) == 0

@@ -161,6 +161,7 @@ def test_third_party_loops_close_and_come_back_from_usd(name, tmp_path, rng):
     assert same.worst_apart([imported.mechanism, stage], rng, reach=0.05)[0] < 5e-6
 
 
+@pytest.mark.slow
 def test_third_party_model_that_cannot_close_says_which_loops_and_that_it_is_its_own_gap():
     """Pinocchio's own URDF reader and a minimisation of log6 over all joints find the same gaps; see docs/import.md."""
     found = [f for f in close(read(third_party("kangaroo_like"))).findings if f.code == "import.gap"]

@@ -87,6 +87,7 @@ def _at(m, joint):
     return m.rest[joint.parent] @ joint.T_parent_joint
 
 
+@pytest.mark.slow
 def test_every_command_works_on_a_new_skeleton_at_once(tmp_path, capsys):
     source, folder = ROOT / "cad/pa10/pa10.step", tmp_path / "arm"
     assert cli.main(["new", str(source), "--out", str(folder), "--quiet"]) == 0

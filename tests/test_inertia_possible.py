@@ -231,6 +231,7 @@ def test_the_command_on_the_pa10(capsys):
     assert {f["code"] for f in data["findings"] if f["severity"] == "disagreement"} == {"inertia.sign"}
 
 
+@pytest.mark.slow
 def test_the_command_on_a_stage_and_on_one_without_masses(capsys, tmp_path):
     from twin.core import assets
 

@@ -55,6 +55,7 @@ def test_a_second_process_imports_nothing_from_the_working_directory(hostile):
     assert not (hostile / "imported").exists()
 
 
+@pytest.mark.slow
 def test_nor_does_any_process_that_the_command_line_starts(hostile):
     """Whoever runs twin in a downloaded folder runs the equations of the robot that is named, and nothing else."""
     program = hostile / "elsewhere/program.py"

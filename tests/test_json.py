@@ -51,8 +51,11 @@ DONE = {
 }
 
 
-LONG = {"selftest", "sweep", "operate", "run", "validate", "hazards", "track", "info of masses"}
-"""They take seconds each; the default suite leaves them out."""
+LONG = {
+    "selftest", "sweep", "operate", "run", "validate", "hazards", "track", "info of masses", "workspace", "build",
+    "build that is not current", "tolerance", "explain",
+}  # fmt: skip
+"""They take a second or more each; the default suite leaves them out."""
 
 
 @pytest.fixture

@@ -156,6 +156,7 @@ def test_the_counter_of_violations_is_shared_or_one_for_each_motor(parts):
     assert stops[False] == ""
 
 
+@pytest.mark.slow
 def test_rates_without_the_coupling_of_the_cables(parts):
     """The insertion motor stands while the shoulder turns: coupled, the carriage moves; its released rate is 0."""
     robot = twin.load("raven_left").with_transmission("coupled")
@@ -221,6 +222,7 @@ def test_gains_that_oscillate_are_refused(parts, motor, change, joint):
         Parts.of(parts.arm, parts.kin, parts.settings.model_copy(update={"motor": wild}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["raven_left", "raven_right", "pa10"])
 def test_the_gains_that_come_with_twin_are_stable(name):
     known = machine_parts(twin.load(name))

@@ -102,6 +102,7 @@ def test_kinds_of_wrong_measures_are_told_apart():
     assert status["swivel_zero", "type1"] == "disagrees"
 
 
+@pytest.mark.slow
 def test_a_margin_that_accepts_what_no_joint_can_do_is_found():
     from twin.robots.hibou import scope
 
@@ -284,6 +285,7 @@ def test_explain_counts_what_was_judged_and_locates_a_wrong_measure(tmp_path):
 # -- the machinery ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", designs())
 def test_motions_keep_the_loops_closed_and_degeneracy_is_one_at_usual_states(name):
     from twin.reference.degeneracy import Degeneracy

@@ -66,6 +66,7 @@ def console(loaded, port):
     return lambda: served.of_console(loaded, mqtt=("127.0.0.1", port))
 
 
+@pytest.mark.slow
 def test_a_tablet_sets_the_scale_and_sees_it(broker, bare_theatre):
     """From the tablet's message to the broker until the broker tells the tablet that the World has used it: < 50 ms."""
 
@@ -152,6 +153,7 @@ def said(peer, text):
     return any(d.get("message") == text for d in peer.documents)
 
 
+@pytest.mark.slow
 def test_a_broker_that_goes_away_is_told_and_found_again(broker, bare_theatre, monkeypatch, caplog):
     monkeypatch.setattr(mqtt, "_RETRY", 0.1)
 

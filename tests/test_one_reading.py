@@ -62,11 +62,11 @@ COMMANDS = {
     "info": ["info", "{robot}"],
     "plan": ["plan", "{robot}", "--out", "{out}"],
     "explain": ["explain", "{robot}"],
-    "check": ["build", "{robot}", "--check"],
-    "export": ["export", "{robot}", "--to", "tracks", "--out", "{out}"],
     "list": ["list"],
 }
 LONG = {
+    "check": ["build", "{robot}", "--check"],
+    "export": ["export", "{robot}", "--to", "tracks", "--out", "{out}"],
     "validate": ["validate", "{robot}", "--all-protocols", "--out", "{out}"],
     "run": ["run", "{robot}", "--all-protocols", "--out", "{out}"],
 }

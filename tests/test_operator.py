@@ -42,6 +42,7 @@ def test_tremor_keeps_its_band_and_its_size():
     assert np.sqrt((x**2).sum(axis=1).mean()) == pytest.approx(hand.tremor, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_same_seed_moves_the_same_hand(kin):
     goal = goal_beside_home(kin)
     first, again, other = (operate(kin, HOME, LIMITS, controller(), [goal], seed) for seed in (1, 1, 2))

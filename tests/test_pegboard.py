@@ -103,6 +103,7 @@ def performed(davinci):
     return operate_console(only(davinci, "ring1", "ring2"), seed=1)
 
 
+@pytest.mark.slow
 def test_a_simulated_surgeon_brings_a_ring_with_each_hand(performed):
     board = performed.board
     assert performed.verdict == "agree"

@@ -152,6 +152,7 @@ def test_a_patient_elsewhere_is_caught(played, by_mm):
     assert next(faults(replace(played, links=links)), None)
 
 
+@pytest.mark.slow
 def test_nothing_floats(played):
     """Every part leans, through others, on the floor or on what stands fast of the robot."""
     parts = {b.name: Shape(b.name, b.name, b.meshes) for b in played.patient.mechanism.bodies}

@@ -378,6 +378,7 @@ def apart(operator, q, other):
     return float(np.linalg.norm((forward(q) - forward(other))[:3, 3]))
 
 
+@pytest.mark.slow
 def test_what_was_reported_of_a_motion_stays_after_another_cancel_and_goes_with_its_world(planned):
     lifted(planned)
     planned.ask("find")
@@ -475,6 +476,7 @@ def test_a_motion_is_refused_where_another_robot_was_moved_since_the_plan(planne
     assert planned.mode.phase == "run"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("udp", [False, True])
 def test_the_camera_rests_from_the_plan_to_the_end_of_the_motion(planned, udp):
     def dragged():
@@ -551,6 +553,7 @@ def test_in_a_rehearsal_the_models_follow_a_plan_and_the_machines_stay(rehearsin
     rehearsing.console.train("me", Mode.JUDGE)
 
 
+@pytest.mark.slow
 def test_pages_get_ghost_motion_and_clearance_and_a_new_page_gets_all_of_them(dome, monkeypatch):
     monkeypatch.setattr(plan_mode, "Stream", Here)
     op = Operation(dome)

@@ -166,6 +166,7 @@ def test_jaws_lift_an_organ_that_keeps_its_volume():
     assert np.abs(organs.nodes["block"] - tissue.nodes).max() < 0.1 * MM
 
 
+@pytest.mark.slow
 def test_what_jaws_hold_slips_at_the_stated_force():
     organs, hold, _ = held_block(0.8)
     lift(organs, hold, 30 * MM, 300)
@@ -174,6 +175,7 @@ def test_what_jaws_hold_slips_at_the_stated_force():
     assert hold.grips[0].slipped > 5 * MM
 
 
+@pytest.mark.slow
 def test_bed_lets_go_node_by_node():
     organs, hold, _ = held_block(50.0)
     lift(organs, hold, 15 * MM)
@@ -385,6 +387,7 @@ class Room:
         return procedure_checks.measure(self.keep.recording(), self.setup)
 
 
+@pytest.mark.slow
 def test_surgeon_grasps_and_lifts_the_gallbladder(vsrs):
     room = Room(vsrs, 3, manner=Manner(quick=0.2, slow=0.1))
     found = room.until(1)

@@ -64,6 +64,7 @@ def test_a_process_ends_with_its_owner_and_not_by_ctrl_c():
         os.kill(pid, 0)
 
 
+@pytest.mark.slow
 def test_the_command_does_not_import_what_lies_there(hostile):
     """The README's example saved as twin.py, and worse, in the folder in which twin is called."""
     (hostile / "twin.py").write_text('import twin\n\nopen("imported", "a").write("twin")\ntwin.load("sils")\n')

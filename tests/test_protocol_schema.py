@@ -196,6 +196,7 @@ values = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.text(max_size=5), values, max_size=5))
 def test_every_value_of_a_generated_file_is_located(data):

@@ -109,6 +109,7 @@ def test_findings_come_gravest_first(written):
     assert order == sorted(order)
 
 
+@pytest.mark.slow
 def test_same_bytes_every_time(disagree, written):
     assert render_html(disagree).encode() == written[1]["html"].read_bytes()
 

@@ -74,6 +74,7 @@ def test_every_family_and_kind_is_drawn(bench):
     assert len({f.what for f in some}) == 14
 
 
+@pytest.mark.slow
 def test_seeded_faults_of_the_formula_are_edits_that_run(bench, tmp_path):
     for i, fault in enumerate(formula.faults(bench.robot, np.random.default_rng(5), 8)):
         folder = tmp_path / str(i)
@@ -81,6 +82,7 @@ def test_seeded_faults_of_the_formula_are_edits_that_run(bench, tmp_path):
         assert fault.robot(folder).kinematics(parameters={}).joints == bench.kin.joints
 
 
+@pytest.mark.slow
 def test_equations_that_say_the_same_are_told_from_those_that_do_not(bench, tmp_path):
     source = bench.robot.files.formula.read_text(encoding="utf-8")
     assert source.count("(L_V - Z_S2)**2") >= 1

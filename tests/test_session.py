@@ -558,6 +558,7 @@ def test_mcap_has_the_poses_of_the_reference_model(exported, replayed, davinci, 
     assert worst < 1e-9
 
 
+@pytest.mark.slow
 def test_mcap_states_its_schemas_and_the_console(exported):
     from mcap.reader import make_reader
 
@@ -573,6 +574,7 @@ def test_mcap_states_its_schemas_and_the_console(exported):
     assert max(m["right_grip"] for m in said) == pytest.approx(30 * DEG)
 
 
+@pytest.mark.slow
 def test_csv_has_hands_and_tips(exported, replayed):
     path = exported / "session.csv"
     names = path.read_text().splitlines()[0].split(",")

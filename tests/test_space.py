@@ -48,6 +48,7 @@ def test_every_way_of_an_arm_is_free_and_its_ends_are_exact(seed):
     assert np.all((path(DENSE) >= space.limits[:, 0]) & (path(DENSE) <= space.limits[:, 1]))
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_way_and_another_seed_another():
     start, goal = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
     a, b, c = (around(space_of(arm(), post(0.52, 0)), start, goal, seed=s).coefficients for s in (3, 3, 4))
@@ -116,6 +117,7 @@ def test_the_cost_for_clearance_keeps_the_path_away_from_the_post():
     assert near[1] < 0.5 * near[0]
 
 
+@pytest.mark.slow
 def test_a_free_straight_path_is_left_only_for_more_clearance():
     stills = [post(0.52, 0)]
     space = space_of(arm(), *stills)
@@ -153,6 +155,7 @@ def test_progress_is_told_and_a_straight_way_needs_no_search():
     assert len(straight.coefficients) == 2
 
 
+@pytest.mark.slow
 def test_a_search_can_be_cancelled_at_any_moment_and_is_the_same_when_repeated():
     space, start, goal = space_of(arm(), post(0.52, 0)), np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
     asked = []

@@ -274,7 +274,11 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
         (["--step-mm", "5000"], "none of 1 positions, 5e+03 mm apart, is reached in a box of 607 x 628 x 385 mm"),
         (["--joints", "--scheduler", "local"], "--scheduler: joint samples run on this machine"),
         (["--count", "1.5"], "argument --count: 1.5 is not a whole number"),
-        (["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"], "no Dask scheduler answers at this address"),
+        pytest.param(
+            ["--scheduler", "tcp://127.0.0.1:1", "--count", "1000"],
+            "no Dask scheduler answers at this address",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_workspace_refuses(arguments, message, tmp_path, capsys, monkeypatch):

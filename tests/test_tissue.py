@@ -116,6 +116,7 @@ def test_small_pushes_are_linear_and_the_stiffness_is_that_of_the_material():
     assert free < k.mean() < free * (1 + 2 * shape**2) * 1.2
 
 
+@pytest.mark.slow
 def test_nodes_and_vertices_are_those_of_mujoco():
     import mujoco
 
@@ -131,6 +132,7 @@ def test_nodes_and_vertices_are_those_of_mujoco():
     assert (more - less) / 2e-6 == pytest.approx(float(np.vdot(by_node, turned)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_symmetric_push_gives_a_symmetric_dent_that_decays_with_the_rings():
     organ = made.ball()
     *_, organs = made.pushed(organ, made.rod(), (0.0, 0.0, 0.081), [0.012])
@@ -352,6 +354,7 @@ def test_organs_that_were_pressed_through_each_other_part(monkeypatch):
     assert max(off(held, t).max() for t in held.tissues) > 1 * MM, "contact alone holds them in each other"
 
 
+@pytest.mark.slow
 def test_link_that_presses_too_far_goes_into_the_organ():
     """And the organ is not turned inside out; the link touches it again once it has been outside."""
     organ = made.ball()

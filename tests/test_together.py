@@ -91,7 +91,7 @@ def test_a_second_arm_of_a_kind_is_found_by_the_name_of_its_robot():
         place_of(scene, of[0], of[:1])
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_two_arms_exchange_places_without_touching(seed):
     one, whole = both()
     first = around(one, UP, DOWN)
@@ -221,6 +221,7 @@ def tip_of(q, y=0.0):
     return ends + y * np.stack([-np.sin(a[:, 2]), np.cos(a[:, 2])], axis=1)
 
 
+@pytest.mark.slow
 def test_a_plan_of_two_arms_keeps_all_limits_of_both(tmp_path, stand):
     """Also of a motor, of a moved frame that is not the tool, and of its jerk, by differences of the samples."""
     goal, jerk = UP + np.array([0.3, 0.2, 0.1]), "tip_jerk_mm_s3 = 4000"

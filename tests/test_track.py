@@ -460,6 +460,7 @@ def column(tmp_path_factory):
     return made.folder(tmp_path_factory.mktemp("column") / "column")
 
 
+@pytest.mark.slow
 def test_command_prints_and_writes(column, tmp_path, capsys):
     assert cli.main(["track", str(column), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     said = capsys.readouterr().out

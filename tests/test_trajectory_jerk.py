@@ -162,6 +162,7 @@ def test_a_jerk_in_another_unit_is_a_warning(tmp_path):
     assert [f for f in found if "0.9 mm/s3" in f.message and "probably in a wrong unit" in f.message]
 
 
+@pytest.mark.slow
 def test_jerks_of_joints_limit_a_motion_and_are_judged_twice():
     from twin.planning.check import check
 

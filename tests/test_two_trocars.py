@@ -365,6 +365,7 @@ def test_both_trocars_are_read_and_told(robot):
     assert all(f"RCM error, {n}" in page for n in made.PLACES)
 
 
+@pytest.mark.slow
 def test_both_trocars_are_drawn_and_sent_where_the_protocol_has_them(robot, folder):
     playback = prepare(str(folder), "moved")
     actor = Actor(made.NAME, str(folder), Desk(robot))

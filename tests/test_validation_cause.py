@@ -89,6 +89,7 @@ def test_what_could_not_be_checked_comes_first():
 CODES = ("cad.meeting", "point.differs", "driven.differs", "loop.differs", "stage.content", "baked.times", "rcm.missed")
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(
     st.lists(

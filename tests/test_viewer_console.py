@@ -185,6 +185,7 @@ def test_the_camera_goes_to_its_sliders_by_both_hands(desk):
     np.testing.assert_allclose(desk.live.camera_at, wanted, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_camera_stops_at_the_range_of_its_scene_and_the_pedal_is_released(bare_theatre, monkeypatch):
     monkeypatch.setattr(console, "_BUDGET", np.inf)
     scene, depth = bare_theatre.scene, LiveConsole(bare_theatre).camera_at[2] / MM
@@ -384,6 +385,7 @@ def test_a_page_that_is_refused_is_told_once_and_its_arrows_go_back(front, monke
 # -- in Chromium ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rings_move_on_the_page(theatre):
     """A ring that is set free beside the pegs falls to the floor; on its peg it counts."""
     scene = theatre.scene

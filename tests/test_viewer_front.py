@@ -89,6 +89,7 @@ def test_size_and_place_are_of_the_picture_alone(two):
     two.scenery._put(a, np.zeros(3), 0.0, 1.0)
 
 
+@pytest.mark.slow
 def test_a_protocol_is_prepared_elsewhere_and_played(two):
     a = two.hand
     two.load(a, None)

@@ -245,6 +245,7 @@ def test_errors_arrive_as_text_and_the_next_job_runs(shared, sils):
     assert wait(shared)[-1].evaluated == sils.count
 
 
+@pytest.mark.slow
 def test_cancel_stops_a_job_and_a_new_one_replaces_it(shared, sils):
     shared.start(replace(sils, count=ENDLESS))
     wait(shared, until=lambda c: c.evaluated > 0)

@@ -37,6 +37,7 @@ def here():
     return {name: worlds.happened(make()) for name, make in worlds.KINDS.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", worlds.KINDS)
 def test_the_same_world_gives_the_same_bytes_twice(name, here):
     assert worlds.happened(worlds.KINDS[name]()) == here[name]
@@ -78,6 +79,7 @@ def test_a_recorded_hand_makes_its_world_happen_again(hazards, tmp_path):
     assert again.to_bytes() == first.to_bytes()
 
 
+@pytest.mark.slow
 def test_recorded_commands_move_robots_without_their_planners():
     first = worlds.vsrs()
     first.step(300)
