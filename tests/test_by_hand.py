@@ -231,6 +231,7 @@ def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkey
     op.close()
 
 
+@pytest.mark.slow
 def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
     path = tmp_path / "hands.session"
     op = Operation(scenes.with_organs(LoadedScene(scene, robots)), Exercise(session=path))

@@ -291,6 +291,7 @@ def test_a_surgeon_who_gives_up_has_missed_the_task(davinci, monkeypatch):
     assert abs(found.aligned.seen - found.aligned.angle) < 0.05 * DEG  # 10 degrees askew, and measured
 
 
+@pytest.mark.slow
 def test_two_angles_that_differ_are_a_finding(performed):
     wrong = replace(performed, aligned=replace(performed.aligned, seen=performed.aligned.angle + 0.06 * DEG))
     assert [f.code for f in wrong.findings if f.severity == "disagreement"] == ["task.angles"]
@@ -298,6 +299,7 @@ def test_two_angles_that_differ_are_a_finding(performed):
     assert [f.code for f in unseen.findings if f.severity == "warning"] == ["task.unseen"]
 
 
+@pytest.mark.slow
 def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, plate, performed):
     """A lens that is 0.1 degrees askew in its tube: the picture shows it, the projection by the equations does not."""
     T = looking(goal, [0, 6 * MM, 80 * MM], [0, 6 * MM, 0], 0)
@@ -306,6 +308,7 @@ def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, p
     assert abs(angle - projected) > camera_task.AGREE
 
 
+@pytest.mark.slow
 def test_the_scoreboard_counts_what_the_report_measures(davinci, bare_theatre, performed):
     setup = Setup(davinci, members_of(bare_theatre.robots), davinci.tasks["camera"])
     referee = CameraReferee("ecm", run.SAMPLE)

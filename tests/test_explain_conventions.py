@@ -84,6 +84,7 @@ def test_degrees(sils):
     assert any(c.kind == "unit" and "degrees" in c.message for c in found)
 
 
+@pytest.mark.slow
 def test_a_left_handed_frame(sils):
     formula, truth = sils
     found = conventions(Judge(replaced(formula, "eq1", eq1_mirrored), None, truth))
@@ -92,6 +93,7 @@ def test_a_left_handed_frame(sils):
     assert "x = x" in hand.message
 
 
+@pytest.mark.slow
 def test_sign_and_zero_of_a_joint(sils):
     formula, truth = sils
     rows = {"rf1": truth.symbols["rf1"] + 0.1}
@@ -149,6 +151,7 @@ def test_helpers_are_found_whatever_the_folder_of_a_robot_is_called(folder, tmp_
     assert not of_formula(symbolic.pose)
 
 
+@pytest.mark.slow
 def test_a_table_multiplied_in_the_other_form(pa10):
     formula, truth = pa10
     found = conventions(Judge(replaced(formula, "table1", table1_standard), None, truth))
@@ -157,12 +160,14 @@ def test_a_table_multiplied_in_the_other_form(pa10):
     assert dh.rows == ("table1.T_base_tool",)
 
 
+@pytest.mark.slow
 def test_a_base_that_lies_on_its_side(pa10):
     formula, truth = pa10
     found = conventions(Judge(replaced(formula, "table1", table1_turned), None, truth))
     assert any(c.kind == "axes" and "base axes" in c.message for c in found)
 
 
+@pytest.mark.slow
 def test_no_convention_is_found_where_all_is_well(sils, pa10):
     for formula, truth in (sils, pa10):
         assert conventions(Judge(formula, None, truth)) == []

@@ -84,6 +84,7 @@ def test_a_changed_dimension_is_not_explained_by_edits(sils):
         assert not any(len(c.edits) == 1 and not c.dropped for c in best)
 
 
+@pytest.mark.slow
 def test_what_a_repair_drops_is_said(sils, tmp_path):
     """A row with a name too many: the cure names the symbol that it takes out."""
     import inspect

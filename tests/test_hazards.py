@@ -461,6 +461,7 @@ def test_a_malformed_campaign_of_a_robots_folder_is_named_by_its_reader(tmp_path
         load(path, {})
 
 
+@pytest.mark.slow
 def test_the_pages_of_campaign_and_trends(table, brief, tmp_path):
     response = {"noticed": 11, "acted": 300, "responses": ["restart"], "works": True}
     response |= {"response_peak": 3.0, "response_harm": True}

@@ -303,6 +303,7 @@ def test_motions_keep_the_loops_closed_and_degeneracy_is_one_at_usual_states(nam
     assert 0.1 < np.median(motions.of(run.x[:6])) < 10
 
 
+@pytest.mark.slow
 def test_the_names_of_margins_are_the_formulas():
     formula, model, run = setting("sils")
     rows = rows_of(formula, model, run)

@@ -211,6 +211,7 @@ def test_a_target_in_the_dome_is_blocked_with_the_bodies_and_a_free_one_is_not(c
     assert "clearance_mm" not in console.mode.said, "the user of a console has no protocol to change"
 
 
+@pytest.mark.slow
 def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(console, dome, monkeypatch):
     scene, props = dome.scene, dome.props
     q0 = console.q

@@ -192,6 +192,7 @@ def test_one_fault_has_one_number_everywhere(printed):
     assert {f["cause"] for f in data["findings"] if f["severity"] == "disagreement"} == {"eq1 (printed)"}
 
 
+@pytest.mark.slow
 def test_what_to_do_is_the_last_line_on_the_terminal_and_on_the_first_screen_of_the_page(printed, capsys):
     from twin.cli import reports
     from twin.ui.report import render_html
@@ -224,6 +225,7 @@ def test_the_cure_is_found_in_seconds_or_the_command_is_given(short, printed):
     assert late.commands["explain"] in late.what_to_do
 
 
+@pytest.mark.slow
 def test_nothing_is_searched_for_what_is_not_in_the_equations(short):
     untouched = SimpleNamespace()  # whatever is asked of it fails
     for judged in (EMPTY, report(off("cad.meeting", "U1", 0.2)), report(off("rcm.missed", "RCM", 45.0))):
@@ -263,6 +265,7 @@ def test_commands_name_robots_of_ones_own_by_their_folder(tmp_path, monkeypatch)
             assert args.variant == [], "the default needs no word"
 
 
+@pytest.mark.slow
 def test_a_length_that_differs_is_the_cause_of_what_reads_it(short):
     from twin.validation.lengths import lengths, put_down
     from twin.validation.rows import Clock

@@ -97,6 +97,7 @@ def test_recorded_commands_move_robots_without_their_planners():
 # -- what is in it --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_robots_of_a_scene_are_where_their_plans_lead_at_their_places():
     world = worlds.vsrs()
     world.step(301)
