@@ -47,7 +47,7 @@ class StageCheck(Result):
         ]
 
     def content(self) -> Mapping[str, Any]:
-        """Return the names of the files."""
+        """Return the names of the files that differ or are unexpected, by these two keys."""
         return {"differing": self.differing, "unexpected": self.unexpected}
 
     def text(self) -> Iterator[Part]:

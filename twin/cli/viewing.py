@@ -132,7 +132,7 @@ def _what(
     if args.task is not None and (file is None or args.html is not None):
         raise TwinError("--task is for the live console of a scene; omit --html and name a scene with a console")
     if args.watch is not None and (file is None or args.html is not None):
-        raise TwinError("--watch shows the scene of a running `twin serve SCENE`; omit --html and name this scene")
+        raise TwinError("--watch shows the scene of a running `twin serve SCENE`: name the same SCENE, and omit --html")
     if file is None:
         from twin.ui.session.protocols import protocols_of
 

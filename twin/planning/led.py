@@ -48,7 +48,7 @@ class Led:
         """The robot's mechanism; raises `ProtocolError` if the robot has none."""
         if self.kinematics.carrier is None:
             raise ProtocolError(
-                f"{self.name} has no mechanism; every arm needs a mechanism to plan several arms at once"
+                f"{self.name} has no mechanism; several arms can be planned at once only if each has a mechanism"
             )
         return self.kinematics.carrier
 

@@ -37,8 +37,9 @@ class CommonPhase:
         seen: minimum distance along the whole phase, over all tested pairs of bodies (arms and scene).
         near: minimum distance for each kind of pair in `KINDS` (two different arms, one arm, arm and scene); kinds
             without bodies to test are missing.
-        rounds: rounds of the search for each arm's path, by name of the arm; empty if no arm needed a search. For
-            arms planned after the first, the path length includes the progress of the arms planned before.
+        rounds: rounds of the search for each arm's path, by name of the arm; empty if no arm needed a search. The
+            path of a later arm is searched over its joints and the progress of the earlier arms, and its length in
+            `rounds` counts both.
     """
 
     name: str

@@ -34,7 +34,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Rounds:
-    """The rounds of the search of a phase, in order; at least one.
+    """The rounds of the path search in one phase, in order; at least one.
 
     Attributes:
         cost: name of what the search minimises (`twin.planning.costs.COSTS`).

@@ -287,7 +287,7 @@ class ReferenceModel:
         return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
 
     def _drive(self, start: Array, q: Array) -> Array:
-        """Return the state at active joint values q (n,), reached from a configuration."""
+        """Return the state at active joint values q (n,), reached from the state `start`."""
         return self._in_turns(start, q, lambda x: self._reach(x, q, self._move_driven))
 
     def _in_turns(self, start: Array, q: Array, reach: Callable[[Array], Array]) -> Array:

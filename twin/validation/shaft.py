@@ -91,7 +91,10 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
 
 
 def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
-    """Return the first sample index of the intervals to measure: all, or those with most distance or curvature."""
+    """Return the index of the first sample of each interval to measure.
+
+    In a long phase, these are the intervals with the largest distances and those with the largest curvature.
+    """
     assert span.rcm is not None
     rows = np.arange(span.start, span.stop + 1)
     if len(rows) <= ALL:

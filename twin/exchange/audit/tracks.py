@@ -168,7 +168,7 @@ def _check_words(data: dict[str, Any], ledger: Ledger) -> None:
 def _list(data: dict[str, Any], key: str) -> list[str]:
     value = data.get(key)
     if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-        raise ReadError(f"'{key}' is not a list of texts")
+        raise ReadError(f"'{key}' is not a list of strings")
     return value
 
 

@@ -283,7 +283,7 @@ class ProcedureSurgeon(Block):
                 self.missed.append(f"clip {k + 1}")
 
     def _shut(self) -> int:
-        """Return the number of clips that close a vessel."""
+        """Return the number of clips that are closed on a vessel."""
         names = [n for n in self._now if n.endswith(".cover")]
         return sum(float(self._now[n][0]) >= 1 - 1e-9 for n in names)
 

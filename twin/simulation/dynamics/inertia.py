@@ -105,7 +105,8 @@ class _Solid(Table):
 class Link(_Solid):
     """One link with its joint and the joint's drive (no drive if motors of the mechanism move the joint).
 
-    `frame` is a frame of the description on the body that the joint moves; default: see the module docstring.
+    `frame` is one of the frames in the description; it is fixed to the body that the joint moves. Default: see the
+    module docstring.
     """
 
     joint: Identifier

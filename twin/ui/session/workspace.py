@@ -102,8 +102,8 @@ def evaluate(job: Job) -> Iterator[Chunk]:
         reached += int(good.sum())
         if last == job.count and not reached:
             solved = np.isfinite(kin.inverse_many(Ts)[:, 0]).any()
-            why = "no pose is within the joint limits" if solved else "no pose is reachable"
-            raise KinematicsError(f"{kin.formula.name}: of {job.count} positions with this orientation {why}.")
+            why = "within the joint limits" if solved else "reachable"
+            raise KinematicsError(f"{kin.formula.name}: none of {job.count} positions is {why} with this orientation.")
         with np.errstate(divide="ignore"):
             condition = 1 / inverse[0, good]
         yield Chunk(Ts[good, :3, 3].astype(np.float32), condition.astype(np.float32), last, job.count)

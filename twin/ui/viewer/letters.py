@@ -151,7 +151,7 @@ class Letters:
 
     def _check(self, raw: str | bytes, sender: Sender, now: float) -> None:
         if not isinstance(raw, bytes):
-            raise NonsenseError("text")
+            raise NonsenseError("a text message; the page sends binary messages")
         try:
             message = self._decoders[len(raw) > ORDINARY].decode(raw)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
