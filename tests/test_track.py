@@ -416,7 +416,7 @@ def test_a_lost_arm_is_told(arm, kin, saturation, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     wild = Conditions(w=3000.0, quantisation=ENCODER, saturation=saturation)
     strong = replace(arm, limit=1e5 * np.ones(7))
-    with pytest.raises(TwinError, match="w = 3000 rad/s is unstable"):
+    with pytest.raises(TwinError, match="w = 3000 rad/s of the controller is unstable"):
         run(strong, circle(kin, 0.5, 0.2), wild)
     assert not list(tmp_path.iterdir())  # MuJoCo would log that it gave up
 

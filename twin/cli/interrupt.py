@@ -1,7 +1,7 @@
 """Delay Ctrl-C until imports and calls of CasADi have ended.
 
-During an import, native libraries crash at Ctrl-C, or ignore it. CasADi ignores the errors of Python functions that it
-calls to convert arguments.
+During an import, native libraries crash at Ctrl-C, or ignore it. CasADi discards exceptions of the Python functions
+that it calls to convert arguments; an exception raised there by Ctrl-C would be lost.
 """
 
 from __future__ import annotations

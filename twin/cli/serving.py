@@ -132,7 +132,7 @@ def _require_compatible(args: argparse.Namespace) -> None:
     if args.participant is not None and args.haptics is not None:
         raise TwinError("--haptics and --participant cannot be combined: --participant determines which run has forces")
     if args.participant is not None and args.session is None:
-        raise TwinError("--participant requires --session FILE, which records the condition")
+        raise TwinError("--participant requires --session FILE: the file records the condition of the participant")
 
 
 async def serve_until_stopped(

@@ -131,7 +131,7 @@ def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
     if not wrong.any():
         what = f"has triangles of both orientations: {count} edges join two triangles of different orientation"
         why = "list the corners of all triangles counter-clockwise, seen from outside"
-    raise TwinError(f"surface '{name}' {what}, one of these edges at ({x:.1f}, {y:.1f}, {z:.1f}) mm; {why}")
+    raise TwinError(f"surface '{name}' {what}, one of them at ({x:.1f}, {y:.1f}, {z:.1f}) mm; {why}")
 
 
 def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:

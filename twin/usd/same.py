@@ -30,7 +30,10 @@ def same_layer(a: Path, b: Path) -> bool:
 
 
 def _numbers(text: str) -> tuple[Array, Array]:
-    """Return (numbers of a layer file, absolute tolerance of each number); drive and state angles are in degrees."""
+    """Return (numbers of a layer file, absolute tolerance of each number).
+
+    Angles of joint drives and joint states are in degrees, and their tolerances as well.
+    """
     numbers, tolerances, unit = [], [], 1.0
     for line in text.splitlines():
         if " = " in line:  # an attribute begins; its samples are in the next lines

@@ -1,4 +1,4 @@
-"""`twin audit`: check exported files with independent readers, and compare them."""
+"""`twin audit`: check exported files with independent readers, and compare what they read."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class Urdf:
         return out[::-1]
 
     def play(self, clip: Clip) -> Clip:
-        """Return the poses T_world_link (k, 4, 4), by link, from the joint values of a track."""
+        """Return a clip of the link poses T_world_link (k, 4, 4), computed from the joint values of `clip`."""
         count = len(clip.times)
         placed: dict[str, Array] = {}
         T_root = clip.links.get(self.root)

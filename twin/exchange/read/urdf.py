@@ -170,7 +170,7 @@ class _Urdf:
     def _marks(
         self, links: dict[str, Element], joints: dict[str, Element], ends: dict[str, tuple[str, str]], base: str
     ) -> dict[str, str]:
-        """Return the fixed joint of each link that becomes a named frame, by link name."""
+        """Return {link: its fixed joint} for the links that become named frames."""
         out = {}
         for joint, (_, child) in ends.items():
             element = links[child]

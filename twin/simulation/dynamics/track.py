@@ -246,8 +246,8 @@ def run(
         if not np.abs((motion.q[i] - qs[i]) / unit).max() < _LOST:  # true also for NaN
             raise TwinError(
                 f"at {motion.t[i]:.3f} s a joint is more than {_LOST:g} rad or {_LOST * LENGTH_SCALE:g} m from its "
-                f"target: the drives are too weak for this motion, or w = {c.w:g} rad/s is unstable at "
-                f"{c.rate:g} Hz"
+                f"target: the drives are too weak for this motion, or the bandwidth w = {c.w:g} rad/s of "
+                f"the controller is unstable at {c.rate:g} Hz"
             )
         seen = _measured(qs[i], step)
         if c.quantisation:

@@ -35,10 +35,10 @@ other geom."""
 class Feel:
     """Finds the planes of all contacts.
 
-    Contacts of instruments begin and end at the commanded joint values, not at the simulated poses: a jaw whose torque
-    is limited yields when it presses, and may vibrate. A held object yields too: it stays outside of the parts that it
-    touches, and slips between the jaws. The depth of a held object is measured at the point where the contact would be
-    without slip. Objects that are not held have no planes.
+    Whether an instrument is in contact is computed from the commanded joint values. The simulated poses are not used,
+    because a jaw whose torque is limited yields when it presses, and may vibrate. A held object yields too: it stays
+    outside of the parts that it touches, and slips between the jaws. The depth of a held object is measured at the
+    point where the contact would be without slip. Objects that are not held have no planes.
 
     A part does not stop an instrument, which can move through it. The contacts of an instrument in a part are therefore
     found at its proxy, which stays outside the part on the side from which the instrument came (Ruspini, Kolarov and

@@ -202,7 +202,7 @@ class Organ:
         return self.may_touch(k)
 
     def mute(self, links: Sequence[int], on: bool) -> None:
-        """Switch off the contact of links with the organ (`on`: jaws now hold the organ), or switch it on again."""
+        """Switch off the contact of links with the organ if `on` (jaws hold it now); otherwise switch it on again."""
         (self._muted.update if on else self._muted.difference_update)(links)
 
     def may_touch(self, k: int) -> bool:
