@@ -34,7 +34,7 @@ class Cue:
         reading: "printed" or "corrected" equation (5).
         tol: deviation in mm above which the force acts.
         kp, kd: gains in N/mm and N s/mm.
-        most: largest force in N.
+        most: largest force in N, of both readings.
         blend: distance in mm beyond `tol` over which the corrected force grows from 0; 0: the force jumps at `tol`.
     """
 
