@@ -207,7 +207,10 @@ def test_equations_without_a_closed_inverse_are_refused(tmp_path):
         ({"limits": np.zeros((5, 2))}, "limits"),
         ({"count": 0}, "the number of poses 0"),
         ({"limits": np.full((6, 2), 9.0)}, "none of 500 positions is within the joint limits with this orientation"),
-        ({"T_base_tool": np.diag([1.0, 1, 1, 1]) + 9 * np.eye(4, k=3)}, "is reachable with this orientation"),
+        (
+            {"T_base_tool": np.diag([1.0, 1, 1, 1]) + 9 * np.eye(4, k=3)},
+            "none of 500 positions is reachable with this orientation",
+        ),
     ],
 )
 def test_what_does_not_fit_or_finds_nothing_says_so(sils, changes, text):
@@ -236,7 +239,7 @@ def test_errors_arrive_as_text_and_the_next_job_runs(shared, sils):
         (replace(sils, parameters={"l_9": 1.0}), "there is no parameter 'l_9'"),
         (replace(sils, limits=None), "limits"),  # type: ignore[arg-type]
         (replace(sils, T_base_tool="no pose"), "IndexError"),  # type: ignore[arg-type]
-        (replace(sils, limits=np.full((6, 2), 9.0)), "is within the joint limits with this orientation"),
+        (replace(sils, limits=np.full((6, 2), 9.0)), "positions is within the joint limits with this orientation"),
     ):
         shared.start(bad)
         assert text in wait(shared)[-1].error

@@ -41,6 +41,10 @@ def frame(seq: int, x: float = 0.0, links: int = 3, magic: bytes = b"TWN1") -> b
     return struct.pack(f"<4sIddHHI{7 * links + 1}f", magic, seq, time.monotonic(), 0.5, links, 1, 2, *poses, 0.25)
 
 
+class MonoHangsError(Exception):
+    """The program has ended and its client has closed, but the process of Mono goes on; seen once in a hundred runs."""
+
+
 class Listener:
     """The program Listen: what it prints, and orders to it."""
 
@@ -82,8 +86,9 @@ async def listening(folder: Path, address: str, links, robot: str = ""):
         try:
             await asyncio.wait_for(process.wait(), 30)
             assert process.returncode == 0, await process.stderr.read()
-        except TimeoutError:  # Mono sometimes does not end after its program has; the client must have closed by then
+        except TimeoutError:
             assert listener.said[-1]["what"] == "end", listener.said[-3:]
+            raise MonoHangsError from None
     finally:
         if process.returncode is None:
             process.kill()
@@ -298,7 +303,10 @@ SCENARIOS = {f.__name__: f for f in (newest_only, nothing_torn, comes_back, sile
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_stream(build, name):
-    run(SCENARIOS[name](build.folder))
+    try:
+        run(SCENARIOS[name](build.folder))
+    except MonoHangsError:  # a thread that the client leaves behind would do so again
+        run(SCENARIOS[name](build.folder))
 
 
 MUTATIONS = {

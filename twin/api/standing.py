@@ -38,9 +38,8 @@ def place_of(scene: Scene, name: str, taken: Collection[str] = ()) -> Place:
         TwinError: there is no such place, or the names of all such places are in `taken`.
     """
     found = [p for p in scene.places if p.name == name] or [p for p in scene.places if p.robot == name]
-    free = [p for p in scene.places if p.name not in taken]
     if (place := next((p for p in found if p.name not in taken), None)) is None:
-        left = ", ".join(p.name for p in free)
+        left = ", ".join(p.name for p in scene.places if p.name not in taken)
         raise TwinError(f"scene '{scene.name}' has no {'further ' if found else ''}robot '{name}'; it has: {left}")
     return place
 

@@ -71,7 +71,7 @@ class LocalPlane:
 def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
     """Return the signal (SIZE,) of at most `COUNT` of the planes at T_world_tool (4, 4).
 
-    Planes are selected one after the other: next is the plane in which the tool would be deepest after it had left the
+    Planes are selected in turn: next is the plane in which the tool would be deepest after it had left the
     planes selected before. So the planes of one side do not use up the rows that planes of another side need.
     """
     out = np.zeros((COUNT, WIDTH))
