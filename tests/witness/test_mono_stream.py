@@ -41,7 +41,7 @@ def frame(seq: int, x: float = 0.0, links: int = 3, magic: bytes = b"TWN1") -> b
     return struct.pack(f"<4sIddHHI{7 * links + 1}f", magic, seq, time.monotonic(), 0.5, links, 1, 2, *poses, 0.25)
 
 
-class MonoHangsError(Exception):
+class MonoHangsError(TimeoutError):
     """The program has ended and its client has closed, but the process of Mono goes on; seen once in a hundred runs."""
 
 
