@@ -131,7 +131,7 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
         f"Judge to use it, or {again} a shorter motion",
         Why.NOT_READY: f"{robot} is not ready (run level {Level(int(value)).name if 0 <= value <= 3 else value}): "
         "press its start button, and wait for PEDAL_UP",
-        Why.TOO_FAST: f"the rehearsed tip moved at {value / MM:.0f} mm/s (limit {bounds.rehearsed / MM:.0f}): "
+        Why.TOO_FAST: f"the rehearsed tip moved at {value / MM:.4g} mm/s (limit {bounds.rehearsed / MM:g}): "
         f"{again} more slowly",
         Why.OUT_OF_REACH: f"{value:.0f} packets had a target out of reach (limit 0): {again} within the ranges of "
         "the joints",
@@ -140,8 +140,8 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
         f"it to the start by teleoperation, or {again} from here",
         Why.START_ANGLE: f"a joint of {robot} is {value / DEG:.1f} deg from where the record begins "
         f"(limit {bounds.start_angle / DEG:g}): move it to the start by teleoperation, or {again} from here",
-        Why.MACHINE_FAST: f"the replay was stopped: the tip of {robot} moved at {value / MM:.0f} mm/s "
-        f"(limit {bounds.replayed / MM:.0f})",
+        Why.MACHINE_FAST: f"the replay was stopped: the tip of {robot} moved at {value / MM:.4g} mm/s "
+        f"(limit {bounds.replayed / MM:g})",
         Why.DEVIATES: f"the replay was stopped: the tip of {robot} was {value / MM:.1f} mm from its model "
         f"(limit {bounds.deviation / MM:g}); find the cause before the next replay",
         Why.MACHINE_STOPPED: f"the replay was stopped: {robot} left PEDAL_DN "
@@ -216,8 +216,18 @@ def _turn(R: Array) -> Array:
 
 
 def _chased(v: Array, way: Array, most: float, dt: float) -> Array:
-    """Return the rate (at most `most`) of a critically damped filter after one tick; `way`: remaining displacement."""
-    v = (v + dt * _FOLLOW**2 * way) / (1 + dt * _FOLLOW) ** 2
+    """Return the rate (at most `most`) of a critically damped filter after one tick; `way`: remaining displacement.
+
+    The rate changes by no more than `_FOLLOW` * most / e in a second. With this acceleration the filter itself stops
+    at a goal from the rate `most`; so the limit delays no stop. Without it, a goal that jumps would start the arm so
+    suddenly that its tip exceeds `most`.
+    """
+    change = _limited((v + dt * _FOLLOW**2 * way) / (1 + dt * _FOLLOW) ** 2 - v, dt * _FOLLOW * most / math.e)
+    return _limited(v + change, most)
+
+
+def _limited(v: Array, most: float) -> Array:
+    """Return a vector (3,), shortened to the length `most` if it is longer."""
     size = math.hypot(*v.tolist())
     return v * (most / size) if size > most else v
 
