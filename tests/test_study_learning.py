@@ -276,7 +276,7 @@ def test_sessions_that_cannot_be_compared_are_refused(four, tmp_path):
         (["a.csv", "b.csv"], "2 names or files are given"),
         (["first=a.session", "b.session"], "'b.session' has no group"),
         (["=a.session", "b=c.session"], "give GROUP=FILE"),
-        (["sher", "--out", "x"], "--out applies only to groups"),
+        (["sher", "--out", "x"], "--out requires groups"),
     ],
 )
 def test_wrong_arguments_are_refused(given, why, capsys, tmp_path, monkeypatch):

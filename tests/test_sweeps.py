@@ -418,7 +418,7 @@ def test_a_stretched_part_has_its_length_and_the_mechanism_follows(robots):
         ("l_q=1..2mm", "parameter 'l_q'"),
         ("bar1:r12-s9=1..2mm", "joint 's9'"),
         ("bar1:r12-s2=1..2mm", "joint 's2' is not on body 'bar1'"),
-        ("bar1:r12=1..2mm", "write body:joint-joint"),
+        ("bar1:r12=1..2mm", "give BODY:JOINT-JOINT"),
         ("l_p=nan..2mm", "write NAME=LOW..HIGH"),
         ("l_p=120..150deg", "l_p is given in mm; 'deg' is not a unit of length"),
         ("bar1:r12-r13=1..2deg", "bar1:r12-r13 is given in mm; 'deg' is not a unit of length"),

@@ -147,7 +147,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     body, _, pair = name.partition(":")
     first, mark, second = pair.partition("-")
     if not mark:
-        raise TwinError(f"--vary '{name}': write body:joint-joint")
+        raise TwinError(f"--vary '{name}': give BODY:JOINT-JOINT (a body and two joints)")
     mechanism.body(body)
     ends = []
     for joint in (mechanism.joint(first), mechanism.joint(second)):

@@ -375,8 +375,8 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
         half *= 2
     if not len(p):
         raise UnreachedError(
-            f"{robot.name}: no position within {half:g} m of the tool is reached with the tool's orientation in the "
-            "posture home; allow other orientations (--tilt-deg), or sample joint values (--joints)"
+            f"{robot.name}: with the tool's orientation in posture home, the tool reaches no position within {half:g} "
+            "m of its position there; allow other orientations (--tilt-deg), or sample joint values (--joints)"
         )
     low, high = p.min(axis=0) - 2 * step, p.max(axis=0) + 2 * step
     for _ in range(_GROWN):  # repeat on a finer grid: a coarse grid misses thin regions

@@ -208,10 +208,11 @@ class Compiled(ABC):
         return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
 
     def takes(self, Ts: ArrayLike) -> bool:
-        """Return whether the equations prove that the robot has the degrees of freedom that poses (k, 4, 4) require.
+        """Return whether the equations prove that the robot can have the poses Ts (k, 4, 4); False: not proved.
 
-        One of three proofs is sufficient: the robot has six degrees of freedom; the inverse has a solution and gives
-        NaN for poses that the robot cannot have; or the forward equations reproduce the poses. False: not proved.
+        A robot with fewer than six degrees of freedom cannot have every pose. One of three proofs is sufficient: the
+        robot has six degrees of freedom; the inverse equations, which give NaN for a pose that the robot cannot have,
+        have a solution for each pose; or the forward equations reproduce each pose.
         """
         Ts = poses(Ts)
         if len(self.formula.joints) >= 6:

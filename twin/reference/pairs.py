@@ -206,9 +206,10 @@ class Pairs:
     def closer(self, pair: int, X: Array, poses: Array) -> np.ndarray:
         """Return (k,) bool: whether a pair is nearer than required at configurations X (k, nq), by exact distances.
 
-        Some pairs move relative to each other by few rotations and are often close (jaws and wrist of an instrument).
-        Tests of close meshes are slow, so the result is stored for a cell of these angles. Within a cell, the relative
-        motion from the middle of the cell is at most half of the required distance.
+        The relative motion of some pairs (jaws and wrist of an instrument) depends on few joint angles, and their two
+        bodies are often close. Distance tests of close meshes are slow, so these angles are divided into cells, and
+        one result is stored for each cell. Within a cell, the two bodies move relative to each other, from the middle
+        of the cell, by at most half of the required distance.
         """
         required, left = float(self.required[pair]), np.ones(len(X), bool)
         if pair in self._turns:

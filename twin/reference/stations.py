@@ -42,7 +42,7 @@ class Stations:
         return X if closed.all() else None
 
     def ahead(self, s: Array, width: float) -> Array:
-        """Return (k, nv): upper bound of each coordinate's motion from s (k,) to s - width / 2 or s + width / 2."""
+        """Return upper bounds (k, nv) of each coordinate's motion from s (k,), within width / 2 on either side of s."""
         low, middle, high = (self._moved_until(s + part * width) for part in (-0.5, 0.0, 0.5))
         return np.maximum(high - middle, middle - low)
 

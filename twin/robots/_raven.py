@@ -159,7 +159,7 @@ def inverse_davinci(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta
 
 
 def _best(found):
-    """Return the six joints of the candidate with the smallest distance from the ranges."""
+    """Return the six joint values of the candidate that exceeds the joint ranges least."""
     ranked = [(joints, outside(joints) + 100 * excess) for joints, excess in found]
     best, least = ranked[0]
     for joints, far in ranked[1:]:

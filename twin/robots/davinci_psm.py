@@ -44,7 +44,7 @@ equation = Equations("DERIVED from the table of dVRK", variant="derived")
     why=f"Modified Denavit-Hartenberg form with offsets and lengths of {DVRK}: then the shaft passes through the RCM.",
 )
 def table1(q1, q2, q3, q4, q5, q6, a5, origin, shaft_long):
-    """Return the pose of the tool: rows 1 to 6 of dVRK's modified table, then the fixed rotation of z to the jaws."""
+    """Return the pose of the tool: rows 1 to 6 of dVRK's modified DH table, then a rotation of z to the jaws' axis."""
     T_03 = to_insertion(q1, q2, q3, origin)
     T_36 = row(0, 0, q4, shaft_long) @ row(-pi / 2, 0, q5 - pi / 2, 0) @ row(-pi / 2, a5, q6 - pi / 2, 0)
     T_base_tool = T_03 @ T_36 @ row(-pi / 2, 0, pi / 2, 0)

@@ -159,11 +159,12 @@ class Bench:
         )
 
     def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
-        """Return (new finding or None, reason why the fault has no effect or "").
+        """Return the new finding, or None; and the reason why the fault has no effect, or an empty string.
 
-        The parts of the validator are run in order, until a finding changes the verdict: this finding is returned.
-        After a warning, only one more part is run; if it does not change the verdict, the warning is returned. If the
-        first part finds nothing, the function checks whether the fault has any effect before it runs the next part.
+        The parts of the validator are run in order until one reports more than a warning; this finding is returned.
+        After a warning, only one more part is run; unless this part reports more than a warning, the warning is
+        returned. If the first part finds nothing, the function checks whether the fault has any effect before it runs
+        the next part.
         """
         warned, same = None, None
         for found in self._found(fault, folder):

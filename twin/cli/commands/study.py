@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.validation.ranks import Ranks
 
     if not isinstance(found, Ranks):
-        raise TwinError("--out applies only to groups of users (a CSV file) or of sessions (GROUP=FILE); omit --out")
+        raise TwinError("--out requires groups (a CSV file of users, or sessions as GROUP=FILE); otherwise omit --out")
     return show.store(found, args, folder, ["users.csv"])
 
 

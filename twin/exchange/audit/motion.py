@@ -127,7 +127,8 @@ class Content:
     def links(self) -> tuple[str, ...] | None:
         """Names of the links that the file marks.
 
-        If the file marks no links: names of its nodes that other files mark as links; None if no file marks links.
+        If the file marks no links: the names of its nodes that are names of links in other files. If no file marks
+        links: None.
         """
         if self.declared is not None:
             return self.declared

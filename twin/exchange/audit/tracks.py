@@ -179,7 +179,7 @@ def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
     except (TypeError, ValueError) as error:
         raise ReadError(f"'{key}' is not a flat list of numbers") from error
     if out.ndim != 1:
-        raise ReadError(f"'{key}' is nested: players (JsonUtility) read flat lists only")
+        raise ReadError(f"'{key}' is not a flat list: Unity's parser (JsonUtility) reads no nested lists")
     if not np.all(np.isfinite(out)):
         ledger.wrong("tracks.finite", f"{key} contains numbers that are not finite.", key)
     return out

@@ -60,7 +60,11 @@ def _bare(path: Path) -> list[Finding]:
 
 
 def _counts(f: Finding, physics: bool) -> bool:
-    """Return whether a finding applies to the stage; without physics, y up is correct (AR Quick Look requires it)."""
+    """Return whether a finding applies to the stage.
+
+    Findings about units of mass, and warnings about the up axis, do not apply to a stage without physics: its up axis
+    may be y, which AR Quick Look requires.
+    """
     plain = f.code == "stage.kilograms_per_unit" or (f.code == "stage.up_axis" and f.severity == "warning")
     return physics or not plain
 

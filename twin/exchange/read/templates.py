@@ -1,4 +1,4 @@
-"""Generate the initial files of a new robot: a formula without equations, and a protocol with a motion near home."""
+"""Generate the initial files of a new robot: a file for its equations, and a protocol with a motion near home."""
 
 from __future__ import annotations
 

@@ -13,9 +13,9 @@ _WORDS |= {"soft_limits": "soft limits", "cone": "cones"}
 
 
 def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each of `fields`, names of fields of `Joint`, that at least one joint uses.
+    """Yield a finding for each field that the format cannot hold, if at least one joint has a value of it.
 
-    The format cannot hold these fields; `file` is the file's name in the findings.
+    `fields` are the names of these fields of `Joint`; `file` is the file's name in the findings.
     """
     for field in fields:
         if names := ", ".join(j.name for j in mechanism.joints if getattr(j, field) is not None):
@@ -23,9 +23,9 @@ def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]
 
 
 def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each of `fields`, names of fields of `Actuator`, that at least one actuator uses.
+    """Yield a finding for each field that the format cannot hold, if at least one actuator has a value of it.
 
-    The format cannot hold these fields; `file` is the file's name in the findings.
+    `fields` are the names of these fields of `Actuator`; `file` is the file's name in the findings.
     """
     for field in fields:
         if names := ", ".join(a.name for a in mechanism.actuators if getattr(a, field) is not None):

@@ -38,7 +38,7 @@ Robot = Any
 
 @dataclass(frozen=True)
 class Scene:
-    """A clip, and the mechanism with the trocar positions of the clip's protocol."""
+    """A clip, and the mechanism whose trocars have the positions that the clip's protocol specifies."""
 
     clip: Clip
     mechanism: Mechanism

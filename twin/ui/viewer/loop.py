@@ -25,7 +25,7 @@ AGAIN = 3.0
 
 
 class Loop(ABC):
-    """A page with its loop.
+    """Base class of a page of the viewer; one thread solves and draws its frames.
 
     Attributes:
         stopping: event that ends the loop when it is set.

@@ -30,7 +30,7 @@ class Candidate:
         edits: one or two edits.
         extra: values of names that the edits define.
         scores: worst residual of each row that the edits change, in units of the tolerance.
-        broken: whether the edits make a row wrong that agreed before.
+        broken: whether a row that agreed with the mechanism before the edits disagrees after them.
         hollow: whether a repaired row is trivial: it agrees for any values of its symbols.
         dropped: symbols on which a repaired row no longer depends.
         changed: residuals (k, entries) of the changed rows.

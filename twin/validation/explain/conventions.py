@@ -246,7 +246,7 @@ def _frames(judge: Judge) -> Iterator[Convention]:
 
 
 def _dh(judge: Judge) -> Iterator[Convention]:
-    """Yield helper functions that use the wrong Denavit-Hartenberg form (standard or modified)."""
+    """Yield each helper function whose other Denavit-Hartenberg form makes the equation agree."""
     for step in judge.steps:
         bad = [p for p in judge.failing() if p.equation == step.equation.name]
         if not bad or step.stage == "helper":

@@ -223,9 +223,9 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
 
 
 def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return the outputs of an equation by name, without comparing them; the result is empty after an error.
+    """Evaluate an equation; return its outputs by their names, or an empty dictionary after an error.
 
-    `given` are values that replace inputs, by name.
+    The outputs are not compared with the mechanism. `given` are values, by name, that replace inputs of the equation.
     """
     step = judge.step(equation)
     if step.missing or not step.before:

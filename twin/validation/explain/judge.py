@@ -234,7 +234,7 @@ class Judge:
         if isinstance(true, Matrix) and (not isinstance(value, Matrix) or value.shape != true.shape):
             raise ValueError(f"{name} does not have the shape of its value in the mechanism")
         if not isinstance(true, Matrix) and isinstance(value, Matrix):
-            raise ValueError(f"{name} is a matrix")
+            raise ValueError(f"{name} is a matrix; in the mechanism it is a number or a vector")
         d = to_array(value, self.truth.k) - to_array(true, self.truth.k)
         if kind == "angle":
             return np.arctan2(np.sin(d), np.cos(d)) / self.tolerance.angle

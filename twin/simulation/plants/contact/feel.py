@@ -85,7 +85,7 @@ class Feel:
     def planes(
         self, d: mujoco.MjData, place: Callable[[Array], None], q: Sequence[Array], holders: Sequence[int]
     ) -> dict[str, Array]:
-        """Return the signals that may have changed.
+        """Return the contact planes of the instruments, as signals by name; planes that stay unchanged are left out.
 
         Args:
             d: data after a step; its contacts and poses belong to the start of the step.

@@ -90,9 +90,9 @@ class Hold:
         Args:
             m: the model.
             d: state of the model.
-            held: indices of the nodes of the bed.
-            dofs: (3 k,) indices in qvel of the velocities of the free nodes, along the axes of the grid.
-            free: (k,) indices of the free nodes.
+            held: indices of the nodes that the bed holds.
+            dofs: (3 k,) indices in qvel of three velocities for each free node, along the axes of the grid.
+            free: (k,) indices of the nodes that can move.
             R_world_grid: (3, 3) orientation of the grid.
         """
         self._m, self._d, self._dofs, self._free = m, d, dofs, free
