@@ -1,11 +1,9 @@
-"""The audit: silent on a good bundle, whoever asks and however; and what it says of its own reading.
-
-Other test files of the audit load this one by path for the bundle of a small four-bar.
-"""
+"""The audit: silent on a good bundle, whoever asks and however; and what it says of its own reading."""
 
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -15,6 +13,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
 
+import twin
 from made.bundle import grave, swing, write_good
 from twin.cli import main
 from twin.core.errors import TwinError
@@ -22,6 +21,7 @@ from twin.exchange.audit import audit, key_times
 from twin.exchange.audit.chain import Link, along, fit
 from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
 from twin.exchange.audit.report import Ledger, finished
+from twin.exchange.write.urdf import write_urdf
 
 ROOT = Path(__file__).parents[1]
 
@@ -144,6 +144,22 @@ def test_command_exits_with_2_where_nothing_can_be_read(tmp_path, capsys):
 def test_a_robot_that_the_files_do_not_show_is_refused(good, capsys):
     assert main(["audit", str(good), "--robot", "pa10"]) == 2
     assert "no clip has the name of a protocol of the robot" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_file_without_motion_is_compared_with_the_robot(tmp_path, capsys):
+    """A URDF has no clips; its links, joints and masses are compared with the mechanism."""
+    path = write_urdf(twin.load("hibou").weighed().mechanism, tmp_path)
+    assert main(["audit", str(path), "--robot", "hibou"]) == 0
+    text = path.read_text()
+    lower = re.search(r'lower="([^"]+)"', text)
+    assert lower
+    path.write_text(text.replace(lower[0], f'lower="{float(lower[1]) - 0.01}"', 1))
+    capsys.readouterr()
+    assert main(["audit", str(path), "--robot", "hibou"]) == 1
+    said = capsys.readouterr().out
+    assert "in the mechanism they are" in said or "in the mechanism it is" in said
+    assert "export the file again; if its value is the right one, correct the robot" in said
 
 
 @pytest.mark.parametrize("name", ["x.step", "notes.txt"])

@@ -112,11 +112,12 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
 
     Args:
         path: a folder, an exported scene, or one .glb, .gltf, USD, .usdz, track, MJCF or URDF file.
-        robot: if given, each clip is also compared with this robot's poses in the protocol of the same name.
+        robot: if given, each clip is also compared with this robot's poses in the protocol of the same name, and
+            links, joints and masses with its mechanism.
         progress: see `Progress`.
 
     Raises:
-        TwinError: the file does not exist, or no clip has the name of a protocol of the robot.
+        TwinError: the file does not exist, or there are clips, but none has the name of a protocol of the robot.
     """
     from twin.exchange.audit import SCENE
     from twin.exchange.audit import audit as audit_
@@ -133,16 +134,21 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
 
 
 def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Array, dict[str, Array]]]:
-    """Return {protocol: (key times (k,) in s, {link: poses (k, 4, 4)})}, computed by the reference model."""
+    """Return {protocol: (key times (k,) in s, {link: poses (k, 4, 4)})}, computed by the reference model.
+
+    The result is empty if the files have no clips, as an URDF.
+    """
     from twin.exchange.audit import key_times
     from twin.reference import ReferenceModel
 
+    progress("read key times", 0.0)
+    if not (clips := key_times(path)):
+        return {}
     if robot.files is None:
         raise TwinError(f"{robot.name}: a stage has no protocols; give a robot by name, or its folder")
-    progress("read key times", 0.0)
     known = robot.files.protocols()
     out = {}
-    for clip, times in key_times(path).items():
+    for clip, times in clips.items():
         fits = [p for p in known if clip == p or clip.removesuffix("_ar").endswith(f"_{p}")]
         if not fits:
             continue

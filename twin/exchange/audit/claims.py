@@ -36,7 +36,7 @@ def check_claims(contents: Sequence[Content]) -> None:
     """Report statements of a file that contradict other data of the same file."""
     tracks = [c for c in contents if c.format in ("tracks", "csv") and "data" in c.extra]
     shapes = next((c.shapes for c in contents if c.shapes and c.declared), {})
-    physics = next((c.physics for c in contents if c.physics is not None and c.physics.complete), Physics())
+    physics = next((c.physics for c in contents if c.physics is not None and _places(c.physics)), Physics())
     held = physics.held or frozenset()
     # Joints on the world, such as trocars, may have a different position in each motion.
     joints = [
@@ -50,6 +50,11 @@ def check_claims(contents: Sequence[Content]) -> None:
             _check_heads(content, other)
     _check_assumed(contents, tracks)
     _check_same_robot(tracks)
+
+
+def _places(physics: Physics) -> bool:
+    """Return whether a file states all joints, and where they are."""
+    return physics.complete and any(j.T is not None or j.tied for j in physics.joints)
 
 
 def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> None:

@@ -477,7 +477,9 @@ def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
             f"physics.{name.replace(' ', '_')}",
             message,
             subject,
-            suggestion="find out which file is wrong: `twin audit --robot NAME` compares every file with the mechanism",
+            suggestion="export the file again; if its value is the right one, correct the robot"
+            if right[0].format == "truth"
+            else "find out which file is wrong: `twin audit --robot NAME` compares every file with the mechanism",
             size=Measured(off if np.isfinite(off) else None, q.tolerance, "" if q.relative else q.unit),
         )
 

@@ -204,7 +204,7 @@ class Physics:
             None if the format cannot state couplings.
         motors: motors with transmissions, by name; None if not stated.
         all_motors: whether `motors` contains all motors with transmissions.
-        complete: whether `joints` contains all joints.
+        complete: whether `joints` contains all joints, each with its links; without this, a missing joint is not found.
     """
 
     links: tuple[str, ...] = ()
