@@ -22,11 +22,18 @@ test: .venv/.synced-dev
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
 	$(RUN) pytest -n $(WORKERS) --dist loadfile -m "(slow or wheel) and not alone" --durations 20
 
+# Pages and machines run in real time. A test that fails is run once more, with no other test beside it. If it passes
+# then, the load of the computer was the reason; the output of the first run shows where the test depends on it.
+AGAIN = { [ $$? -eq 1 ] && echo "== the tests that failed are run once more, with no other test beside them" && \
+	$(RUN) pytest --last-failed --last-failed-no-failures none
+
 test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
-	$(RUN) pytest -n auto --dist loadfile -m "browser and not alone" --durations 25
+	$(RUN) pytest -n auto --dist loadfile -m "browser and not alone" --durations 25 || \
+	$(AGAIN) -m "browser and not alone"; }
 
 test-alone: .venv/.synced-dev  ## what measures a rate or a time, of pages too; nothing else may run
-	$(RUN) pytest -m alone
+	$(RUN) pytest -m alone || \
+	$(AGAIN) -m alone; }
 
 test-long: .venv/.synced-dev  ## a whole procedure by gamepad in Chromium, in real time
 	$(RUN) pytest -m long -s
