@@ -87,7 +87,7 @@ def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings
 
 
 def _carried(m: Mechanism, joint: Joint) -> float:
-    """Return the inertia in kg m2, about a joint's axis, of the bodies that the joint moves; for a slide, the mass in kg."""
+    """Return the inertia in kg m2 of the bodies moved by a joint, about its axis; for a slide, their mass in kg."""
     beyond = {next(j.child for j in m.tree if j.name == joint.name)}
     for j in m.tree:
         if j.parent in beyond and j.name != joint.name:

@@ -56,7 +56,7 @@ class Imported:
 
 
 class Names:
-    """Identifiers for all names of one kind (such as joints) in a file. A finding reports each name that was changed."""
+    """Identifiers for all names of one kind (such as joints) in a file. A finding reports each changed name."""
 
     def __init__(self, kind: str, names: Iterable[str], findings: Findings) -> None:
         names = list(names)

@@ -43,7 +43,7 @@ class Xml:
         return name
 
     def named(self, parent: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
-        """Return the child elements of one kind as {name: element}; raise `SourceError` if a name is missing or repeated."""
+        """Return the children of one kind as {name: element}; raise `SourceError` if a name is missing or repeated."""
         out: dict[str, ElementTree.Element] = {}
         for element in parent.findall(kind):
             name = self.name(element, kind)
