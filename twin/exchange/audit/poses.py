@@ -1,4 +1,4 @@
-"""Quaternions, matrices and poses, implemented a second time: the audit shares no code with the writers.
+"""Quaternions, matrices and poses, implemented again because the audit must share no code with the writers.
 
 Poses are float64 (4, 4) and act on column vectors; quaternions are x, y, z, w. All functions are vectorised over
 leading axes.
