@@ -22,7 +22,7 @@ LAYERS = (".usd", ".usda", ".usdc")
 
 
 def trouble(data: bytes) -> str:
-    """Return the fault in the header of a binary USD file as text; "" if there is none, or if the file is not binary."""
+    """Return the fault in the header of a binary USD file as text; "" if there is no fault, or no binary file."""
     if not data.startswith(b"PXR-USDC"):
         return ""
     if len(data) < 88:
