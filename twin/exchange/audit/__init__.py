@@ -64,9 +64,9 @@ def audit(
 
     Args:
         path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with such files, or an exported scene.
-        truth: motions of the reference model, with which the poses in the files are compared. None: the poses are
-            compared with the poses in the tracks. Not used for a scene.
-        mechanism: the expected mechanism, with which masses, joints, drives and frames of the files are compared. None:
+        truth: motions of the reference model; the poses in the files are compared with these motions. None: the poses
+            are compared with the poses in the tracks. Not used for a scene.
+        mechanism: the expected mechanism; masses, joints, drives and frames in the files are compared with it. None:
             the files are compared only with each other. Not used for a scene.
         progress: see `Progress`.
 

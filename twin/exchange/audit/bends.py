@@ -20,7 +20,7 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity
 from twin.exchange.audit.usd_file import trouble
 
 GLB, USD = "organs.glb", "usd/organs.usdc"
-"""Files of the deformables, in the folder of the scene."""
+"""Paths of the files of the deformables, relative to the folder of the scene."""
 
 TOLERANCE = 10e-6
 """Maximum difference in m between the coordinates of the same vertex in the two files."""

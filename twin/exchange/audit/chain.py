@@ -62,11 +62,11 @@ def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array
 
 
 def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
-    """Return the values (k,) in rad or m of each joint at which the end of a chain has the poses `goal` (k, 4, 4).
+    """Compute the joint values (k,), in rad or m, for which the end of a chain has the poses `goal` (k, 4, 4).
 
     Joint values that are None in `given` are computed with Gauss-Newton for all keys at once. Keys that do not
     converge are restarted from the solution of a neighbouring key. If a goal cannot be reached, the best result is
-    returned. Its error is found later, when poses are compared.
+    returned. The later comparison of poses detects the remaining error.
     """
     count = len(goal)
     free = [i for i, (link, g) in enumerate(zip(links, given, strict=True)) if g is None and link.kind != "fixed"]

@@ -1,4 +1,4 @@
-"""Check statements in files, other than poses: interpolation errors, header entries, assumptions, README.txt."""
+"""Check data of files that are not poses: stated interpolation errors, header entries, assumptions, README.txt."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ _MOTION = re.compile(
 
 
 def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> None:
-    """Report false statements about the files of a folder in the README.txt of the folder."""
+    """Report statements in a README.txt that are false for the files in the same folder."""
     try:
         raw = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

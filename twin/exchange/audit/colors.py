@@ -15,7 +15,7 @@ SAME = 0.02
 
 
 class Palette:
-    """Accumulator of surface areas in m2 by link and colour."""
+    """Accumulator of the surface area in m2 of each colour of each link."""
 
     def __init__(self) -> None:
         self._areas: dict[str, dict[Rgba, float]] = {}
@@ -51,7 +51,7 @@ def surface_area(vertices: Array, triangles: Array) -> float:
 def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
     """Return the fraction (0..1) of a link's surface area that has different colours in two files.
 
-    `one` and `other` map linear colours to fractions of the link's area, each for one of the files.
+    `one` and `other` are {linear colour: fraction of the link's area} in the first and in the second file.
     """
     left = dict(other)
     matched = 0.0

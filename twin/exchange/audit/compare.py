@@ -24,7 +24,7 @@ BOX_TOL = 2e-5
 
 STAGES = ("usd", "usda", "usdc")
 _RANK = {"truth": 0, "tracks": 1, "usda": 2, "usd": 2, "usdc": 2, "glb": 3, "gltf": 3, "csv": 4, "usdz": 5}
-"""Rank of each format as reference: the lowest rank is preferred. Formats with more digits and data rank lower."""
+"""Preference for each format as reference; 0 is the highest. Formats with more digits and data are preferred."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Reference:
 
 
 def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
-    """Return the `Reference` of each clip, by name.
+    """Return {clip name: `Reference`}.
 
     The reference for a clip is `truth` if it contains the clip, else the clip's track, else the first file with it.
     """
@@ -286,7 +286,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
 
 
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report clips missing in a glTF file, and clips missing in all USD stages, all JSON tracks or all CSV tracks."""
+    """Report each clip that a glTF file lacks, and each clip that all USD stages, JSON tracks or CSV tracks lack."""
     for content in contents:
         if content.format in ("glb", "gltf") and content.clips and content.declared:
             for name in sorted(set(refs) - {c.name for c in content.clips}):

@@ -26,7 +26,7 @@ TRUTH = "the mechanism"
 
 _TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
 _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
-"""Name of the source, by format; formats that are written from the same data count as one source."""
+"""Name of the source for a format, if different from the format: formats written from the same data are one source."""
 
 
 _ZERO = 1e-6
@@ -74,7 +74,7 @@ def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
 
 
 def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
-    """Return the distance in m of b's point from the line a; if a or b has no direction, from a's point."""
+    """Return the distance in m from b's point to line a; if a or b has no direction, the distance of their points."""
     off = b[0] - a[0]
     if a[1] is None or b[1] is None:
         return float(np.linalg.norm(off))
@@ -154,7 +154,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "row": Compared(_row, 1e-6, "", True),
     "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
 }
-"""Compared quantities of links, joints, frames, couplings, motors and the world, by name."""
+"""Rule of comparison for each quantity of links, joints, frames, couplings, motors and the world."""
 
 
 @dataclass
@@ -166,8 +166,8 @@ class View:
         format: format of the file; "truth" for the given mechanism.
         ledger: receives the findings on the file; None for the given mechanism.
         physics: mechanism data of the file.
-        shapes: meshes by link.
-        colors: for each link, the fraction of its area by colour (linear rgba).
+        shapes: {link: shape of its meshes}.
+        colors: {link: {colour (linear rgba): fraction of the link's area}}.
         said: {(subject, quantity): value in the file}, with keys such as ("joint 'j1'", "limits").
     """
 
@@ -293,7 +293,7 @@ def _stem(joint: Joint) -> str:
 
 
 def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
-    """Return the name of the reference joint with the name or the two links of a joint; "" if no reference matches."""
+    """Return the name of the reference joint with the same name or the same links as a joint; "" if there is none."""
     for name in (*joint.names[:1], _stem(joint)) if joint.names else ():
         if name in canonical:
             return name

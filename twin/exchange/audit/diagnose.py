@@ -1,4 +1,4 @@
-"""Find out why two files disagree: apply each common mistake to the expected poses, and test if they then agree."""
+"""Find out why two files disagree: apply common mistakes to the expected poses, and compare the results with a file."""
 
 from __future__ import annotations
 

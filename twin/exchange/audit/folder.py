@@ -1,4 +1,4 @@
-"""Find the files in a folder that can be audited, by kind."""
+"""Find the files in a folder that the audit can check, grouped by kind."""
 
 from __future__ import annotations
 

@@ -173,7 +173,7 @@ def _physics(nodes: list[Node], world: list[Array]) -> Physics:
 
 
 def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
-    """Check every mesh once; return (shapes in the frames of the links, colours), both by link name."""
+    """Check every mesh once; return ({link: shape in the link's frame}, {link: {colour: fraction of area}})."""
     palette = Palette()
     known: dict[int, tuple[Array, Array]] = {}
     found: dict[str, list[Shape]] = {}

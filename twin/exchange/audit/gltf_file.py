@@ -35,7 +35,7 @@ class Gltf:
     _read: dict[int, Array] = field(default_factory=dict)
 
     def items(self, name: str) -> list[dict[str, Any]]:
-        """Return a top-level array of objects of the JSON; [] if it is missing.
+        """Return the objects in a top-level array of the JSON; [] if the array is missing.
 
         Raises:
             ReadError: the entry is not an array of objects.

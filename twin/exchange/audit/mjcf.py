@@ -160,7 +160,7 @@ class Mjcf:
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
         """Compare the joint ranges of the file with the joint limits in a track.
 
-        `name` is the file name of the track; `low` and `high` are its limits of each joint in m or rad.
+        `name` is the file name of the track. `low` and `high` map joints to their limits in the track, in m or rad.
         """
         m = self.model
         for j in range(m.njnt):
@@ -187,7 +187,7 @@ def _gap(m: mujoco.MjModel, d: mujoco.MjData) -> tuple[float, str]:
 
 
 def _holds(root: ET.Element) -> bool:
-    """Return whether the world is the base of the robot: a joint connects a top-level body to the world."""
+    """Return whether the world is the base of the robot: True if a joint connects a top-level body to the world."""
     return any(b.find("joint") is not None for world in root.iter("worldbody") for b in world.findall("body"))
 
 

@@ -20,7 +20,7 @@ UNIT_TOL = 1e-4
 """Maximum difference between a quaternion's length and 1 that counts as a rounding error of single precision."""
 
 MAX_STEP = np.radians(120)
-"""Maximum rotation in rad between two keys; above, the shorter rotation that players use may be the wrong one."""
+"""Maximum rotation in rad between two keys. Players use the shorter rotation; for larger angles, it may be wrong."""
 
 START_TOL = 1e-9
 """Maximum time in s of a clip's first key. If a clip starts later, players first show the rest pose."""
@@ -55,9 +55,9 @@ class Clip:
 
     Attributes:
         times: times (k,) of the keys in s.
-        links: T_world_link (k, 4, 4) by link.
-        joints: known joint values (k,) in rad or m, by joint.
-        middle: T_world_link (k - 1, 4, 4) halfway between keys, by link; empty if the format has no interpolation.
+        links: {link: T_world_link (k, 4, 4)}.
+        joints: {joint: values (k,) in rad or m}, for the joints whose values are known.
+        middle: {link: T_world_link (k - 1, 4, 4) halfway between keys}; empty if the format has no interpolation.
     """
 
     name: str
@@ -80,11 +80,11 @@ class Content:
         ledger: findings of the reader.
         format: "glb", "usd", "usdz", "tracks", "csv", "mjcf", "urdf".
         clips: motions, in the order of the file.
-        rest: T_world_link (4, 4) at rest, by link.
+        rest: {link: T_world_link (4, 4) at rest}.
         declared: names of the nodes that the file marks as links (USD: rigid bodies, glTF: extras); None: the file
             marks no links.
-        shapes: meshes by link.
-        colors: for each link, the fraction of its area by colour (linear rgba).
+        shapes: {link: shape of its meshes}.
+        colors: {link: {colour (linear rgba): fraction of the link's area}}.
         physics: masses, joints and frames in the file; None: the file has no such data.
         model_hash: hash of the source mechanism, as stated in the file; "" if not stated.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...

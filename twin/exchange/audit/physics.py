@@ -125,8 +125,8 @@ class Joint:
         T: pose T_parent_child (4, 4) at zero coordinates; None if not stated.
         motions: lines along or about which the joint moves, in the parent's frame, from the parent outwards.
         drive: limits and drive of the joint.
-        tied: for each tie, (point in the parent's frame, same point in the child's frame), both (3,) in m; empty if
-            the file does not describe the joint by ties (MJCF connect) only.
+        tied: for each tie, (point in the parent's frame, same point in the child's frame), both (3,) in m; empty
+            unless the file states the joint only by ties (MJCF connect).
         kind_said: kind of the joint, if the file states a kind but no axis (tracks, GLB); else "".
     """
 
@@ -193,16 +193,16 @@ class Physics:
 
     Attributes:
         links: names of all links.
-        masses: mass properties by link.
+        masses: {link: mass properties}.
         assumed: links whose mass is unknown: the file states an assumed mass, because the format requires a mass.
-        frames: named frames, by name.
+        frames: {name: named frame}.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
         held: links that are fixed to the world; None if the format cannot state that a link is fixed.
         tool: name of the frame that protocols move; "" if not stated.
         trocars: names of the trocar joints; the protocol determines their positions.
         couplings: {name: ({joint: factor}, constant)}; the sum of factor times joint coordinate is the constant. None
             if the format cannot state couplings.
-        motors: motors with transmissions, by name; None if not stated.
+        motors: {name: motor with a transmission}; None if not stated.
         all_motors: whether `motors` contains all motors with transmissions.
         complete: whether `joints` contains all joints.
     """

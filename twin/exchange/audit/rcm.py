@@ -19,13 +19,13 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity, um
 
 SHAFT = 5e-3
-"""Maximum distance in m between shaft axis and RCM at which an RCM counts as enforced if the file has no statement."""
+"""Distance in m from the shaft axis up to which an RCM counts as enforced, if the file does not state its mode."""
 
 BESIDE = 1e-4
 """Maximum distance in m between a stated RCM and the point in which all shaft axes meet."""
 
 SPREAD = 1e-4
-"""Minimum mean squared sine of the angles between lines and their mean direction; lines below are nearly parallel."""
+"""Minimum mean squared sine of the angles between lines and their mean direction for which a centre is computed."""
 
 
 @dataclass(frozen=True)

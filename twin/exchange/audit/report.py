@@ -111,7 +111,7 @@ _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
 
 
 def worst(checks: Sequence[Check]) -> list[Check]:
-    """Return the worst check of each kind; checks that differ only in clip, file and counts have the same kind."""
+    """Return the worst check of each kind. Checks that differ only in clip, file and counts are of the same kind."""
     kinds: dict[str, Check] = {}
     for check in checks:
         kind = re.sub(r"clip '[^']*': | against [^,]*|, \d.*|\d+", "", check.check)
@@ -218,7 +218,7 @@ class Ledger:
         when: str = "",
         suggestion: str = "",
     ) -> None:
-        """Add a finding, with the file's name before `where`; of findings with the same code, only `MOST` are kept."""
+        """Add a finding, with the file's name before `where`; only the first `MOST` findings of each code are kept."""
         self._count[code] += 1
         if self._count[code] > MOST:
             return
@@ -277,7 +277,7 @@ Read = TypeVar("Read")
 
 
 def guarded(read: Callable[[Path, Ledger], Read], path: Path, ledger: Ledger) -> Read | None:
-    """Call `read` for a file or folder and return its result; if it fails, add a finding and return None."""
+    """Call `read` for a file or folder and return the result; if `read` fails, add a finding and return None."""
     try:
         return read(path, ledger)
     except ReadError as error:

@@ -115,7 +115,7 @@ def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> S
     """Return the motion of a protocol in a robot's files; without a protocol, the poses at rest.
 
     Poses at rest are read from the GLB if it exists. The robot's stage is unsuitable for the comparison, because the
-    scene's stages reference it: their poses are always equal.
+    scene's stages reference it: the poses are always equal.
     """
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):

@@ -1,6 +1,6 @@
 """Report physically impossible data in a file: masses, inertias, densities, gravity, drives.
 
-This check needs no second file. If two files of a bundle contradict each other, it can show which of them is wrong.
+This check needs no second file. If two files of a bundle contradict each other, the check can show which file is wrong.
 """
 
 from __future__ import annotations

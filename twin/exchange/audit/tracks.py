@@ -28,7 +28,7 @@ WORDS = {
     "angle_unit": "rad",
     "quaternion_order": "xyzw",
 }
-"""Entries with the only value that version 1 of the schema allows; players require this value."""
+"""Entries for which version 1 of the schema allows a single value; players require this value."""
 
 LIMIT_TOL = 1e-6
 """Maximum violation of a joint limit, in m or rad, that counts as a rounding error."""
@@ -186,7 +186,7 @@ def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
 
 
 def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
-    """Return the flat list `data[key]` as an array of the given shape; report a wrong length, and return None."""
+    """Return the flat list `data[key]` as an array of the given shape; None, with a finding, if its length is wrong."""
     flat = _numbers(data, key, ledger)
     if flat.size != int(np.prod(shape)):
         text = f"{key} has {flat.size} numbers, not {' x '.join(map(str, shape))} = {int(np.prod(shape))}."

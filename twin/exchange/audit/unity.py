@@ -70,7 +70,7 @@ def _check_fields(folder: Path, data: dict[str, Any], ledger: Ledger) -> None:
 
 
 def _visible(folder: Path) -> Iterator[Path]:
-    """Yield the files and folders that Unity imports, without hidden folders and folders whose names end in `~`."""
+    """Yield the files and folders that Unity imports. Hidden paths, `*~` and `*.tmp` are skipped."""
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
         if not any(p.endswith("~") or p.startswith(".") for p in parts) and path.suffix != ".tmp":

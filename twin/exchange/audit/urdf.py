@@ -105,7 +105,7 @@ class Urdf:
         self.content.physics.motors = _motors(root)
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
-        """Return the joints on the path from the ancestor `stop` to `link`, in this order."""
+        """Return the joints on the path from the ancestor `stop` to the link `link`, starting at `stop`."""
         out: list[UrdfJoint] = []
         while link != stop:
             if link not in self.above or len(out) > len(self.above):
@@ -141,7 +141,7 @@ class Urdf:
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
         """Compare the joint limits of the file with the joint limits in a track.
 
-        `name` is the file name of the track; `low` and `high` are its limits of each joint in m or rad.
+        `name` is the file name of the track. `low` and `high` map joints to their limits in the track, in m or rad.
         """
         for joint in self.above.values():
             if joint.name not in low or joint.limits is None:

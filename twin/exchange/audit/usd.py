@@ -193,7 +193,7 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
 def _shapes(
     prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledger
 ) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
-    """Check the normals of every mesh; return (shapes in the frames of the links, colours), both by link name."""
+    """Check all normals; return ({link: shape in the link's frame}, {link: {colour: fraction of area}})."""
     palette = Palette()
     found: dict[str, list[Shape]] = {}
     for prim in prims:

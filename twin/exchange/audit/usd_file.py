@@ -22,7 +22,7 @@ LAYERS = (".usd", ".usda", ".usdc")
 
 
 def trouble(data: bytes) -> str:
-    """Return the fault in the header of a binary USD file as text; "" if there is no fault, or no binary file."""
+    """Return the fault in a binary USD file's header as text; "" for valid headers, and for files of another kind."""
     if not data.startswith(b"PXR-USDC"):
         return ""
     if len(data) < 88:

@@ -12,7 +12,7 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
 AXES = {"X": 0, "Y": 1, "Z": 2}
-"""Index 0, 1 or 2 of an axis, by the axis token of USD (X, Y or Z)."""
+"""Index of each axis, for USD's axis tokens X, Y and Z."""
 
 SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 """The six directions of a generic joint, as instance names of the joint's limits in USD."""

@@ -55,7 +55,7 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
 
     Args:
         path: the file.
-        closures: the closure YAML of a URDF; None: the .yaml file of the same name in the same folder, if it exists.
+        closures: path of the closure YAML of a URDF. None: <name>.yaml in the folder of <name>.urdf, if it exists.
         root: selects one of several robots by prim path (USD), model name (SDF) or name of a body of the robot (MJCF).
         guarded: first parse an MJCF or USD file in a separate process, so that a crash or hang of the native parser
             becomes an error. This takes about half a second.

@@ -43,8 +43,8 @@ def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findi
 
     A group of tendons that share joints is a transmission if it meets six conditions: each tendon has an actuator;
     there are as many tendons as joints; the joints belong to the robot; no other actuator drives these joints; no
-    equality constrains the tendons; the matrix is invertible. `kept` has the numbers of the robot's bodies, `joints`
-    the joint names by joint number.
+    equality constrains the tendons; the matrix is invertible. `kept` contains the numbers of the robot's bodies;
+    `joints[i]` is the name of the joint with number i.
     """
     import mujoco
 

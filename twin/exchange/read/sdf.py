@@ -47,7 +47,7 @@ _READ = {
     "visual": {"geometry", "material", "pose", "transparency"},
     "material": {"diffuse"},
 }
-"""Names of the child elements that are read, by name of the parent element."""
+"""{name of a parent element: names of the child elements that are read}."""
 
 _HARMLESS = {"static", "self_collide", "allow_auto_disable", "enable_wind", "gravity", "cast_shadows", "ambient"}
 _HARMLESS |= {"specular", "emissive", "lighting", "laser_retro", "meta", "must_be_base_link", "physics", "kinematic"}

@@ -269,7 +269,7 @@ _WRITERS: dict[str, Callable[[Order, Path], list[Finding] | None]] = {
 }
 
 FORMATS = tuple(_WRITERS)
-"""The formats by name, in the order of export."""
+"""Names of all formats, in the order of export."""
 
 
 # ------------------------------------------------------------------------------------------------ proof

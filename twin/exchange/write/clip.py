@@ -1,4 +1,4 @@
-"""A motion for players: poses of every link at keys. The key rate is the lowest with interpolation errors in budget.
+"""A motion for players: poses of every link at keys. The key rate is the lowest that meets the error budget.
 
 A player interpolates between two keys. Interpolation errors are differences from the motion of the mechanism: position
 of any point of a link, rotation of a link, and joint gaps. They are measured at three or more times between two keys.
@@ -34,7 +34,8 @@ _LOOKS = 4
 _GRIDS = (120, 240, 480)
 """Sample rates in Hz at which interpolation errors are computed.
 
-The sample rate for a key rate is the lowest multiple of the key rate that is at least `_LOOKS` times as high.
+The sample rate for a key rate is the lowest of these rates that is a multiple of the key rate and at least `_LOOKS`
+times as high.
 """
 
 
@@ -83,8 +84,8 @@ class Clip:
 
     Attributes:
         times: (k,) in s: 0, then every 1 / rate, and the end.
-        links: T_world_body (k, 4, 4) by body.
-        joints: coordinates (k,) in m or rad by joint, for all joints with a single coordinate: active and passive, of
+        links: {body: T_world_body (k, 4, 4)}.
+        joints: {joint: coordinates (k,) in m or rad}, for all joints with a single coordinate: active and passive, of
             the tree and of loops.
         active: names of the driven joints, in the order of q.
         phases: (name, start in s, end in s) of each phase.
@@ -213,15 +214,15 @@ def measure_between(
 ) -> Between:
     """Return the maximum interpolation errors of players, measured at the samples between keys.
 
-    Players interpolate positions linearly. They interpolate rotations by slerp (glTF, USD) or by components (Unity):
-    the larger of the two rotation errors is returned.
+    Players interpolate positions linearly. They interpolate rotations by slerp (glTF, USD) or by components (Unity).
+    The larger of the two rotation errors is returned.
 
     Args:
         mechanism: the robot; the gaps of its joints between keys are measured too.
         times: times (k,) of the samples in s.
-        links: exact T_world_body (k, 4, 4) by body.
+        links: {body: exact T_world_body (k, 4, 4)}.
         keys: indices of the keys among the samples.
-        reaches: points (n, 3) in m by body, from `extremes`; position errors are measured at these points.
+        reaches: {body: points (n, 3) in m from `extremes`}; position errors are measured at these points.
     """
     still = {n for n, Ts in links.items() if np.all(Ts == Ts[0])}
     true = {j.name: _apart(j, links) for j in mechanism.joints}

@@ -29,7 +29,7 @@ UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _STILL = 1e-10
-"""Maximum change (in m, and in entries of the rotation matrix) for which a pose counts as constant: not animated."""
+"""Maximum change of a pose (in m, and in entries of the rotation matrix) that is not animated."""
 
 _MOST_UINT16 = 65535
 """Maximum number of vertices with 16-bit indices; glTF reserves the highest index."""

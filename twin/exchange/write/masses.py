@@ -12,7 +12,7 @@ from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 
 DENSITY = 1000.0
-"""Density in kg/m3, of water: the bounding box of a body without a stated mass is assumed to have this density."""
+"""Density of water in kg/m3, assumed for the bounding box of a body without a stated mass."""
 
 LEAST = 1e-3
 """Minimum assumed mass in kg: simulators reject smaller masses."""

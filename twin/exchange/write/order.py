@@ -218,6 +218,6 @@ def _shown(path: Path, folder: Path) -> str:
 
 
 def _sha256(path: Path, read: Read | None = None) -> str:
-    """Return the sha256 of a file. The bytes of TOML, STEP and equations come from `read`, as the robot was read."""
+    """Return the sha256 of a file. For TOML, STEP and equations, `read` returns the bytes that made the robot."""
     kind = _KINDS.get(path.suffix.lower(), "")
     return hashlib.sha256(read(path, kind) if read is not None and kind else path.read_bytes()).hexdigest()

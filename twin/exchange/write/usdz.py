@@ -29,7 +29,7 @@ HOLD = 1.0
 """Time in s for which the last pose is held before the motion repeats."""
 
 STILL = 1e-9
-"""Maximum change (in m, and in entries of the rotation matrix) for which a pose counts as constant: no samples."""
+"""Maximum change of a link's pose (in m, and in entries of the rotation matrix) for which no samples are written."""
 
 _ALIGNMENT = 64
 """Alignment in bytes of files in the archive (USDZ specification), so that readers can map the files into memory."""
