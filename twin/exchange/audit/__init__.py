@@ -3,7 +3,7 @@
 poses       quaternions and matrices, implemented independently of the writers
 motion      the common result of the readers: clips of link poses in the world frame
 gltf, usd, tracks, mjcf, urdf      readers
-physics     mechanism data of a file, in a common form for all formats; physics_usd, physics_mjcf convert to this form
+physics     the mechanism data of a file, in one form for all formats; physics_usd, physics_mjcf return this form
 sense       find physically impossible data in one file
 compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 __all__ = ["SCENE", "AuditReport", "Check", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
-"""Expected motion of each clip, by clip name: (times (k,) in s, poses T_world_link (k, 4, 4) by link name)."""
+"""Expected motions: {clip name: (times (k,) in s, {link name: poses T_world_link (k, 4, 4)})}."""
 
 Progress = Callable[[str, float], None]
 """Function called during the audit with the current step, such as "read robot.glb", and the fraction done (0..1)."""
@@ -63,10 +63,10 @@ def audit(
     """Read a file or a folder of exported files, check each file, and compare the files with each other.
 
     Args:
-        path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with any of them, or an exported scene.
-        truth: poses of the reference model by clip; None: poses are compared with the poses in the tracks. Not used for
-            a scene.
-        mechanism: the expected mechanism, with which masses, joints, drives and frames of the files are compared. None:
+        path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with such files, or an exported scene.
+        truth: motions of the reference model; the poses in the files are compared with these motions. None: the poses
+            are compared with the poses in the tracks. Not used for a scene.
+        mechanism: the expected mechanism; masses, joints, drives and frames in the files are compared with it. None:
             the files are compared only with each other. Not used for a scene.
         progress: see `Progress`.
 
@@ -88,7 +88,7 @@ def audit(
 def _audited(
     path: Path, truth: Truth, mechanism: Mechanism | None, tell: Progress
 ) -> tuple[list[Content], list[Ledger]]:
-    """Read one robot's files and compare them with each other; return (contents, ledgers with checks and findings)."""
+    """Read the files of one robot and compare the files with each other; return (contents, ledgers)."""
     found = find(path)
     contents: list[Content] = []
     ledgers: list[Ledger] = []
@@ -126,7 +126,7 @@ def _audited(
 
 
 def key_times(path: str | Path) -> dict[str, np.ndarray]:
-    """Return the key times (k,) in s by clip, read from the tracks at a path; without tracks, from the other files.
+    """Return {clip: key times (k,) in s}, read from the tracks at a path; if there are no tracks, from the other files.
 
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
@@ -214,8 +214,8 @@ def _tracks(path: Path, ledger: Ledger) -> Content | None:
 def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
     """Return whether the joint values of a clip are applied to a model file (MJCF or URDF) with the name `stem`.
 
-    A model named <robot>_<clip> is used only for this clip, and the clip uses no other model. All other clips use the
-    models whose names contain no clip.
+    A model named <robot>_<clip> is used only for the clip <clip>, and the clip uses no other model. If a clip has no
+    model of its own, the models without a clip in their names are used.
     """
     own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
     return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
@@ -224,8 +224,8 @@ def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
 def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[str]) -> Content | None:
     """Read an MJCF or URDF file, and compute its link poses for the joint values of every track.
 
-    `models` has the names, without suffix, of all models of this format. Some models are valid for a single clip,
-    because trocars can have different positions in each clip.
+    `models` contains the names, without suffix, of all model files of this format. A model can be valid for a single
+    clip, because each clip can have different trocar positions.
     """
     admit(path)
     if path.suffix.lower() == ".urdf":

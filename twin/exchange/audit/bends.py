@@ -20,19 +20,19 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity
 from twin.exchange.audit.usd_file import trouble
 
 GLB, USD = "organs.glb", "usd/organs.usdc"
-"""Files of the deformables, in the folder of the scene."""
+"""Paths of the files of the deformables, relative to the folder of the scene."""
 
 TOLERANCE = 10e-6
-"""Maximum difference in m between a coordinate of a vertex in one file and the same coordinate in the other file."""
+"""Maximum difference in m between the coordinates of the same vertex in the two files."""
 
 _TIMES = 16
 """Maximum number of time samples of each mesh, evenly distributed, at which the files are compared."""
 
 
 def audit_bends(folder: Path) -> list[Ledger]:
-    """Check the deformables of an exported scene; return a list of one ledger, or [] if organs.glb does not exist.
+    """Check the deformables of an exported scene; return [ledger], or [] if organs.glb does not exist.
 
-    The ledger has the checks and the findings.
+    The ledger contains the checks and the findings.
     """
     glb, usd = folder / GLB, folder / USD
     ledger = Ledger(GLB, "twin.exchange.audit bends", "1")
@@ -134,6 +134,6 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
 
 
 def _unpaired(triangles: np.ndarray) -> int:
-    """Return the number of edges that do not join exactly two triangles."""
+    """Return the number of edges that do not belong to exactly two triangles."""
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     return int(np.count_nonzero(np.unique(edges, axis=0, return_counts=True)[1] != 2))

@@ -1,7 +1,8 @@
 """Estimate the interpolation error between keys by removing every second key.
 
-If accelerations change slowly, the error of linear interpolation over two intervals is four times the error over one
-interval. Therefore a stated error is compared with a quarter of the error measured with every second key removed.
+If accelerations change slowly, linear interpolation over two intervals has four times the error of linear interpolation
+over one interval. Therefore the error stated in a file is compared with a quarter of the error that is measured with
+every second key removed.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from twin.exchange.audit.poses import Array
 def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> tuple[float, float, float] | None:
     """Remove every second key, and return the maximum interpolation errors at the removed keys.
 
-    The result is (position error of a link's points in m, rotation error of a link in rad, gap of a joint in m). It is
-    None if fewer than three keys can be removed.
+    The result is (position error of a link's points in m, rotation error of a link in rad, gap of a joint in m). If
+    fewer than three keys can be removed, the result is None.
 
-    Position errors are measured at the corners of the link's bounding box; for a link that `shapes` lacks, at the
-    link's origin.
+    Position errors are measured at the corners of the link's bounding box. If `shapes` does not contain the link, they
+    are measured at the link's origin.
     """
     t = clip.times
     inner = np.arange(1, len(t) - 1, 2)
@@ -54,9 +55,9 @@ def midway(A: Array, B: Array) -> Array:
 
 
 def gap_of(joint: Joint, links: Mapping[str, Array]) -> float:
-    """Return the maximum gap in m between a joint's two frames in its locked directions; 0 if unknown.
+    """Return the maximum gap in m between a joint's two frames, in the locked directions of the joint; 0 if unknown.
 
-    `links` has T_world_link (k, 4, 4) by link.
+    `links` maps each link to T_world_link (k, 4, 4).
     """
     if joint.parent not in links or joint.child not in links:
         return 0.0

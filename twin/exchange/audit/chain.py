@@ -1,7 +1,7 @@
 """Compute poses of a chain of joints from joint values, and unknown joint values from the pose of the chain's end.
 
-For example, a table has no column for the rotation of a ball joint. The rotation is computed from the poses of the two
-links, so that the centre of the ball joint and all links beyond it can still be checked.
+For example, a track has no column for the rotation of a ball joint. The rotation is computed from the poses of the two
+links. Then the centre of the ball joint and the links beyond the joint can be checked.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _GOOD = 1e-5
 """Residual in m and rad below which a solution is accepted; rounding of poses causes residuals of this size."""
 
 _TRIES = 24
-"""Number of starting points tried for keys that did not converge."""
+"""Maximum number of starting points for keys at which the iteration did not converge."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Link:
     Attributes:
         fixed: pose (4, 4) of the joint in the frame of the previous step.
         kind: "turn" (about the axis), "slide" (along the axis) or "fixed" (no joint).
-        axis: unit vector (3,) in the frame after `fixed`; None if "fixed".
+        axis: unit vector (3,) in the frame of the joint; None if "fixed".
         name: name of the joint.
     """
 
@@ -42,7 +42,7 @@ class Link:
     name: str = ""
 
     def poses(self, q: Array | None) -> Array:
-        """Return the poses in the frame of the previous step: (k, 4, 4) for joint values q (k,), (4, 4) for None."""
+        """Return poses of this step in the frame of the previous step: (k, 4, 4) for q (k,), or (4, 4) if q is None."""
         if self.kind == "fixed" or q is None or self.axis is None:
             return self.fixed
         if self.kind == "turn":
@@ -53,7 +53,7 @@ class Link:
 def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array:
     """Return the poses (k, 4, 4) of the end of a chain relative to the start of the chain.
 
-    `q` contains the joint values (k,) in rad or m of each step, None for a step without a joint; `count` is k.
+    `q` contains, for each step, the joint values (k,) in rad or m, or None for a step without a joint. `count` is k.
     """
     T = np.broadcast_to(np.eye(4), (count, 4, 4))
     for link, value in zip(links, q, strict=True):
@@ -62,11 +62,11 @@ def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array
 
 
 def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
-    """Return the values (k,) in rad or m of each joint that move the end of a chain to the poses `goal` (k, 4, 4).
+    """Compute the joint values (k,), in rad or m, for which the end of a chain has the poses `goal` (k, 4, 4).
 
     Joint values that are None in `given` are computed with Gauss-Newton for all keys at once. Keys that do not
     converge are restarted from the solution of a neighbouring key. If a goal cannot be reached, the best result is
-    returned; the later comparison of poses shows its error.
+    returned. The later comparison of poses detects the remaining error.
     """
     count = len(goal)
     free = [i for i, (link, g) in enumerate(zip(links, given, strict=True)) if g is None and link.kind != "fixed"]

@@ -1,4 +1,4 @@
-"""Check the statements of files that are not poses: interpolation errors, header entries, assumptions, README.txt."""
+"""Check data of files that are not poses: stated interpolation errors, header entries, assumptions, README.txt."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ The ratio 4 is normal for a stage, whose stated error is measured with every sec
 """
 
 _FLOOR = (1e-6, 1e-6, 1e-6)
-"""Maximum estimated errors that rounded numbers can cause: position in m, rotation in rad, joint gap in m."""
+"""Errors that rounded numbers can cause in an estimate: position in m, rotation in rad, joint gap in m."""
 
 _STATED = (
     ("between_position", "any point of a link between keys", "m"),
@@ -104,7 +104,7 @@ def _short(value: Any) -> str:
 
 
 def _check_same_robot(tracks: Sequence[Content]) -> None:
-    """Report names and types of joints, frames and tool that differ between a track and the first track."""
+    """Report names of frames, names and types of joints, and tools that are not the same in all tracks."""
     if not tracks:
         return
     first = tracks[0]
@@ -117,7 +117,7 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
 
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
-    """Report numbers that are ASSUMED in a stage, but missing in a track's list of assumed numbers."""
+    """Report numbers that a stage marks as ASSUMED, but that a track does not list as assumed."""
     known = next((c for c in contents if c.extra.get("assumed")), None)
     names: Mapping[str, str] = {} if known is None else known.extra["assumed"]
     for content in tracks:
@@ -172,7 +172,7 @@ _MOTION = re.compile(
 
 
 def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> None:
-    """Report statements of a README.txt that are not true of the files in the same folder."""
+    """Report statements in a README.txt that are false for the files in the same folder."""
     try:
         raw = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -269,7 +269,7 @@ def _section(text: str, title: str) -> str:
 
 
 def check_proof_clips(proof: Mapping[str, Any], contents: Iterable[Content], ledger: Ledger) -> None:
-    """Compare the motions that a proof.json lists with the tracks; `proof` is the content of the file."""
+    """Compare the list of motions in a proof.json with the tracks; `proof` is the content of the proof.json."""
     rows = proof.get("clips")
     tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
     for row in rows if isinstance(rows, list) else ():

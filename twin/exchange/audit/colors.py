@@ -11,23 +11,23 @@ from twin.exchange.audit.poses import Array
 Rgba = tuple[float, float, float, float]
 
 SAME = 0.02
-"""Maximum difference of a linear colour component between equal colours: rounding of display values to eight bits."""
+"""Maximum difference between components of equal linear colours, due to rounding of display values to eight bits."""
 
 
 class Palette:
-    """Accumulator of surface areas in m2 by link and colour."""
+    """Accumulator of the surface area in m2 of each colour of each link."""
 
     def __init__(self) -> None:
         self._areas: dict[str, dict[Rgba, float]] = {}
 
     def add(self, link: str, rgba: Array | Rgba, area: float) -> None:
-        """Add a surface of linear colour rgba (4,)."""
+        """Add a surface with the linear colour `rgba` (4,) and the area `area` in m2 to a link."""
         r, g, b, a = (round(float(v), 4) for v in rgba)
         own = self._areas.setdefault(link, {})
         own[r, g, b, a] = own.get((r, g, b, a), 0.0) + area
 
     def shares(self) -> dict[str, dict[Rgba, float]]:
-        """Return for each link the fraction (0..1) of its area in each colour; links without area are omitted."""
+        """Return {link: {colour: fraction (0..1) of the link's area}}; links without area are omitted."""
         out = {}
         for link, areas in self._areas.items():
             total = sum(areas.values())
@@ -51,7 +51,7 @@ def surface_area(vertices: Array, triangles: Array) -> float:
 def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
     """Return the fraction (0..1) of a link's surface area that has different colours in two files.
 
-    `one` and `other` contain the fraction of the link's area by linear colour, one mapping for each file.
+    `one` and `other` are {linear colour: fraction of the link's area} in the first and in the second file.
     """
     left = dict(other)
     matched = 0.0

@@ -14,17 +14,17 @@ from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, Measured, quantity, told_apart, um
 
 TIME_TOL = 1e-5
-"""Maximum difference in s between the times of the same key in two files: glTF stores times in single precision."""
+"""Maximum difference in s between the times of the same key in two files; glTF stores times in single precision."""
 
 BETWEEN_TOL = 1e-5
-"""Maximum error in m of a position halfway between two keys; the limit for rotations is `ROTATION_TOL`."""
+"""Maximum error in m of a position halfway between two keys. For rotations, the maximum is `ROTATION_TOL`."""
 
 BOX_TOL = 2e-5
 """Maximum difference in m between the bounding boxes of one link's meshes in two files."""
 
 STAGES = ("usd", "usda", "usdc")
 _RANK = {"truth": 0, "tracks": 1, "usda": 2, "usd": 2, "usdc": 2, "glb": 3, "gltf": 3, "csv": 4, "usdz": 5}
-"""Order in which formats are chosen as reference, lowest number first: formats with more digits and data come first."""
+"""Preference for each format as reference; 0 is the highest. Formats with more digits and data are preferred."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Reference:
 
 
 def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
-    """Return the `Reference` of each clip, by name.
+    """Return {clip name: `Reference`}.
 
-    The source is `truth` if it has the clip, otherwise the clip's track or, if there are no tracks, the first file.
+    The reference for a clip is `truth` if it contains the clip, else the clip's track, else the first file with it.
     """
     out = {
         name: Reference(Clip(name, np.asarray(t, float), links), "the mechanism") for name, (t, links) in truth.items()
@@ -74,7 +74,7 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
 
 
 def _named(name: str, known: Mapping[str, object]) -> str | None:
-    """Return the known clip name in a stage's name <robot>_<clip> or <robot>_<clip>_ar; None if there is none."""
+    """Return the known clip in the name of a stage, <robot>_<clip> or <robot>_<clip>_ar; None if no clip matches."""
     stem = name.removesuffix("_ar")
     fits = [k for k in known if k and (stem == k or stem.endswith(f"_{k}"))]
     return max(fits, key=len) if fits else None
@@ -166,7 +166,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
 
 
 def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
-    """Return a message that states the different durations or, if they are equal, the keys that only one clip has."""
+    """Return a message that states the durations if they differ, else the keys that only one of the clips has."""
     if abs(clip.duration - ref.clip.duration) > TIME_TOL:
         ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
         here, there = told_apart(clip.duration, ref.clip.duration)
@@ -187,7 +187,7 @@ def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
 
 
 def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
-    """Report links whose poses halfway between keys differ from linear interpolation of the reference."""
+    """Report links whose poses halfway between keys differ from the linearly interpolated poses of the reference."""
     shared = [n for n in ref.clip.links if n in clip.middle]
     if not shared:
         return
@@ -248,7 +248,7 @@ def _common(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _blame(contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping) -> None:
-    """Report the reference file as wrong if all other files differ from it but agree with each other."""
+    """Report the reference file as wrong if all other files differ from the reference, but agree with each other."""
     for name, rows in compared.items():
         independent = {"csv": "tracks"}
         bad = [(c, clip) for c, clip, fits in rows if not fits and independent.get(c.format, c.format) != "tracks"]
@@ -276,7 +276,7 @@ def _agrees(A: Array, B: Array) -> bool:
 
 
 def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report glTF files without motion if other files have a motion; a robot at rest needs none."""
+    """Report glTF files without clips if another file has a clip in which a link moves."""
     moving = [n for n, r in refs.items() if any(not _agrees(T, T[:1]) for T in r.clip.links.values())]
     for content in contents:
         if content.format in ("glb", "gltf") and content.declared and not content.clips and moving:
@@ -286,7 +286,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
 
 
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report clips missing in a glTF file, and clips missing in all USD stages, all JSON tracks or all CSV tracks."""
+    """Report each clip that a glTF file lacks, and each clip that all USD stages, JSON tracks or CSV tracks lack."""
     for content in contents:
         if content.format in ("glb", "gltf") and content.clips and content.declared:
             for name in sorted(set(refs) - {c.name for c in content.clips}):
@@ -328,7 +328,7 @@ def compare_rest(contents: Sequence[Content]) -> None:
 
 
 def _begins(content: Content) -> str:
-    """Return the clip whose first poses equal the rest poses of the file, as in Blender files; "" if there is none."""
+    """Return the clip whose first poses equal the file's rest poses (as in Blender files); "" if no clip does."""
     for clip in content.clips:
         if all(_agrees(T[:1], content.rest[n][None]) for n, T in clip.links.items() if n in content.rest):
             return clip.name
@@ -360,7 +360,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
 
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
-    """Report files whose model hash differs from the hash in proof.json; without a proof, from the most common."""
+    """Report files whose model hash differs from the hash in proof.json; without a proof, from the most common hash."""
     said: dict[str, dict[str, str]] = {}
     for c in contents:
         if c.model_hash:

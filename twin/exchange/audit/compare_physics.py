@@ -1,7 +1,8 @@
 """Compare the mechanism data of files, with one table of quantities and their tolerances.
 
 Each format counts as one independent source, because several files of a format may share data (five stages may share
-one layer). The value that most sources state counts as correct; if a mechanism is given, its value counts as correct.
+one layer). If a mechanism is given, the value in the mechanism counts as correct; otherwise, the value that most
+sources state.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ TRUTH = "the mechanism"
 
 _TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
 _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
-"""Name of the source, by format; formats that are written from the same data count as one source."""
+"""Name of the source for a format, if different from the format: formats written from the same data are one source."""
 
 
 _ZERO = 1e-6
-"""Absolute value up to which a ratio of a coupling counts as zero (rounding of single precision).
+"""Maximum absolute value of a coupling's ratio that counts as zero (rounding of single precision).
 
-The ratios of each coupling are first divided by the largest absolute ratio of the coupling."""
+Before the comparison, the ratios are divided by the largest absolute ratio of the coupling."""
 
 
 def _number(a: float, b: float) -> float:
@@ -68,12 +69,12 @@ def _direction(a: Array, b: Array) -> float:
 
 
 def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
-    """Return the distance between two unit vectors; the sign is ignored if one of the files does not state it."""
+    """Return the distance between two unit vectors; their sign is ignored if one of the files states no sign."""
     return _distance(a[0], b[0]) if a[1] and b[1] else _direction(a[0], b[0])
 
 
 def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
-    """Return the distance in m of b's point from line a, or from a's point if a or b has no direction."""
+    """Return the distance in m from b's point to line a; if a or b has no direction, the distance of their points."""
     off = b[0] - a[0]
     if a[1] is None or b[1] is None:
         return float(np.linalg.norm(off))
@@ -103,7 +104,7 @@ def _tree(points: Array) -> cKDTree:
 
 
 ALIKE = 3e-6
-"""Distance in m below which two points count as equal: rounding to 0.001 mm and to single precision."""
+"""Distance in m below which two points count as equal, despite rounding to 0.001 mm and to single precision."""
 
 
 @dataclass(frozen=True)
@@ -153,21 +154,21 @@ QUANTITIES: Mapping[str, Compared] = {
     "row": Compared(_row, 1e-6, "", True),
     "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
 }
-"""Compared quantities of links, joints, frames, couplings, motors and the world, by name."""
+"""Rule of comparison for each quantity of links, joints, frames, couplings, motors and the world."""
 
 
 @dataclass
 class View:
-    """Data of one file to compare.
+    """Data of one file, prepared for the comparison.
 
     Attributes:
         file: name of the file as reports show it.
         format: format of the file; "truth" for the given mechanism.
         ledger: receives the findings on the file; None for the given mechanism.
         physics: mechanism data of the file.
-        shapes: meshes by link.
-        colors: for each link, the fraction of its area by colour (linear rgba).
-        said: values in the file; a key is (subject, quantity), such as ("joint 'j1'", "limits").
+        shapes: {link: shape of its meshes}.
+        colors: {link: {colour (linear rgba): fraction of the link's area}}.
+        said: {(subject, quantity): value in the file}, with keys such as ("joint 'j1'", "limits").
     """
 
     file: str
@@ -184,14 +185,14 @@ class View:
         return _FAMILY.get(self.format, self.format)
 
     def say(self, subject: str, values: Mapping[str, Any]) -> None:
-        """Store the values of a subject, by the name of the quantity; None: the file does not state the value."""
+        """Store the values {quantity: value} of a subject; None means that the file does not state the value."""
         self.said |= {(subject, name): value for name, value in values.items() if value is not None}
 
 
 def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -> None:
     """Compare links, joints, frames and gravity of all files, and report differences in each file's ledger.
 
-    `truth` has the data of the expected mechanism; None: the files are compared only with each other.
+    `truth` contains the data of the expected mechanism. If it is None, the files are compared only with each other.
     """
     views = [
         View(c.file, c.format, c.ledger, c.physics or Physics(), c.shapes, c.colors)
@@ -212,7 +213,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     for view in views:
         _state(view, canonical, known, movable)
         if view.format == "mjcf" and any(view.file.startswith(f"{s}_") for s in stems):
-            # The file is for a single motion, with its own trocars; `Mjcf.play` checks whether the loops close.
+            # A file for a single motion has other trocar positions; `Mjcf.play` checks whether the loops close.
             held = tuple(f" on '{n}'" for n in view.physics.held or ())
             view.said = {k: v for k, v in view.said.items() if k[1] != "place" or not k[0].endswith(held)}
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
@@ -241,7 +242,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
 
 
 def _known_links(views: Sequence[View]) -> set[str]:
-    """Return the links of the first source that has links: mechanism, tracks, USD or GLB; else the links of all files.
+    """Return the links of the first source with links, in the order mechanism, tracks, USD, GLB; else of all files.
 
     MJCF and URDF may have auxiliary links, for example between the hinges of a ball joint.
     """
@@ -253,7 +254,7 @@ def _known_links(views: Sequence[View]) -> set[str]:
 
 
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
-    """Return the reference joints between known links, by name, each from the first file that has the joint."""
+    """Return {name: joint} for the joints between known links; each joint is from the first file that has it."""
     out: dict[str, Joint] = {}
     elsewhere = [(_stem(j), j.kind) for v in views if v.family != "tracks" for j in v.physics.reduced(known) if j.names]
     several = tuple(f"{name}_" for name, kind in elsewhere if kind not in ("", "fixed", "revolute", "prismatic"))
@@ -273,10 +274,10 @@ def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
 
 
 def _stem(joint: Joint) -> str:
-    """Return the joint's name, from the names of its parts such as <joint>_0 (a tie) or <joint>_x (hinge of a ball).
+    """Return the name <joint> of a joint from the names of its parts, such as <joint>_0 (a tie) or <joint>_x (a hinge).
 
-    A tie is a pair of coinciding points. The number at the end of a single name is removed only if the joint is a tie;
-    `setup_1` is a joint's own name.
+    A tie is a pair of coinciding points. From a single name, a number at the end is removed only if the joint is a tie:
+    `setup_1` can be the name of a joint.
     """
     names = joint.names
     if len(names) == 1:
@@ -292,7 +293,7 @@ def _stem(joint: Joint) -> str:
 
 
 def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
-    """Return the reference name of a joint, found by its name or by its two links; "" if there is none."""
+    """Return the name of the reference joint with the same name or the same links as a joint; "" if there is none."""
     for name in (*joint.names[:1], _stem(joint)) if joint.names else ():
         if name in canonical:
             return name
@@ -381,9 +382,9 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
 def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[str, tuple[dict[str, float], float]]:
     """Return couplings in reduced row echelon form; the key of a row is its first joint in alphabetical order.
 
-    The form is the same whether a file couples each joint of a chain to the next or all joints to the first. Couplings
-    with numbers that are not finite are left out. A coupling is (ratios by joint, constant): the sum of ratio times
-    joint coordinate equals the constant.
+    A coupling is ({joint: ratio}, constant): the sum of ratio times joint coordinate equals the constant. The reduced
+    form does not depend on whether a file couples each of several joints to the next, or all to the first. Couplings
+    with numbers that are not finite are left out.
     """
     joints = sorted({n for ratios, _ in couplings.values() for n in ratios})
     rows = np.array([[*(ratios.get(n, 0.0) for n in joints), total] for ratios, total in couplings.values()], float)

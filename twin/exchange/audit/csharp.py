@@ -1,4 +1,4 @@
-"""Interpret a small subset of C#, to check a script by running its static numeric functions.
+"""Interpret a small subset of C#, so that a script can be checked by running its static numeric functions.
 
 Supported: constants, static methods with overloads by the types of their parameters, local variables, assignment,
 `if`, `return`, the conditional operator, arithmetic, casts of numbers, members and constructors of plain values,
@@ -53,7 +53,7 @@ class CSharpError(Exception):
 
 @dataclass(frozen=True)
 class Value:
-    """A C# struct such as a vector or quaternion: its type name, and its components x, y, z (and w)."""
+    """A C# struct, such as a vector or quaternion: type name, and components x, y, z (and w)."""
 
     type: str
     numbers: tuple[float, ...]
@@ -122,7 +122,7 @@ def _block(text: str, start: int) -> str:
 
 
 class _Run:
-    """Run of one method: parses and executes in one pass, because methods are short and run a few hundred times."""
+    """Parser and interpreter of one method, in one pass without a syntax tree: methods are short and seldom run."""
 
     def __init__(self, script: Script, text: str, scope: dict[str, Any]) -> None:
         self._script, self._scope = script, scope

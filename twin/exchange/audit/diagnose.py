@@ -1,4 +1,4 @@
-"""Find out why two files disagree: test whether a common mistake, applied to the poses, explains the difference."""
+"""Find out why two files disagree: apply common mistakes to the expected poses, and compare the results with a file."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _FACTORS = {
     1 / 0.0254: "lengths look like inches read as metres",
 }
 _LOOKS = 20
-"""Number of evenly distributed keys on which each mistake is tested; the keys with the largest errors are added."""
+"""Number of evenly distributed keys at which a mistake is tested, in addition to the keys with the largest errors."""
 
 
 def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
     """Return a description of the mistake that causes wrong poses; "" if no known mistake explains the poses.
 
-    `found` has the poses (k, 4, 4) of each link in the file; `meant` has the expected poses.
+    `found` contains the poses (k, 4, 4) of each link in the file, `meant` the expected poses.
     """
     names = [n for n in found if n in meant]
     if not names:

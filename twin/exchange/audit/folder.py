@@ -1,4 +1,4 @@
-"""Find the files in a folder that can be audited, by kind."""
+"""Find the files in a folder that the audit can check, grouped by kind."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".
 """File name suffixes of text formats."""
 
 _LISTS = {".glb": "gltf", ".gltf": "gltf", ".usdz": "usdz", ".urdf": "urdf", **dict.fromkeys(STAGES, "stages")}
-"""Name of the list in `Found`, by file name suffix, for suffixes that belong to a single format."""
+"""For each suffix that belongs to a single format: name of the list in `Found` for files with this suffix."""
 
 _SUBLAYER = re.compile(r"@([^@\0]+\.usd[ac]?)@")
 
@@ -46,12 +46,12 @@ class Found:
         return sum(len(v) for k, v in vars(self).items() if k not in ("root", "readmes"))
 
     def name(self, path: Path) -> str:
-        """Return a path as shown in reports: relative to the audited folder."""
+        """Return a path as reports show it: relative to the audited folder."""
         return path.relative_to(self.root).as_posix() if path != self.root else path.name
 
 
 def find(path: Path) -> Found:
-    """Return the files to audit at a path.
+    """Return the files to audit: the file at a path, or the files in the folder at the path.
 
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
@@ -124,7 +124,7 @@ def _is_package(file: Path) -> bool:
 
 
 def _leave_sublayers(out: Found) -> None:
-    """Remove from `out.stages` the sublayers of other stages, except sublayers that have sublayers themselves."""
+    """Remove stages from `out.stages` that are sublayers of another stage and have no sublayers of their own."""
     named: set[Path] = set()
     naming: set[Path] = set()
     for stage in out.stages:

@@ -1,4 +1,4 @@
-"""Read a glTF scene: nodes, clips, meshes and materials, and report faults. glTF uses metres, with y up."""
+"""Read a glTF scene (nodes, clips, meshes and materials), and report faults. glTF uses metres, with y up."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
 
 SCALE_TOL = 1e-4
-"""Maximum difference of a scale from 1 that is taken as a rounding error."""
+"""Maximum difference between a scale and 1 that counts as a rounding error."""
 
 
 def read_gltf(path: Path, ledger: Ledger) -> Content:
@@ -153,7 +153,7 @@ def _check_materials(file: Gltf) -> None:
 
 
 def _physics(nodes: list[Node], world: list[Array]) -> Physics:
-    """Return the mechanism data in the extras of nodes: masses, names of joints, poses of frames."""
+    """Return the mechanism data that the `extras` of nodes contain: masses, names of joints, poses of frames."""
     out = Physics(tuple(n.name for n in nodes if n.is_link))
     for n in nodes:
         extras = n.spec.get("extras")
@@ -173,7 +173,7 @@ def _physics(nodes: list[Node], world: list[Array]) -> Physics:
 
 
 def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
-    """Check every mesh once; return (shapes in the frames of the links, colours), both by link name."""
+    """Check every mesh once; return ({link: shape in the link's frame}, {link: {colour: fraction of area}})."""
     palette = Palette()
     known: dict[int, tuple[Array, Array]] = {}
     found: dict[str, list[Shape]] = {}
@@ -200,7 +200,7 @@ def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str
 
 
 def _primitives(file: Gltf, mesh: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Array, Array]]:
-    """Yield (JSON object, points (n, 3), triangles (m, 3)) of each primitive with positions."""
+    """Yield (JSON object, points (n, 3), triangles (m, 3)) for each primitive that has positions."""
     for primitive in mesh.get("primitives", []):
         attributes = primitive.get("attributes", {})
         if "POSITION" not in attributes or "KHR_draco_mesh_compression" in primitive.get("extensions", {}):

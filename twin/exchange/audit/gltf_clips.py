@@ -44,7 +44,7 @@ class Channel:
     outgoing: Array | None = None
 
     def at(self, t: Array) -> Array:
-        """Return the values (j, n) at times t (j,) in s; times outside of the keys get the first or last value."""
+        """Return values (j, n) at times t (j,) in s. Before the first and after the last key, they are constant."""
         x = np.clip(t, self.times[0], self.times[-1])
         i = np.clip(np.searchsorted(self.times, x, side="right") - 1, 0, max(len(self.times) - 2, 0))
         if len(self.times) == 1:
@@ -77,7 +77,7 @@ class Clips:
     def world(self, moved: dict[int, dict[str, Array]]) -> list[Array]:
         """Return T_world_node (k, 4, 4) of every node, in the world of the file; (1, 4, 4) if the node does not move.
 
-        `moved` has the values (k, n) of the animated properties, by index of the node and name of the property.
+        `moved` contains the animated values: {index of the node: {property: values (k, n)}}.
         """
         out: list[Array] = [np.eye(4)[None]] * len(self._nodes)
         for i in self._order:
@@ -185,7 +185,7 @@ def _channel(
         ledger.wrong("gltf.samples", text, where, size=Measured(float(len(values)), float(per_key * len(times))))
         return None
     if not np.all(np.isfinite(values)):
-        return None  # already reported when the accessor was read
+        return None  # reported when the accessor was read
     incoming = outgoing = None
     if mode == "CUBICSPLINE":
         incoming, values, outgoing = values[0::3], values[1::3], values[2::3]

@@ -1,4 +1,4 @@
-"""Open .glb and .gltf files: find their buffers, and read accessors with checks of all bounds."""
+"""Open .glb and .gltf files: find the buffers, and read accessors, with bounds checks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST_NUMBERS = 50_000_000
 
 @dataclass
 class Gltf:
-    """An opened glTF file: JSON and buffers; `ledger` receives the faults of the file."""
+    """An opened glTF file: its JSON, its buffers, and the ledger that receives its faults."""
 
     path: Path
     ledger: Ledger
@@ -35,7 +35,7 @@ class Gltf:
     _read: dict[int, Array] = field(default_factory=dict)
 
     def items(self, name: str) -> list[dict[str, Any]]:
-        """Return a top-level array of objects of the JSON; [] if it is missing.
+        """Return the objects in a top-level array of the JSON; [] if the array is missing.
 
         Raises:
             ReadError: the entry is not an array of objects.
@@ -46,10 +46,10 @@ class Gltf:
         return value
 
     def item(self, name: str, index: Any) -> dict[str, Any]:
-        """Return the object number `index` of the top-level array `name`.
+        """Return the object at position `index` of the top-level array `name`.
 
         Raises:
-            ReadError: the array has no object with this number.
+            ReadError: the array has no object at this position.
         """
         values = self.items(name)
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
@@ -164,7 +164,7 @@ class Gltf:
 
 
 def natural(spec: Any, key: str, name: str, default: int | None = None) -> int:
-    """Return an entry of a JSON object that must be a whole number >= 0; the default if the entry is missing.
+    """Return the entry `key` of a JSON object as a whole number >= 0; the default if the entry is missing.
 
     Raises:
         ReadError: a required entry is missing, or the entry is not a whole number >= 0.

@@ -25,10 +25,10 @@ class Node:
         translation: (3,) in m, relative to the parent, at rest.
         rotation: quaternion (4,), x y z w, at rest.
         scale: (3,) at rest.
-        matrix: T_parent_node (4, 4) at rest, used instead of translation, rotation and scale; None if the node has
-            no matrix.
+        matrix: T_parent_node (4, 4) at rest, which replaces translation, rotation and scale; None if the node has no
+            matrix.
         spec: JSON object of the node.
-        copied: whether the node's extras repeat the extras of an ancestor; some exporters copy extras to meshes.
+        copied: whether the node's extras are copies of an ancestor's extras; some exporters copy extras to mesh nodes.
     """
 
     index: int
@@ -61,7 +61,7 @@ def link_above(nodes: list[Node], node: Node) -> Node | None:
 
 
 def local(node: Node, moved: dict[str, Array]) -> Array:
-    """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `moved` has the animated values by property."""
+    """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `moved` maps properties to their animated values."""
     if node.matrix is not None and not moved:
         return node.matrix[None]
     T = poses.pose(
@@ -107,7 +107,7 @@ def read_nodes(file: Gltf) -> list[Node]:
 
 
 def _repeats(specs: list[dict[str, Any]], parent: list[int], i: int) -> bool:
-    """Return whether an ancestor of a node is marked as the same link."""
+    """Return whether an ancestor of node `i` is marked as the same link as the node."""
     link = _link_of(specs[i])
     seen = set()
     while link and parent[i] >= 0 and i not in seen:

@@ -1,4 +1,4 @@
-"""Read the OBJ meshes of MJCF and URDF; check and measure triangle meshes: indices, winding, normals."""
+"""Read the OBJ meshes of MJCF and URDF. Check triangle meshes (indices, winding, normals), and measure them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 
 AGAINST = 0.01
-"""Maximum fraction of a mesh's area with normals opposite to the winding; normals of thin triangles are inaccurate."""
+"""Maximum fraction of a mesh's area with normals opposite to the winding; thin triangles have inexact normals."""
 
 
 def check_mesh(
@@ -51,9 +51,9 @@ def check_mesh(
 
 @lru_cache(maxsize=512)
 def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
-    """Return (shape, mixed); `mixed`: whether the mesh is closed but its triangles are inconsistently oriented.
+    """Return (shape, mixed); `mixed` is True if the mesh is closed, but its triangles are inconsistently oriented.
 
-    The result is cached, because files share meshes.
+    Several files can have the same mesh; therefore results are cached.
     """
     vertices = np.frombuffer(points).reshape(-1, 3)
     triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
@@ -90,7 +90,7 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
 
 
 def weld(vertices: Array, triangles: Array) -> Array:
-    """Return the triangles (m, 3) with equal points merged; exporters duplicate points at sharp edges."""
+    """Return the triangles (m, 3) with merged indices of equal points; exporters duplicate points at sharp edges."""
     rows = np.ascontiguousarray(vertices + 0.0)  # adding 0.0 removes negative zeros
     keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * 3))).ravel()
     _, first = np.unique(keys, return_inverse=True)
@@ -142,7 +142,7 @@ def joined(shapes: Iterable[Shape]) -> Shape | None:
 
 
 def read_obj(path: Path) -> tuple[Array, Array]:
-    """Read an OBJ file; return (points (n, 3), triangles (m, 3) with indices from 0). Polygons are split.
+    """Read an OBJ file; return (points (n, 3), triangles (m, 3) with indices from 0). Polygons become triangles.
 
     Raises:
         ReadError: a line cannot be parsed, or a face refers to a point that does not exist.
@@ -154,7 +154,7 @@ def read_obj(path: Path) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=1000)
 def _read_obj(path: Path, time: int, size: int) -> tuple[Array, Array]:
-    """Read a file; the result is cached until the file changes, because MJCF and URDF share meshes."""
+    """Read an OBJ file. MJCF and URDF share meshes; therefore the result is cached until the file changes."""
     points: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     try:

@@ -1,4 +1,4 @@
-"""Read an MJCF: MuJoCo compiles it and computes body poses and loop gaps for the joint values of a track."""
+"""Read an MJCF file: MuJoCo compiles the file, and computes body poses and loop gaps at the joint values of a track."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.audit.urdf import assumed_masses, named_mesh, numbers, parse_xml
 
 LOOP_TOL = 1e-6
-"""Maximum residual of an equality constraint at joint values of a track, in m (rotation of a weld: in rad)."""
+"""Maximum residual of an equality constraint at the joint values of a track, in m or (rotation of a weld) in rad."""
 
 LIMIT_TOL = 1e-5
-"""Maximum relative difference between limits that is taken as a rounding error: MuJoCo saves six digits."""
+"""Maximum relative difference between limits that counts as a rounding error, because MuJoCo saves six digits."""
 
 KEY_GAP = 1e-4
 """Maximum residual in m or rad of an equality constraint at a keyframe; simulations start from keyframes."""
@@ -64,7 +64,7 @@ class Mjcf:
         return poses.pose(poses.rotation(q[[1, 2, 3, 0]]), self.data.xpos[body].copy())
 
     def play(self, clip: Clip) -> Clip:
-        """Return the poses T_world_link (k, 4, 4) that MuJoCo computes for a track; report open loops."""
+        """Return the clip of poses T_world_link (k, 4, 4) that MuJoCo computes from a track; report open loops."""
         m, d = self.model, self.data
         count = len(clip.times)
         qpos = np.tile(m.qpos0, (count, 1))
@@ -89,7 +89,7 @@ class Mjcf:
         return Clip(clip.name, clip.times, {n: T[:, self.bodies[n]] for n in names})
 
     def _set(self, body: int, clip: Clip, qpos: Array) -> None:
-        """Set the coordinates of one body's joints for all keys, from joint values or link poses of the track."""
+        """Set the coordinates of one body's joints at all keys, from the track's joint values or link poses."""
         m = self.model
         joints = range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]) if m.body_jntnum[body] else ()
         if not joints:
@@ -111,9 +111,10 @@ class Mjcf:
                 qpos[:, at] = values[0] + m.qpos0[at]
 
     def _chain(self, body: int, joints: range, clip: Clip) -> Iterator[tuple[Link, Array | None, int]]:
-        """Yield (step, values, joint) of the chain from a body's parent to the body.
+        """Yield (step, values, joint) for each step of the chain from a body's parent to the body.
 
-        `values` (k,) is None if unknown; `joint` is MuJoCo's joint number, or -1 for a step without a joint.
+        `values` (k,) are the joint values in m or rad, None if unknown. `joint` is MuJoCo's joint number, or -1 for a
+        step without a joint.
         """
         m = self.model
         yield Link(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body])), None, -1
@@ -129,7 +130,7 @@ class Mjcf:
             yield Link(poses.inverse(there)), None, -1
 
     def _goal(self, body: int, clip: Clip) -> Array | None:
-        """Return T_parent_body (k, 4, 4) from the track, else from a body that is welded to `body`; None if unknown."""
+        """Return T_parent_body (k, 4, 4) from the track: poses of `body` or of a body welded to it; None if unknown."""
         upper = self._known(self.model.body_parentid[body], clip)
         here = self._known(body, clip)
         if here is None:
@@ -159,7 +160,7 @@ class Mjcf:
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
         """Compare the joint ranges of the file with the joint limits in a track.
 
-        `name` is the file name of the track; `low` and `high` have the limits of each joint in m or rad.
+        `name` is the file name of the track. `low` and `high` map joints to their limits in the track, in m or rad.
         """
         m = self.model
         for j in range(m.njnt):
@@ -186,12 +187,12 @@ def _gap(m: mujoco.MjModel, d: mujoco.MjData) -> tuple[float, str]:
 
 
 def _holds(root: ET.Element) -> bool:
-    """Return whether a joint connects a top-level body to the world; the world is then the base of the robot."""
+    """Return whether the world is the base of the robot: True if a joint connects a top-level body to the world."""
     return any(b.find("joint") is not None for world in root.iter("worldbody") for b in world.findall("body"))
 
 
 def _colors(m: mujoco.MjModel) -> dict[str, dict[Rgba, float]]:
-    """Return colours by body; a mesh that is used for both display and collision counts once."""
+    """Return {body: {colour: fraction of area}}. A mesh that is used for both display and collision counts once."""
     out = Palette()
     seen = set()
     for g in range(m.ngeom):

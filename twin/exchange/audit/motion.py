@@ -17,13 +17,13 @@ from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
 
 UNIT_TOL = 1e-4
-"""Maximum difference of a quaternion's length from 1 that is taken as a rounding error of single precision."""
+"""Maximum difference between a quaternion's length and 1 that counts as a rounding error of single precision."""
 
 MAX_STEP = np.radians(120)
-"""Maximum rotation in rad between two keys: players use the shorter rotation, which may be the wrong one."""
+"""Maximum rotation in rad between two keys. Players use the shorter rotation; for larger angles, it may be wrong."""
 
 START_TOL = 1e-9
-"""Maximum start time in s of a clip: if a clip starts later, players show the rest pose first."""
+"""Maximum time in s of a clip's first key. If a clip starts later, players first show the rest pose."""
 
 FAR = 50.0
 """Distance in m between a link and the origin above which the unit of length is probably wrong."""
@@ -55,9 +55,9 @@ class Clip:
 
     Attributes:
         times: times (k,) of the keys in s.
-        links: T_world_link (k, 4, 4) by link.
-        joints: known joint values (k,) in rad or m, by joint.
-        middle: T_world_link (k - 1, 4, 4) halfway between keys, by link; empty if the format has no interpolation.
+        links: {link: T_world_link (k, 4, 4)}.
+        joints: {joint: values (k,) in rad or m}, for the joints whose values are known.
+        middle: {link: T_world_link (k - 1, 4, 4) halfway between keys}; empty if the format has no interpolation.
     """
 
     name: str
@@ -80,16 +80,16 @@ class Content:
         ledger: findings of the reader.
         format: "glb", "usd", "usdz", "tracks", "csv", "mjcf", "urdf".
         clips: motions, in the order of the file.
-        rest: T_world_link (4, 4) at rest, by link.
+        rest: {link: T_world_link (4, 4) at rest}.
         declared: names of the nodes that the file marks as links (USD: rigid bodies, glTF: extras); None: the file
             marks no links.
-        shapes: meshes by link.
-        colors: for each link, the fraction of its area by colour (linear rgba).
+        shapes: {link: shape of its meshes}.
+        colors: {link: {colour (linear rgba): fraction of the link's area}}.
         physics: masses, joints and frames in the file; None: the file has no such data.
         model_hash: hash of the source mechanism, as stated in the file; "" if not stated.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...
         known: names of the links that at least one file in the folder marks; None if no file marks links.
-        extra: data of the file that only one check needs, such as limits or phases.
+        extra: other data of the file, each needed by a single check, such as limits or phases.
     """
 
     ledger: Ledger
@@ -127,8 +127,8 @@ class Content:
     def links(self) -> tuple[str, ...] | None:
         """Names of the links that the file marks.
 
-        If the file marks no links: the names of its nodes that are names of links in other files. If no file marks
-        links: None.
+        If the file marks no links, these are the names of its nodes that other files mark as links. If no file marks
+        links, the value is None.
         """
         if self.declared is not None:
             return self.declared
@@ -163,7 +163,7 @@ def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
 
 
 def check_rate(ledger: Ledger, times: Array, stated: float, clip: str) -> None:
-    """Compare a stated key rate in Hz with the key times (k,) in s; only the last interval may be shorter."""
+    """Compare a stated key rate in Hz with key times (k,) in s. Only the last interval may be shorter than 1 / rate."""
     steps = np.diff(times)
     if not len(steps):
         return
@@ -198,7 +198,7 @@ def check_quaternions(
     """Report faults of the quaternions (k, 4) of a link: a length that is not 1, sign changes, large rotations.
 
     Sign changes and rotations by more than `MAX_STEP` between two keys are faults only if players interpolate the
-    quaternions (`blended`).
+    quaternions (`blended` is True).
     """
     if not np.all(np.isfinite(xyzw)):
         text = f"{where}: a quaternion is not finite."
@@ -267,9 +267,9 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
 
 
 def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
-    """Return the maximum differences between two motions of a link, both as poses (k, 4, 4).
+    """Return the maximum differences between two motions of a link, which are given as poses (k, 4, 4).
 
-    The result is (distance in m, key at which it occurs, angle in rad, key at which it occurs).
+    The result is (maximum distance in m, key of this distance, maximum angle in rad, key of this angle).
     """
     apart = np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1)
     turn = angle(poses[:, :3, :3], others[:, :3, :3])

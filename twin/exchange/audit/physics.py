@@ -1,9 +1,9 @@
 """Mechanism data of a file (links, joints, frames, gravity) in a common form for all formats.
 
-A joint has a pose and lines, both in the parent's frame: the pose of the child at zero coordinates, and the lines along
-or about which the child moves. Some formats split a joint into parts: a ball into three hinges with auxiliary
-links, or a loop closure into two ties. A tie is a pair of coinciding points. `reduced` joins the parts, so that joints
-of different formats can be compared.
+A joint has a pose and lines, both in the parent's frame. The pose is the pose of the child at zero coordinates. The
+child moves along or about the lines. Some formats split a joint into parts: a ball joint into three hinges with
+auxiliary links, or a loop closure into two ties. A tie is a pair of coinciding points. `reduced` joins the parts, so
+that joints of different formats can be compared.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
 _SAME = 1e-5
-"""Tolerance, in m and in components of unit vectors, for coinciding lines and for lines that meet in a point."""
+"""Tolerance in m and in components of unit vectors, within which lines coincide or meet in a point."""
 
 TOOL = "(tool)"
-"""Common name of the tool frame in all formats, because tracks do not state the name of this frame."""
+"""Name of the tool frame for all formats, because tracks do not state its name."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Mass:
 
 @dataclass(frozen=True)
 class Line:
-    """A line about which ("turn") or along which ("slide") a joint moves, in the frame of the joint's parent.
+    """Line of a joint's motion, in the frame of the joint's parent: the child turns about it, or slides along it.
 
     Attributes:
         kind: "turn" or "slide".
@@ -83,7 +83,7 @@ class Motor:
     """A motor with a transmission to joints; SI units, on the motor's side. None: the file does not state the value.
 
     Attributes:
-        row: factor by joint; the motor's coordinate is the sum of factor times joint coordinate.
+        row: {joint: factor}; the motor's coordinate is the sum of factor times joint coordinate.
         kind: "angle" or "length", the kind of the motor's coordinate.
         limits: (lower, upper) in m or rad; infinite without a limit.
         effort: maximum effort in N or N m; infinite without a limit.
@@ -106,8 +106,8 @@ class Motor:
 def felt(motors: Mapping[str, Motor], joint: str) -> tuple[float, float] | None:
     """Return (stiffness, damping) at a joint due to the drives of its motors; None if no motor moves the joint.
 
-    All other joints are assumed to be fixed. A motor contributes its stiffness and damping, multiplied by the square
-    of its factor for the joint.
+    All other joints are assumed to be fixed. Each motor contributes its stiffness and damping, both multiplied by the
+    square of the motor's factor for the joint.
     """
     moving = [(m, m.row[joint]) for m in motors.values() if m.row and joint in m.row]
     if not moving:
@@ -126,8 +126,8 @@ class Joint:
         motions: lines along or about which the joint moves, in the parent's frame, from the parent outwards.
         drive: limits and drive of the joint.
         tied: for each tie, (point in the parent's frame, same point in the child's frame), both (3,) in m; empty
-            unless the file states the joint by ties only (MJCF connect).
-        kind_said: kind of the joint if the file states it without an axis (tracks, GLB); else "".
+            unless the file states the joint only by ties (MJCF connect).
+        kind_said: kind of the joint, if the file states a kind but no axis (tracks, GLB); else "".
     """
 
     names: tuple[str, ...]
@@ -151,9 +151,9 @@ class Joint:
     def end(self, link: str) -> tuple[Array, Array | None] | None:
         """Return (point (3,) in m, direction (3,) or None for a ball) of the joint in the frame of one of its links.
 
-        Return None if the file does not state where the joint is. The direction is reversed if the parent's name comes
-        after the child's in alphabetical order, because files may exchange parent and child. The direction of a tie has
-        no defined sign.
+        Return None if the file does not state the position of the joint. Files may exchange parent and child; therefore
+        the direction is reversed if the child's name comes before the parent's in alphabetical order. The direction of
+        a tie has no defined sign.
         """
         flip = 1.0 if self.parent < self.child else -1.0
         if self.tied:
@@ -193,16 +193,16 @@ class Physics:
 
     Attributes:
         links: names of all links.
-        masses: mass properties by link.
-        assumed: links whose stated mass is only an assumption, made because the format requires a mass.
-        frames: named frames, by name.
+        masses: {link: mass properties}.
+        assumed: links whose mass is unknown: the file states an assumed mass, because the format requires a mass.
+        frames: {name: named frame}.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
-        held: links that are fixed to the world; None if the format cannot state this.
+        held: links that are fixed to the world; None if the format cannot state that a link is fixed.
         tool: name of the frame that protocols move; "" if not stated.
         trocars: names of the trocar joints; the protocol determines their positions.
-        couplings: by name, (factors by joint, constant): the sum of factor times joint coordinate is the constant.
-            None if the format cannot state couplings.
-        motors: motors with transmissions, by name; None if not stated.
+        couplings: {name: ({joint: factor}, constant)}; the sum of factor times joint coordinate is the constant. None
+            if the format cannot state couplings.
+        motors: {name: motor with a transmission}; None if not stated.
         all_motors: whether `motors` contains all motors with transmissions.
         complete: whether `joints` contains all joints, each with its links; without this, a missing joint is not found.
     """

@@ -12,19 +12,19 @@ from twin.exchange.audit.physics import Drive, Frame, Joint, Line, Mass, Motor, 
 from twin.exchange.audit.poses import Array
 
 MARK = "frame_"
-"""Prefix of the names of sites that mark named frames; other sites belong to loop closures."""
+"""Prefix in the names of sites that represent named frames. All other sites belong to loop closures."""
 
 FREE, BALL, SLIDE, HINGE = range(4)
-"""Numbers of MuJoCo's joint types, mjtJoint."""
+"""Numbers of MuJoCo's joint types (enumeration mjtJoint)."""
 
 _CONNECT, _WELD, _COUPLE, _TENDON = range(4)
-"""Numbers of the equality constraints mjtEq: connect, weld, joint, tendon."""
+"""Numbers of MuJoCo's equality constraints (enumeration mjtEq): connect, weld, joint, tendon."""
 
 
 def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
     """Return the mechanism data of a compiled model.
 
-    `bodies` contains MuJoCo's body number of each link, by link name; the world may be one of the links.
+    `bodies` maps link names to MuJoCo's body numbers; the world may be one of the links.
     """
     m = model
     out = Physics(tuple(bodies), complete=True, gravity=np.array(m.opt.gravity), couplings=_couplings(m))
@@ -84,7 +84,7 @@ def _texts(m: mujoco.MjModel) -> Iterator[tuple[str, str]]:
 
 
 def _motors(m: mujoco.MjModel) -> dict[str, Motor]:
-    """Return the actuators that pull fixed tendons; an actuator's length is its gear times the tendon's length."""
+    """Return {name: motor} for the actuators that pull fixed tendons. Actuator length = gear times tendon length."""
     out = {}
     kinds = dict(_texts(m))
     for a in range(m.nu):

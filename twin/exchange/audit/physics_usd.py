@@ -71,7 +71,7 @@ def _mass(prim: Usd.Prim, meters: float, kilograms: float) -> Mass | None:
 
 
 def _gravity(scene: UsdPhysics.Scene, meters: float, up: str) -> Array:
-    """Return gravity (3,) in m/s2, z up; 9.81 downwards if the scene does not state it."""
+    """Return gravity (3,) in m/s2, z up; if the scene states no gravity, 9.81 downwards."""
     direction, size = scene.GetGravityDirectionAttr().Get(), scene.GetGravityMagnitudeAttr().Get()
     down = np.array([0.0, 0.0, -1.0])
     given = np.array(direction if direction is not None else (0, 0, 0), float)
@@ -142,7 +142,7 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:
 
 
 def _motors(root: Usd.Prim) -> dict[str, Motor]:
-    """Return the motors from customData, because UsdPhysics cannot express transmissions."""
+    """Return {name: motor}, read from customData, because UsdPhysics cannot express transmissions."""
     rows = {}
     for told in (root.GetCustomDataByKey("twin:transmissions") or {}).values():
         joints, names = list(told["joints"]), list(told["actuators"])
@@ -159,7 +159,7 @@ def _motors(root: Usd.Prim) -> dict[str, Motor]:
 
 
 def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, float], float]]:
-    """Return the couplings in PhysX tendons and PhysX mimic joints (q + gearing * leader + offset = 0)."""
+    """Return the couplings stated as PhysX tendons, or as PhysX mimic joints (q + gearing * leader + offset = 0)."""
     out: dict[str, tuple[dict[str, float], float]] = {}
     for prim in stage.Traverse():
         for name in map(
@@ -185,5 +185,5 @@ def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, flo
 
 
 def _unit(joint: Usd.Prim, meters: float) -> float:
-    """Return the size in m or rad of one unit of a joint's coordinate."""
+    """Return the factor from the stage's unit of a joint coordinate to m or rad."""
     return np.pi / 180 if joint.IsA(UsdPhysics.RevoluteJoint) else meters

@@ -1,4 +1,4 @@
-"""Quaternions, matrices and poses, implemented a second time: the audit shares no code with the writers.
+"""Quaternions, matrices and poses, implemented again because the audit must share no code with the writers.
 
 Poses are float64 (4, 4) and act on column vectors; quaternions are x, y, z, w. All functions are vectorised over
 leading axes.
@@ -45,7 +45,7 @@ def about(axis: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
-    """Return poses (..., 4, 4) of rotations R (..., 3, 3) and positions p (..., 3); None: R = identity, p = 0."""
+    """Return poses (..., 4, 4) of rotations R (..., 3, 3) and positions p (..., 3); default: R = identity, p = 0."""
     R = np.eye(3) if R is None else np.asarray(R, float)
     p = np.zeros(3) if p is None else np.asarray(p, float)
     shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
@@ -108,7 +108,7 @@ def rpy(angles: ArrayLike) -> Array:
 def quaternion(R: ArrayLike) -> Array:
     """Return quaternions (..., 4), x y z w, of rotations (..., 3, 3); their sign is arbitrary.
 
-    The quaternion is the longest column of a symmetric 4 x 4 matrix of rank one, normalised.
+    Each quaternion is the normalised longest column of a symmetric 4 x 4 matrix of rank one.
     """
     R = np.asarray(R, float)
     K = np.zeros((*R.shape[:-2], 4, 4))

@@ -13,7 +13,7 @@ SCHEMA = "twin-proof"
 
 
 def check_proof(path: Path, ledger: Ledger) -> dict[str, Any]:
-    """Report differences between a proof.json and the files in the same folder; return its content, {} if malformed."""
+    """Report differences between a proof.json and the files in its folder; return its JSON data, {} if malformed."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:

@@ -1,7 +1,8 @@
 """Check the remote centres of motion (RCM) of a track against the motion of the shaft.
 
-A distance of the shaft axis from the stated RCM is a fault only if the protocol enforces the RCM. But if all shaft axes
-of a phase meet in one point, the stated RCM must be that point, whether or not the RCM is enforced.
+If the protocol enforces an RCM, a distance between shaft axis and stated RCM is a fault. If the RCM is only monitored,
+such a distance is allowed. In both cases, if all shaft axes of a phase meet in one point, the stated RCM must be this
+point.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity, um
 
 SHAFT = 5e-3
-"""Maximum distance in m at which an RCM counts as enforced, if the file does not state whether it is enforced."""
+"""Distance in m from the shaft axis up to which an RCM counts as enforced, if the file does not state its mode."""
 
 BESIDE = 1e-4
-"""Maximum distance in m of a stated RCM from the point in which all shaft axes meet."""
+"""Maximum distance in m between a stated RCM and the point in which all shaft axes meet."""
 
 SPREAD = 1e-4
-"""Minimum mean squared sine of the angles between lines and their mean direction; below, no centre is computed."""
+"""Minimum mean squared sine of the angles between lines and their mean direction for which a centre is computed."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,9 @@ class _Stay:
 
     Attributes:
         point: stated RCM (3,) in m.
-        enforced: whether the RCM is enforced (else monitored); None if not stated.
-        times: times (k,) of its keys in s.
-        lines: shaft axes (points (k, 3) in m, directions (k, 3)) at the keys, by frame.
+        enforced: True if the RCM is enforced, False if it is only monitored; None if not stated.
+        times: times (k,) in s of the keys in the phase.
+        lines: {frame: shaft axis (points (k, 3) in m, directions (k, 3)) at the keys}.
     """
 
     name: str
@@ -45,15 +46,15 @@ class _Stay:
     lines: Mapping[str, tuple[Array, Array]]
 
     def missed(self, point: Array) -> dict[str, Array]:
-        """Return the distances (k,) in m of a point from the shaft axis at each of the k keys, by frame."""
+        """Return {frame: distances (k,) in m between a point and the shaft axis at the k keys}."""
         return {n: np.linalg.norm(np.cross(d, point - p), axis=1) for n, (p, d) in self.lines.items()}
 
 
 def check_rcm(data: dict[str, Any], clip: Clip, local: Array, ledger: Ledger) -> None:
     """Report shaft axes that miss the RCM of their phase, and RCMs that are not the centre of rotation of the shaft.
 
-    `local` (7 n,) contains the poses of the track's n named frames, each in the frame of its link: x y z in m, then the
-    quaternion x y z w.
+    `local` (7 n,) contains the poses of the track's n named frames, each relative to the frame's link: x y z in m, then
+    the quaternion x y z w.
     """
     stays = _stays(data, clip, local, ledger)
     if stays is None:
@@ -143,7 +144,7 @@ def _is_unit(value: Any) -> bool:
 
 
 def _centre(stay: _Stay) -> Array | None:
-    """Return the intersection (3,) of the shaft axes in m; None if they do not meet or are nearly parallel."""
+    """Return the intersection (3,) in m of the shaft axes; None if the axes do not meet or are nearly parallel."""
     for p, d in stay.lines.values():
         P = np.eye(3) - d[:, :, None] * d[:, None, :]
         A, b = P.mean(axis=0), np.einsum("kij,kj->i", P, p) / len(p)

@@ -23,7 +23,7 @@ ROTATION_TOL = 1e-4
 """Maximum angle in rad between the rotations of a link in two files that agree."""
 
 MOST = 5
-"""Maximum number of findings with the same code in one file; the last of them states how many were omitted."""
+"""Maximum number of findings with the same code in one file; the last finding states how many were omitted."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Check:
     Attributes:
         check: short description.
         file: path relative to the audited folder.
-        tool, version: name and version of the checker or library that measured.
+        tool, version: name and version of the checker or library that measured the deviation.
         worst: the maximum deviation in `unit`; None if nothing can be measured.
         unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
         verdict: "agree", "disagree" or "unchecked".
         where: link, or other object, with the deviation `worst`.
-        when: time of `worst`.
+        when: time at which the deviation is `worst`.
     """
 
     check: str
@@ -62,7 +62,7 @@ class Check:
 class AuditReport(Result):
     """The result of `audit`.
 
-    `files` has for each file its name, format and conventions (units, up axis, handedness, clips).
+    `files` contains the name, format and conventions (units, up axis, handedness, clips) of each file.
     """
 
     path: str
@@ -111,7 +111,7 @@ _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
 
 
 def worst(checks: Sequence[Check]) -> list[Check]:
-    """Return the worst check of each kind; checks that differ only in clip, file and counts have the same kind."""
+    """Return the worst check of each kind. Checks that differ only in clip, file and counts are of the same kind."""
     kinds: dict[str, Check] = {}
     for check in checks:
         kind = re.sub(r"clip '[^']*': | against [^,]*|, \d.*|\d+", "", check.check)
@@ -169,11 +169,11 @@ ADVICE: Mapping[str, str] = {
     "winding": "reverse the faces of the mesh, so that they are counter-clockwise seen from outside",
     "winding_mixed": "orient all faces counter-clockwise seen from outside",
 }
-"""Suggestions by finding code; a code without a format, such as "step", applies to every format ("gltf.step")."""
+"""Suggestion for each finding code. A code without a format, such as "step", applies to all formats ("gltf.step")."""
 
 
 class ReadError(Exception):
-    """A fault that prevents further reading of a file; `code` is the finding's code ("": the default code)."""
+    """A fault that prevents further reading of a file. `code` is the code of the finding; "" means the default code."""
 
     def __init__(self, message: str, code: str = "") -> None:
         super().__init__(message)
@@ -181,7 +181,7 @@ class ReadError(Exception):
 
 
 class Measured(NamedTuple):
-    """A measured value with its limit, both in `unit`; None: unknown."""
+    """A measured value and its limit, both in `unit`; None means unknown."""
 
     value: float | None
     limit: float | None = None
@@ -218,7 +218,7 @@ class Ledger:
         when: str = "",
         suggestion: str = "",
     ) -> None:
-        """Add a finding, with the file's name before `where`; only the first `MOST` findings of a code are kept."""
+        """Add a finding, with the file's name before `where`; only the first `MOST` findings of each code are kept."""
         self._count[code] += 1
         if self._count[code] > MOST:
             return
@@ -244,9 +244,10 @@ class Ledger:
         when: str = "",
         fits: bool | None = None,
     ) -> None:
-        """Add a check. Its verdict is "agree" if `worst` is at most `tolerance`, or if `worst` or `tolerance` is None.
+        """Add a check; its verdict is "agree" or "disagree".
 
-        If `fits` is given, the verdict is "agree" if `fits` is True, else "disagree".
+        If `fits` is given, the verdict is "agree" if `fits` is True. Otherwise, the verdict is "agree" if `worst` is at
+        most `tolerance`, or if one of these two values is None.
         """
         if fits is None:
             fits = worst is None or tolerance is None or bool(worst <= tolerance)
@@ -256,7 +257,7 @@ class Ledger:
 
     @property
     def findings(self) -> list[Finding]:
-        """Return the findings, at most `MOST` with the same code; the last of them states how many were omitted."""
+        """Return the findings, at most `MOST` with the same code; the last finding states how many were omitted."""
         out = list(self.found)
         for code, count in self._count.items():
             if count > MOST:
@@ -270,13 +271,13 @@ _STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, Overflo
 """Exceptions that the readers may raise for malformed input."""
 
 _KINDS = {".csv": "tracks", ".json": "tracks", ".urdf": "urdf", ".xml": "mjcf"}
-"""First part of the finding code `<format>.unreadable`, by file name suffix; "usd" for all other suffixes."""
+"""<format> in the finding code `<format>.unreadable`, for each file name suffix; for all other suffixes: "usd"."""
 
 Read = TypeVar("Read")
 
 
 def guarded(read: Callable[[Path, Ledger], Read], path: Path, ledger: Ledger) -> Read | None:
-    """Return what `read` returns for a file or folder; on an error, add a finding and return None."""
+    """Call `read` for a file or folder and return the result; if `read` fails, add a finding and return None."""
     try:
         return read(path, ledger)
     except ReadError as error:

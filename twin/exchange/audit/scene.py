@@ -24,10 +24,10 @@ from twin.exchange.audit.usd_checks import version
 from twin.usd.check import run_usd_validators
 
 FILE = "scene.json"
-"""File of an exported scene: its robots, their folders and the poses of their bases."""
+"""Name of the file that lists the robots of an exported scene, with their folders and base poses."""
 
 REACH = 0.1
-"""Distance in m between a link's origin and the points where deviations are measured, so that rotations count."""
+"""Distance in m between a link's origin and the other points at which deviations are measured, to include rotations."""
 
 Audited = tuple[list[Content], list[Ledger]]
 
@@ -36,8 +36,8 @@ Audited = tuple[list[Content], list[Ledger]]
 class Shown:
     """Base pose and motion of a robot in an exported scene.
 
-    `T_world_base` (4, 4) is the base pose in scene.json; `links` has the poses T_base_link (k, 4, 4) at `times` (k,) in
-    s, by link.
+    `T_world_base` (4, 4) is the base pose in scene.json. `links` maps each link to its poses T_base_link (k, 4, 4) at
+    the times `times` (k,) in s.
     """
 
     T_world_base: Array
@@ -48,7 +48,8 @@ class Shown:
 def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     """Audit an exported scene; return (contents of the robots' files, ledgers of these files and of the stages).
 
-    `audited` audits the folder of one robot. In the ledgers, file names begin with the name of the robot.
+    `audited` is a function that audits the folder of one robot. In the ledgers, file names begin with the name of the
+    robot.
     """
     contents: list[Content] = []
     ledger = Ledger(FILE, "twin.exchange.audit scene", "1")
@@ -97,7 +98,7 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
 
 
 def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
-    """Return T_world_object (1, 4, 4) of each movable object in scene.json, by name; report a wrong entry."""
+    """Return {object: T_world_object (1, 4, 4)} for the movable objects in scene.json; report unusable entries."""
     try:
         rows = json.loads((folder / FILE).read_text(encoding="utf-8")).get("objects", [])
         out = {str(r["name"]): np.array(r["T_world_object"], float).reshape(1, 4, 4) for r in rows}
@@ -113,8 +114,8 @@ def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
 def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> Shown:
     """Return the motion of a protocol in a robot's files; without a protocol, the poses at rest.
 
-    Poses at rest are read from the GLB, if there is one, because the scene's stages refer to the robot's stage: a
-    comparison with that stage would never find a difference.
+    Poses at rest are read from the GLB if it exists. The robot's stage is unsuitable for the comparison, because the
+    scene's stages reference it: the poses are always equal.
     """
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):
@@ -154,8 +155,8 @@ def _compare_stage(robots: Mapping[str, Shown], path: Path, ledger: Ledger) -> N
 def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str]:
     """Return the maximum deviation of a scene's stage from the robots' files: (deviation in m, robot and link, time).
 
-    Deviations are measured at each link's origin and at points 0.1 m from the origin, at the first, middle and last
-    key. The deviation is infinite if the stage lacks a link, or if a robot's files have no link poses.
+    Deviations are measured at the first, middle and last key, at each link's origin and at points 0.1 m from the
+    origin. The deviation is infinite if the stage lacks a link, or if a robot's files have no link poses.
     """
     opened = Usd.Stage.Open(str(stage))
     opened.Reload()  # USD keeps layers in memory, but the file may have changed

@@ -1,6 +1,6 @@
 """Report physically impossible data in a file: masses, inertias, densities, gravity, drives.
 
-This check needs no second file; in a bundle, it can also show which of two contradicting files is wrong.
+This check needs no second file. If two files of a bundle contradict each other, the check can show which file is wrong.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ DENSEST = 23_000.0
 """Maximum density in kg/m3; osmium has 22 590."""
 
 LIGHTEST = 0.5
-"""Minimum ratio in kg/m3 of a link's mass to the volume of its bounding box; the density of air is 1.2."""
+"""Minimum ratio in kg/m3 of a link's mass to the volume of the link's bounding box; the density of air is 1.2."""
 
 OUTSIDE = 0.1
-"""Maximum distance of a centre of mass outside the link's bounding box, as a fraction of the box diagonal.
+"""Maximum distance between a link's bounding box and a centre of mass outside the box, divided by the box diagonal.
 
-The distance may be positive, because the CAD may omit some parts.
+A centre of mass outside the box is possible, because the CAD may omit some parts.
 """
 
 GRAVITY = (9.7, 9.9)
 """Range of gravity in m/s2 on earth; zero gravity is also allowed."""
 
 TRIANGLE = 1e-5
-"""Maximum relative violation of the triangle inequality that is taken as a rounding error of single precision."""
+"""Maximum relative violation of the triangle inequality of principal inertias that counts as a rounding error."""
 
 
 def check_sense(content: Content) -> None:

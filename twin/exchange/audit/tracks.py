@@ -28,10 +28,10 @@ WORDS = {
     "angle_unit": "rad",
     "quaternion_order": "xyzw",
 }
-"""Entries whose value is fixed in version 1 of the schema; players require these values."""
+"""Entries for which version 1 of the schema allows a single value; players require this value."""
 
 LIMIT_TOL = 1e-6
-"""Maximum violation of a joint limit, in m or rad, that is taken as a rounding error."""
+"""Maximum violation of a joint limit, in m or rad, that counts as a rounding error."""
 
 NO_LIMIT = 1e29
 """Value in m or rad from which a limit means "no limit", because JSON has no infinity."""
@@ -58,7 +58,7 @@ def read_json(path: Path, ledger: Ledger) -> Content:
 
 
 def read_csv(path: Path, ledger: Ledger) -> Content:
-    """Return the content of a CSV track: `# key: value` lines, a header with units, and one line per key.
+    """Return the content of a CSV track: lines `# name: value`, a header with units, and one line for each key.
 
     Raises:
         ReadError: the header or all lines are missing, or a number is invalid.
@@ -186,7 +186,7 @@ def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
 
 
 def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
-    """Return a flat list as an array of this shape; if its length is wrong, report a finding and return None."""
+    """Return the flat list `data[key]` as an array of the given shape; None, with a finding, if its length is wrong."""
     flat = _numbers(data, key, ledger)
     if flat.size != int(np.prod(shape)):
         text = f"{key} has {flat.size} numbers, not {' x '.join(map(str, shape))} = {int(np.prod(shape))}."

@@ -70,7 +70,7 @@ def _check_fields(folder: Path, data: dict[str, Any], ledger: Ledger) -> None:
 
 
 def _visible(folder: Path) -> Iterator[Path]:
-    """Yield the files and folders that Unity imports: all except hidden folders and folders whose names end in `~`."""
+    """Yield the files and folders that Unity imports. Hidden paths, `*~` and `*.tmp` are skipped."""
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
         if not any(p.endswith("~") or p.startswith(".") for p in parts) and path.suffix != ".tmp":
@@ -78,7 +78,7 @@ def _visible(folder: Path) -> Iterator[Path]:
 
 
 def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Path]:
-    """Check that every asset has a .meta file with a unique GUID; return the assets by GUID."""
+    """Check that every asset has a .meta file with a unique GUID; return {GUID: asset}."""
     assets = {p for p in seen if p.suffix != ".meta"}
     guids: dict[str, Path] = {}
     for asset in sorted(assets):

@@ -1,4 +1,4 @@
-"""Run the frame conversions of a Unity package's scripts and compare them with matrices."""
+"""Run the frame conversions in the scripts of a Unity package, and compare the results with matrix products."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ MIRRORS = {
     "GltFast": np.diag([-1.0, 1.0, 1.0]),
     "UrdfImporter": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
 }
-"""Matrices (3, 3) from robot to Unity coordinates, by importer.
+"""Matrix (3, 3) from robot coordinates to Unity coordinates, for each importer.
 
-glTF: x mirrored; ROS: forward-left-up to right-up-forward.
+The glTF importer mirrors x; the URDF importer converts forward-left-up (ROS) to right-up-forward.
 """
 
 ROOTS = {"GltFast": poses.R_Z_UP_Y_UP.T, "UrdfImporter": np.eye(3)}
-"""Rotation (3, 3) of the root node, by importer: from z up to y up for glTF, none for ROS."""
+"""Rotation (3, 3) of the root node, for each importer: glTF from z up to y up, URDF none."""
 
 TOL = 1e-6
 _POINTS = np.array([[0.3, -0.7, 1.1], [-1.3, 0.2, -0.4], [0.0, 2.0, -0.5]])
@@ -65,7 +65,7 @@ def check_frames(path: Path, name: str, ledger: Ledger) -> None:
 
 
 def _off(script: Script, ledger: Ledger, name: str, method: str, given: tuple, meant: Array, what: str) -> float:
-    """Return the error of a result, and report it if too large; the sign of a quaternion is ignored."""
+    """Return the error of a method's result, and report an error above `TOL`. Signs of quaternions are ignored."""
     if not script.has(method):
         return 0.0
     try:

@@ -16,7 +16,7 @@ from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.audit.unity_frames import MIRRORS, ROOTS
 
 TOL = 1e-5
-"""Tolerance in m or in components of a unit quaternion: golden vectors have 8 decimals, streams single precision."""
+"""Tolerance in m and in quaternion components. Golden vectors have 8 decimals, streams have single precision."""
 
 _IMPORTS = {"gltfast": "GltFast", "urdf": "UrdfImporter"}
 _HEAD = struct.Struct("<4sIddHHI")
@@ -74,7 +74,7 @@ class _Vectors:
         return np.array(self.data[key], float).reshape(-1, width)
 
     def points(self) -> dict[str, float]:
-        """Return the errors in m of points of links, in imported coordinates and in Unity's world, by vector name."""
+        """Return {vector name: error in m} for points of links, in imported coordinates and in Unity's world."""
         robot, out = self.rows("point_robot", 3), {}
         where = self.T[self.data["point_key"], self.data["point_link"]]
         world = np.einsum("kij,kj->ki", where, np.column_stack([robot, np.ones(len(robot))]))
@@ -84,7 +84,7 @@ class _Vectors:
         return out
 
     def between(self) -> dict[str, float]:
-        """Return the maximum error (m, or quaternion component) of poses interpolated between keys, by vector name."""
+        """Return {vector name: maximum error in m or of a quaternion component} for poses interpolated between keys."""
         t, got = np.array(self.data["between_time"], float), self.rows("between_pose", 7)
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         share = (t - self.times[k]) / (self.times[k + 1] - self.times[k])
@@ -94,13 +94,13 @@ class _Vectors:
         return {"between_pose": max(_apart(got[:, :3], p), _turned(got[:, 3:], q))}
 
     def turns(self) -> dict[str, float]:
-        """Return the maximum error of quaternions interpolated along the shorter rotation, by vector name."""
+        """Return {vector name: maximum error} for quaternions interpolated along the shorter rotation."""
         a, b = self.rows("turn_a", 4), self.rows("turn_b", 4)
         share = np.array(self.data["turn_share"], float)
         return {"turn_want": _turned(self.rows("turn_want", 4), poses.slerp(a, b, share))}
 
     def joints(self) -> dict[str, float]:
-        """Return the errors of joint values between keys and of drive targets, by vector name.
+        """Return {vector name: maximum error} for joint values between keys, and for drive targets.
 
         A drive target is clipped to the limits; its sign may be reversed, and angles are in degrees.
         """
@@ -119,13 +119,13 @@ class _Vectors:
         }
 
     def phases(self) -> dict[str, float]:
-        """Return the error of the phase names at given times, by vector name: 0 if all are correct, else infinity."""
+        """Return {vector name: error} for the phase names at given times; 0 if all names are correct, else infinity."""
         starts, names = self.track["phase_start"], self.track["phases"]
         now = [[n for n, s in zip(names, starts, strict=True) if s <= t][-1] for t in self.data["phase_time"]]
         return {"phase_name": 0.0 if now == self.data["phase_name"] else np.inf}
 
     def stream(self) -> dict[str, float]:
-        """Parse a stream frame, and return the errors of its entries, by vector name.
+        """Parse a stream frame, and return {vector name: error} for the entries of the frame.
 
         If the header of the frame is wrong, the error is infinite.
         """
@@ -148,7 +148,7 @@ class _Vectors:
         }
 
     def grab(self) -> dict[str, float]:
-        """Return the error of the target pose of a grabbed tool in the robot's frame, by vector name."""
+        """Return {vector name: error} for the target pose of a grabbed tool, relative to the robot's frame."""
         hands = poses.from_seven(self.rows("grab_hands", 7))
         moved = hands[1] @ poses.inverse(hands[0])
         link = self.track["links"].index(self.data["tool_link"])

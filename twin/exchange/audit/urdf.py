@@ -27,10 +27,10 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed"}
 
 NO_LIMIT = 100.0
-"""Limit in m from which a slide counts as unlimited, because URDF requires a limit."""
+"""Limit in m from which a slide counts as unlimited. URDF requires a limit, even for a slide without limits."""
 
 NO_BOUND = 1e6
-"""Effort (N, N m) or speed (m/s, rad/s) from which a value counts as unknown, because URDF requires a number."""
+"""Effort (N, N m) or speed (m/s, rad/s) from which a value counts as unknown. URDF requires a number for both."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class UrdfJoint:
 
     Attributes:
         parent, child: names of the two links.
-        link: pose of the joint in the parent, kind of motion and axis.
+        link: pose of the joint in the parent's frame, kind of motion, and axis.
         limits: (lower, upper) in rad or m; None if not stated.
         effort: maximum effort in N or N m; None if not stated.
         speed: maximum speed in m/s or rad/s; None if not stated.
@@ -56,9 +56,9 @@ class UrdfJoint:
     mimic: tuple[str, float, float] | None
 
     def values(self, clip: Clip) -> Array | None:
-        """Return the joint's values (k,) in a track; None if the track lacks the values.
+        """Return the values (k,) in rad or m of the joint in a track; None if the track lacks the values.
 
-        The values of a joint with `mimic` are computed from the values of its leader.
+        Values of a joint with `mimic` are computed from the leader's values.
         """
         if self.mimic is None or self.mimic[0] not in clip.joints:
             return clip.joints.get(self.name)
@@ -105,7 +105,7 @@ class Urdf:
         self.content.physics.motors = _motors(root)
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
-        """Return the joints on the path from an ancestor link `stop` to a link, the joint at the ancestor first."""
+        """Return the joints on the path from the ancestor `stop` to the link `link`, starting at `stop`."""
         out: list[UrdfJoint] = []
         while link != stop:
             if link not in self.above or len(out) > len(self.above):
@@ -141,7 +141,7 @@ class Urdf:
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
         """Compare the joint limits of the file with the joint limits in a track.
 
-        `name` is the file name of the track; `low` and `high` have the limits of each joint in m or rad.
+        `name` is the file name of the track. `low` and `high` map joints to their limits in the track, in m or rad.
         """
         for joint in self.above.values():
             if joint.name not in low or joint.limits is None:
@@ -172,7 +172,7 @@ def parse_xml(path: Path) -> ET.Element:
 
 
 def assumed_masses(path: Path) -> frozenset[str]:
-    """Return the names of the links whose mass is unknown according to a comment in the file."""
+    """Return the names of links whose mass is unknown, as a comment in the file states."""
     stated = re.findall(
         r"<!--[^>]*?the mass of ([^>]*?) is unknown", path.read_text(encoding="utf-8", errors="replace")
     )
@@ -180,7 +180,7 @@ def assumed_masses(path: Path) -> frozenset[str]:
 
 
 def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
-    """Return n finite numbers of an attribute; the default if the text is None.
+    """Return n finite numbers from the text of an attribute; the default if the text is None.
 
     Raises:
         ReadError: the text does not consist of n finite numbers.
@@ -273,8 +273,8 @@ def named_mesh(
 
     A mesh file that several links use is read and checked once.
 
-    `name` is the path of the mesh file relative to the robot's file `path`; `scale` (3,) converts the mesh's units to
-    m; `checked` stores the meshes already read; `code` is the first part of the codes of the findings.
+    `name` is the path of the mesh file relative to the robot's file `path`. `scale` (3,) converts the mesh's units to
+    m. `checked` stores the meshes already read. `code` is the first part of the codes of the findings.
     """
     key = f"{name} {scale.tolist()}"
     if key in checked:
@@ -336,7 +336,7 @@ def _tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterabl
 def _motors(root: ET.Element) -> dict[str, Motor]:
     """Return the motors of <transmission> elements with one joint.
 
-    A motor that has the name of its joint is omitted: it represents the drive of the joint.
+    A motor with the same name as its joint is omitted, because it represents the joint's drive.
     """
     out = {}
     for t in root.findall("transmission"):

@@ -1,7 +1,7 @@
 """Read a USD stage: link poses at its time samples, joint values, meshes, joint gaps.
 
-Poses are read with OpenUSD (pxr) directly, without `twin.usd`. Findings of the stage checker `twin.usd.check`, which is
-also independent of the writer, are included.
+Poses are read with OpenUSD (pxr) directly, without `twin.usd`. Findings of the stage checker `twin.usd.check` are
+included; the checker is also independent of the writer.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.audit.usd_joints import joint_gaps, joint_values
 
 GAP_TOL = 1e-5
-"""Maximum gap in m between the two frames of a joint: UsdPhysics stores the frames in single precision."""
+"""Maximum gap in m between the two frames of a joint; UsdPhysics stores the frames in single precision."""
 
 
 def read_usd(path: Path, ledger: Ledger) -> Content:
@@ -54,7 +54,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     }
     out.extra["physics"] = bool(bodies)
     shown: dict[str, Usd.Prim] = {}
-    # Of several prims with the same name, use the one that moves.
+    # If several prims have the same name, use the prim that moves.
     for prim in bodies or sorted(prims, key=lambda p: not _sampled(p)):
         shown.setdefault(prim.GetName(), prim)
     out.rest = {name: world.poses(prim, [Usd.TimeCode.Default()])[0] for name, prim in shown.items()}
@@ -84,7 +84,7 @@ class World:
         self._cache = UsdGeom.XformCache()
 
     def maps(self, prims: Sequence[Usd.Prim], codes: Sequence[Usd.TimeCode]) -> Array:
-        """Return T_stage_prim (n, k, 4, 4) of n prims at k time codes, in units and axes of the stage, with scale."""
+        """Return T_stage_prim (n, k, 4, 4) of n prims at k time codes, with scale, in the stage's units and axes."""
         out = np.zeros((len(prims), len(codes), 4, 4))
         for k, code in enumerate(codes):  # time is the outer loop, because SetTime clears the cache
             self._cache.SetTime(code)
@@ -103,7 +103,7 @@ class World:
         return poses.pose(self._R) @ T
 
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
-        """Return T_world_prim (k, 4, 4) of each prim at k time codes, in metres with z up, by the names in `prims`."""
+        """Return {name in `prims`: T_world_prim (k, 4, 4)} at k time codes, in metres with z up."""
         times = [Usd.TimeCode(c) for c in codes.tolist()]
         moving = {n: p for n, p in prims.items() if _codes(p)}
         moved = dict(zip(moving, self.placed(self.maps(list(moving.values()), times)), strict=True))
@@ -139,7 +139,7 @@ def _evaluating() -> Iterator[None]:
 
 
 def _reason(error: Exception) -> str:
-    """Return the first reason in an error of USD, without the location in the source code of USD."""
+    """Return the first reason in the message of a USD error, without the location in USD's source code."""
     text = str(error)
     if found := _SAID.search(text):
         return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", found[1].strip())[:200]
@@ -168,7 +168,7 @@ def _codes(prim: Usd.Prim) -> list[float]:
 
 
 def _assumed(stage: Usd.Stage) -> dict[str, str]:
-    """Return the reasons of the stage's assumed numbers, by name."""
+    """Return {name: reason} for the assumed numbers of a stage."""
     root = stage.GetDefaultPrim()
     told = root.GetCustomDataByKey("twin:parameters") if root else None
     return {n: str(p.get("note", "")) for n, p in (told or {}).items() if p.get("provenance") == "ASSUMED"}
@@ -193,7 +193,7 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
 def _shapes(
     prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledger
 ) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
-    """Check the normals of every mesh; return (shapes in the frames of the links, colours), both by link name."""
+    """Check all normals; return ({link: shape in the link's frame}, {link: {colour: fraction of area}})."""
     palette = Palette()
     found: dict[str, list[Shape]] = {}
     for prim in prims:
@@ -250,7 +250,7 @@ def _rgba(color, alpha: float) -> Rgba:
 
 
 def _corners(mesh: UsdGeom.Mesh) -> tuple[Array, Array, Array | None]:
-    """Return (points (n, 3), triangles (m, 3), corner normals (3 m, 3) or None); polygons are split."""
+    """Return (points (n, 3), triangles (m, 3), corner normals (3 m, 3) or None); polygons are split into triangles."""
     nothing = np.zeros((0, 3)), np.zeros((0, 3), int), None
     points = np.array(mesh.GetPointsAttr().Get() or [], float).reshape(-1, 3)
     counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or [], int)

@@ -1,4 +1,4 @@
-"""Add the findings of the stage checker and of OpenUSD's validators, for all USD files."""
+"""Run the stage checker and OpenUSD's validators on a USD file, and add their findings to the audit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twin.usd.scan import Scene
 
 
 def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
-    """Report faults of a stage; if `physics` is False (no rigid bodies), run only general checks."""
+    """Report faults of a stage. If `physics` is False (the stage has no rigid bodies), run only general checks."""
     try:
         found = check_stage(path) if physics else _bare(path)
         public = run_usd_validators(path)
@@ -62,15 +62,15 @@ def _bare(path: Path) -> list[Finding]:
 def _counts(f: Finding, physics: bool) -> bool:
     """Return whether a finding applies to the stage.
 
-    Findings about units of mass, and warnings about the up axis, do not apply to a stage without physics: its up axis
-    may be y, which AR Quick Look requires.
+    If the stage has no physics, findings about units of mass and warnings about the up axis do not apply: the up axis
+    may be y, as AR Quick Look requires.
     """
     plain = f.code == "stage.kilograms_per_unit" or (f.code == "stage.up_axis" and f.severity == "warning")
     return physics or not plain
 
 
 def _is_choice(f: Finding) -> bool:
-    """Return whether the reported value may be intended by the author; the finding is then reported as a note."""
+    """Return whether the author may have intended the reported value; the finding then becomes a note."""
     authored = f.severity == "warning"  # a missing value has the severity "disagreement"
     return f.code == "stage.empty" or (f.code in ("stage.up_axis", "stage.meters_per_unit") and authored)
 

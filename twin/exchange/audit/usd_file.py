@@ -1,4 +1,4 @@
-"""Check the container of a USD file before OpenUSD reads it: the header of a binary layer, the zip archive of a USDZ.
+"""Check the container of a USD file before OpenUSD reads it: header of a binary layer, or zip archive of a USDZ.
 
 OpenUSD does not check the counts in a header before it allocates memory for them: a file with a corrupt count takes
 minutes to fail. Files in a USDZ must be uncompressed and aligned, because readers map them into memory.
@@ -22,7 +22,7 @@ LAYERS = (".usd", ".usda", ".usdc")
 
 
 def trouble(data: bytes) -> str:
-    """Return the fault in the header of a binary USD file as text; "" if the header is valid or the file not binary."""
+    """Return the fault in a binary USD file's header as text; "" for valid headers, and for files of another kind."""
     if not data.startswith(b"PXR-USDC"):
         return ""
     if len(data) < 88:

@@ -12,10 +12,10 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
 AXES = {"X": 0, "Y": 1, "Z": 2}
-"""Index 0, 1 or 2 of an axis, by the axis token of USD (X, Y or Z)."""
+"""Index of each axis, for USD's axis tokens X, Y and Z."""
 
 SIX = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
-"""The six directions of a generic joint: instance names of the joint's limits in USD."""
+"""The six directions of a generic joint, as instance names of the joint's limits in USD."""
 
 
 class _World(Protocol):
@@ -29,7 +29,7 @@ class _World(Protocol):
 def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> Iterator[tuple[str, Array]]:
     """Yield (path, gap) of each joint; gap (k,) is the distance in m between the two frames in the locked directions.
 
-    `placed` has T_world_body (k, 4, 4) by prim path.
+    `placed` maps prim paths to T_world_body (k, 4, 4).
     """
     count = len(next(iter(placed.values()))) if placed else 0
     for prim in stage.Traverse():
@@ -43,9 +43,9 @@ def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> 
 
 
 def joint_ends(prim: Usd.Prim, meters: float) -> list[tuple[list[str], Array]]:
-    """Return, for each of the two sides of a joint, (paths of the target prims, pose of the joint on this side).
+    """Return, for each of a joint's two sides, (paths of the target prims, pose (4, 4) of the joint).
 
-    The pose (4, 4) is in the frame of the target prim, in m.
+    The pose is relative to the target prim, in m.
     """
     joint, out = UsdPhysics.Joint(prim), []
     for rel, pos, rot in (
@@ -106,7 +106,7 @@ def is_locked(prim: Usd.Prim, name: str) -> bool:
 
 
 def joint_values(stage: Usd.Stage, codes: Array, meters: float) -> dict[str, Array]:
-    """Return the sampled joint values (k,) in rad or m by joint name; joints without samples are omitted."""
+    """Return {joint name: sampled joint values (k,) in rad or m}; joints without samples are omitted."""
     out = {}
     for prim in stage.Traverse():
         if not prim.IsA(UsdPhysics.Joint):

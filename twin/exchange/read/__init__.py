@@ -1,4 +1,4 @@
-"""Convert a robot description of another format to a robot folder, for `twin new`.
+"""Convert a URDF, MJCF, SDF, USD or STEP file to a robot folder, for `twin new`.
 
     source     the common result of all readers: a mechanism with findings
     xml        XML with errors that name file and element
@@ -55,13 +55,13 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
 
     Args:
         path: the file.
-        closures: the closure YAML of a URDF; None: the .yaml file of the same name in the same folder, if it exists.
-        root: selects one of several robots: by prim path (USD), model name (SDF) or the name of a body (MJCF).
+        closures: path of the closure YAML of a URDF. None: <name>.yaml in the folder of <name>.urdf, if it exists.
+        root: selects one of several robots by prim path (USD), model name (SDF) or name of a body of the robot (MJCF).
         guarded: first parse an MJCF or USD file in a separate process, so that a crash or hang of the native parser
             becomes an error. This takes about half a second.
 
     Raises:
-        SourceError: the file cannot be read, or cannot be expressed as a mechanism.
+        SourceError: the file cannot be read, or its content cannot be expressed as a mechanism.
         TwinError: the stage is invalid.
     """
     kind = kind_of(path)

@@ -33,11 +33,11 @@ def close(imported: Imported) -> Imported:
     """Close the loops at the rest pose (posture `home`), and add a drive to each driven joint that has none.
 
     For each loop that cannot be closed, a finding states the gap. The finding calls the gap a defect of the model if
-    all elements of the file are supported and the gap remains when all other loops are cut.
+    the gap remains when all other loops are cut, and all elements of the file are supported.
 
     If the loops cannot be closed near the rest pose of the file, or the closed state is singular, `home` is the first
-    suitable key frame of the file. Without a suitable key frame, a singular state is replaced by the least singular
-    nearby state within the joint limits.
+    key frame of the file at which the loops close within the joint limits and the state is not singular. If no key
+    frame has these properties, a singular state is replaced by the least singular nearby state within the joint limits.
     """
     mechanism, findings = imported.mechanism, Findings(imported.findings)
     findings += _authored_open(imported)
@@ -96,7 +96,7 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
 
 
 def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tuple[Assembly, list[Finding]]:
-    """Return (state for home, findings on its choice)."""
+    """Return (state for `home`, findings that explain the choice of the state)."""
     drawn = assemble(model)
     name = model.mechanism.name
     there = regularity(model, [drawn.x])[0] if is_closed(drawn) else None
@@ -150,5 +150,5 @@ def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Se
 
 
 def _shown(mechanism: Mechanism, name: str, q: float) -> str:
-    """Return a joint value, in rad or m, as text in degrees or mm."""
+    """Return a joint value `q` (rad or m) as text in degrees or mm."""
     return f"{q / DEG:.4g}°" if mechanism.joint(name).is_angle else f"{q / MM:.4g} mm"

@@ -20,7 +20,7 @@ from twin.core.foreign.text import read_text
 from twin.model.joint import JointType
 
 TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
-"""Type of the joint that closes a loop, by its type name in the file."""
+"""Type of the joint that closes a loop, for each value of `type` in the closure YAML."""
 
 _KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 
@@ -32,8 +32,8 @@ RETYPED = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ
 class Closures:
     """Content of a closure YAML.
 
-    `loops` has (frame, frame, type of the joint that connects the two frames); `motors` has the names of the driven
-    joints; `retyped` has the new type of each joint whose type is replaced.
+    `loops` contains (frame, frame, type of the joint between the two frames). `motors` contains the names of the driven
+    joints. `retyped` maps the names of URDF joints to their new types.
     """
 
     loops: tuple[tuple[str, str, JointType], ...]
@@ -84,7 +84,7 @@ def read_closures(path: Path) -> Closures:
 
 
 def _distinct(path: Path, key: str, names: list) -> None:
-    """Raise `SourceError` for an entry that is not a name, or is listed twice."""
+    """Raise `SourceError` if an entry of `names` is not a name, or if a name is listed twice."""
     for name in names:
         if not isinstance(name, str):
             raise SourceError(f"{path}: {key}: {str(name)[:40]} is not a name")

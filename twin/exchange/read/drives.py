@@ -1,6 +1,6 @@
-"""Add a drive to each driven joint without gains in the file.
+"""Add a drive to each driven joint for which the file states no gains.
 
-The gains are ASSUMED: they are computed from the inertia that the joint moves.
+The gains of these drives are ASSUMED: they are computed from the inertia that the joint moves.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
 
 FREQUENCY = 5.0
-"""Natural frequency in Hz of assumed drives, which are critically damped; it determines their gains."""
+"""Natural frequency in Hz of assumed drives. With critical damping, it determines their gains."""
 
 NOTE = f"the file has no gains; these give {FREQUENCY:g} Hz and critical damping for the inertia moved at rest"
 """Note on each assumed drive, written to the description of the robot."""
 
 _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
-"""Assumed inertia in kg m2 (revolute) or mass in kg (prismatic) that a joint moves, if the file has no masses."""
+"""Inertia in kg m2 (revolute) or mass in kg (prismatic) assumed for the moved bodies if the file has no masses."""
 
 
 def with_drives(imported: Imported) -> Imported:
-    """Return the mechanism with a drive on every driven joint; each added drive is reported and listed in `assumed`."""
+    """Return the mechanism with a drive on every driven joint. Each added drive is reported and listed in `assumed`."""
     m, findings, assumed = imported.mechanism, Findings(imported.findings), set(imported.assumed)
     joints = []
     stated = {j.name: j.drive.max_effort for j in m.joints if j.drive} | imported.efforts
@@ -58,7 +58,7 @@ def with_drives(imported: Imported) -> Imported:
 
 
 def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: Findings) -> tuple[Actuator, ...]:
-    """Return the actuators, each with a drive; missing gains are ASSUMED, computed from the moved inertia."""
+    """Return the actuators, each with a drive. Missing gains are ASSUMED, from the inertia that the motor moves."""
     found = {a.name: a for a in m.actuators}
     rate = 2 * np.pi * FREQUENCY
     for t in m.transmissions:
@@ -87,7 +87,7 @@ def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings
 
 
 def _carried(m: Mechanism, joint: Joint) -> float:
-    """Return the inertia in kg m2, about a joint's axis, of all bodies that it moves; for a slide, their mass in kg."""
+    """Return the inertia in kg m2 of the bodies moved by a joint, about its axis; for a slide, their mass in kg."""
     beyond = {next(j.child for j in m.tree if j.name == joint.name)}
     for j in m.tree:
         if j.parent in beyond and j.name != joint.name:

@@ -1,7 +1,7 @@
 """Write a mechanism as a robot folder: description, meshes, formula, initial protocol, notes.
 
 All frames are written as numbers, relative to the base frame, at the rest pose with closed loops. Lengths are printed
-with all digits of a double, so that the loops of the written mechanism close as well as the imported loops.
+with all digits of a double, so that writing does not enlarge the gaps of the loops.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def write_robot(
 
 
 def notes(name: str, findings: list[Finding], source: Path) -> str:
-    """Return the text of the file `NOTES`: the findings of the import, the most severe first."""
+    """Return the text of IMPORT.md: the findings of the import, the most severe first."""
     digest = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else "-"
     lines = [
         f"# How {one_line(name)} was imported",
@@ -119,7 +119,7 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
 
 
 def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
-    """Return the description of a mechanism in TOML; drives of joints and actuators in `assumed` are ASSUMED."""
+    """Return a mechanism's description in TOML; `assumed` names the joints and actuators whose drives are ASSUMED."""
     cited = {"provenance": "CITED", "note": source}
     lines = [
         f"# {m.name}, made by `twin new` from {one_line(source)}; omitted and guessed data are listed in ../{NOTES}.",

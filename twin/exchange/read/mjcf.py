@@ -1,7 +1,8 @@
-"""Read an MJCF from the model that MuJoCo compiles, in which defaults, includes, units and meshes are resolved.
+"""Read an MJCF file: MuJoCo compiles the file, and the mechanism is made from the compiled model.
 
-Frames of bodies are unchanged; several joints of one body become a chain of massless bodies. Equality constraints
-close loops (connect, weld) or couple joints. Joint coordinates have the same zero position as in MuJoCo (`ref`).
+The compiled model has all defaults, includes, units and meshes resolved. Frames of bodies are unchanged. If a body has
+several joints, massless bodies are added between the joints. Equality constraints close loops (connect, weld) or couple
+joints. A joint coordinate has the same value as in MuJoCo, also if the joint has a `ref`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ _TYPES: tuple[JointType, ...] = ("free", "spherical", "prismatic", "revolute")
 def read_mjcf(path: Path, root: str | None = None) -> Imported:
     """Read an MJCF file.
 
-    `root` is the name of a body of the robot to read, if the world has several robots; "world" reads all robots as one.
+    If the file has several robots, `root` selects the robot by the name of one of its bodies; "world" selects all
+    robots, which are read as one mechanism.
 
     Raises:
         SourceError: MuJoCo rejects the file, the file has a constraint that a mechanism cannot express, or the file has
@@ -149,7 +151,7 @@ class _Mjcf:
         return replace(out, mechanism=replace(moved, postures=postures), keys=keys)
 
     def _keys(self, kept: list[int]) -> dict[str, dict[str, float]]:
-        """Return the key frames by name: values in m or rad of the joints with one coordinate, by joint."""
+        """Return {key frame: {joint: value in m or rad}} for the joints with one coordinate."""
         m, out = self.m, {}
         for i in range(m.nkey):
             label = identifier(self._name("KEY", i))
@@ -166,7 +168,7 @@ class _Mjcf:
         """Yield the joints between a body and its parent, starting at the parent."""
         m, body = self.m, self.bodies[i]
         parent = self.bodies[m.body_parentid[i]]
-        T = _pose(m.body_pos[i], m.body_quat[i])  # pose in the parent with every coordinate at its ref
+        T = _pose(m.body_pos[i], m.body_quat[i])  # pose in the parent if every coordinate equals its `ref`
         first, count = m.body_jntadr[i], m.body_jntnum[i]
         if not count:
             yield Joint(f"{body}_mount", "fixed", parent, body, T)
@@ -323,12 +325,12 @@ class _Mjcf:
 
 
 def _without_missing(spec, path: Path, findings: Findings) -> set[str]:
-    """Remove meshes and textures with missing files, and geoms that use them, from a MuJoCo specification.
+    """Remove meshes and textures whose files are missing, and the geoms of these meshes, from a MuJoCo specification.
 
     `spec` is parsed, but not compiled. Each missing file is reported as a warning.
 
     Returns:
-        Names of bodies that lost a geom and have no stated inertia; the masses that MuJoCo computes for them are wrong.
+        Names of bodies whose mass is unknown, because a geom was removed and the file states no inertia.
     """
     lost: dict[str, str] = {}
     for mesh in list(spec.meshes):
@@ -383,8 +385,8 @@ def _place(spec, path: Path, folder: str, file: str) -> Path:
 def _left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] = ()) -> Findings:
     """Return findings on data of the model that are not imported.
 
-    `name` returns the name of an object from its kind and number; `kept_tendons` are the tendons that transmissions
-    use.
+    `name` is a function (kind, number) that returns the name of an object. `kept_tendons` are the numbers of the
+    tendons in transmissions, which are imported.
     """
     import mujoco
 

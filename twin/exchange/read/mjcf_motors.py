@@ -18,7 +18,7 @@ Name = Callable[[str, int], str]
 class Motors:
     """Actuators and transmissions of a mechanism.
 
-    `joints`, `numbers` and `tendons` are MuJoCo's indices of the joints, actuators and tendons in the transmissions.
+    `joints`, `numbers` and `tendons` are MuJoCo's indices of the joints, actuators and tendons, respectively.
     """
 
     actuators: tuple[Actuator, ...]
@@ -29,7 +29,7 @@ class Motors:
 
 
 def fixed_tendon(m, tendon: int) -> dict[int, float]:
-    """Return the coefficients of a fixed tendon, in file order, by MuJoCo's joint index; {} for a spatial tendon."""
+    """Return {MuJoCo's joint index: coefficient} of a fixed tendon, in file order; {} for a spatial tendon."""
     import mujoco
 
     rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])
@@ -43,8 +43,8 @@ def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findi
 
     A group of tendons that share joints is a transmission if it meets six conditions: each tendon has an actuator;
     there are as many tendons as joints; the joints belong to the robot; no other actuator drives these joints; no
-    equality constrains the tendons; the matrix is invertible. `kept` has the numbers of the robot's bodies, `joints`
-    the joint names by joint number.
+    equality constrains the tendons; the matrix is invertible. `kept` contains the numbers of the robot's bodies;
+    `joints[i]` is the name of the joint with number i.
     """
     import mujoco
 
@@ -77,7 +77,7 @@ def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findi
 
 
 def _rows(m, tendons: Sequence[int], over: Sequence[int], pulls: dict[int, int]) -> np.ndarray:
-    """Return the matrix (n, n) from joint to motor coordinates; actuator length = gear x tendon length."""
+    """Return the matrix (n, n) from joint to motor coordinates. A motor coordinate is gear x tendon length."""
     gears = [float(m.actuator_gear[pulls[t], 0]) for t in tendons]
     lengths = [fixed_tendon(m, t) for t in tendons]
     return np.array([[g * row.get(j, 0.0) for j in over] for g, row in zip(gears, lengths, strict=True)])

@@ -1,4 +1,4 @@
-"""Group the bodies of an MJCF into robots: top-level bodies connected by equalities or tendons are one robot."""
+"""Group the bodies of an MJCF into robots. Top-level bodies that equalities or tendons connect belong to one robot."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from twin.core.errors import SourceError, unknown
 from twin.exchange.read.source import Findings, note, warning
 
 WORLD = "world"
-"""Value of `root` that selects all robots of the file; they are then read as one mechanism."""
+"""Value of `root` that selects all robots of the file, which are then read as one mechanism."""
 
 
 def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], findings: Findings) -> list[int]:
     """Return the numbers of the robot's bodies, the world first.
 
-    `root` is the name of a body of the robot, or "world" for all bodies; None: the only robot of the file.
+    `root` is the name of any body of the robot, or "world" for all bodies. None selects the only robot of the file.
 
     Raises:
         SourceError: there are several robots and `root` is None, or the body does not exist.
@@ -54,7 +54,7 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
 
 
 def tied_by(m, i: int) -> set[int]:
-    """Return the numbers of the bodies that equality constraint number `i` constrains, without the world."""
+    """Return the numbers of the bodies, except the world, that the equality constraint with number `i` constrains."""
     import mujoco
 
     kind, ends = mujoco.mjtEq(int(m.eq_type[i])), [int(m.eq_obj1id[i]), int(m.eq_obj2id[i])]
@@ -99,7 +99,7 @@ def _drives(m, i: int) -> set[int]:
 
 
 def _groups(m) -> list[set[int]]:
-    """Return groups of top-level bodies; bodies connected by an equality or tendon are in one group."""
+    """Return groups of body numbers: two kinematic trees that an equality or tendon connects are in the same group."""
     groups: dict[int, set[int]] = {}
     for b in range(1, m.nbody):
         groups.setdefault(int(m.body_rootid[b]), set()).add(b)

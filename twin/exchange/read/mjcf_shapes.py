@@ -18,8 +18,8 @@ _SHAPES = {"BOX": "box", "CYLINDER": "cylinder", "SPHERE": "sphere", "CAPSULE": 
 def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: Findings) -> list[list[Mesh]]:
     """Return the meshes of each body: its visual shapes or, without visual shapes, its colliders.
 
-    `bodies` has the names of the bodies in the mechanism; `name` returns the name of an object from its kind and
-    number.
+    `bodies` contains the names of the bodies in the mechanism. `name` is a function (kind, number) that returns the
+    name of an object.
     """
     import mujoco
 

@@ -1,6 +1,6 @@
-"""Find faces of two bodies in a STEP that fit: a pin in its bore, a rail in its bush, a ball in its socket.
+"""Find fitting faces of different bodies in a STEP file: pin and bore, rail and bush, ball and socket.
 
-Faces whose axes or centres differ by less than `GROSS` also count as a fit; the difference is reported.
+Two faces also fit if their axes or centres differ by less than `GROSS`; the difference is then reported.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
 GROSS = (1.0 * MM, 2.0 * DEG)
-"""Maximum distance in m between the axes or centres, and angle in rad between the axes, of two faces that fit."""
+"""Maximum distance in m between the axes or centres of two fitting faces, and maximum angle in rad between the axes."""
 
 _APART = 0.01 * MM
 """Distance in m below which two axes or two centres count as coincident."""
@@ -32,10 +32,10 @@ The larger of the two limits applies.
 """
 
 _PLAY = (0.001 * MM, 0.3 * MM)
-"""Range in m of the difference between the radii of a movable fit."""
+"""Minimum and maximum difference in m between the two radii of a movable fit."""
 
 _ONE_AXIS = (0.1 * MM, 0.1 * DEG)
-"""Distance in m and angle in rad below which the axes of two faces of one body coincide."""
+"""Distance in m and angle in rad below which two faces of one body count as faces on the same axis."""
 
 
 @dataclass(frozen=True, eq=False)  # == of arrays has no single truth value
@@ -44,7 +44,7 @@ class Round:
 
     Attributes:
         part: the part to which the face belongs.
-        reach: interval of the cylinder along its axis in m, measured from `face.point`; (0, 0) for a sphere.
+        reach: (start, end) of the cylinder along its axis, in m from `face.point`; (0, 0) for a sphere.
     """
 
     body: str
@@ -69,7 +69,7 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two round faces of two bodies that fit.
+    """A fit: two round faces of different bodies, such as a pin and its bore.
 
     Attributes:
         kind: "coaxial" or "concentric".
@@ -97,7 +97,7 @@ class Pair:
 
     @property
     def miss(self) -> float:
-        """Maximum distance between the axes in the overlap, or between the centres, divided by the smaller radius."""
+        """Maximum distance between the axes (in the overlap) or the centres, as a fraction of the smaller radius."""
         return (self.offset + 0.5 * self.tilt * self.overlap) / min(self.a.face.radius, self.b.face.radius)
 
     @property
@@ -122,8 +122,9 @@ class Pair:
 def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
     """Return the fits between bodies, in the order of the bodies.
 
-    For each pair of bodies, coincident fits come first; of several fits on one axis, only the fit with the minimum
-    clearance is returned. `parts` has the parts of each body, in the coordinates of the STEP.
+    For each pair of bodies, fits with coincident axes or centres come first. Of several fits on one axis, only one is
+    returned: coincident axes are preferred, then the minimum clearance. `parts` maps body names to the parts of the
+    bodies, in the coordinates of the STEP.
     """
     found = [*_coaxial(list(_rounds(parts, "cylinder"))), *_concentric(list(_rounds(parts, "sphere")))]
     out: dict[tuple[str, str], list[Pair]] = {}
@@ -141,7 +142,7 @@ def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
 def same_axis(a: Round, b: Round, within: tuple[float, float] = _ONE_AXIS) -> bool:
     """Return whether two faces of one body have the same axis or centre.
 
-    `within` has the tolerances: distance in m and angle in rad.
+    `within` contains the tolerances: distance in m, angle in rad.
     """
     if not np.any(a.face.direction):
         return float(np.linalg.norm(a.face.point - b.face.point)) < within[0]
@@ -159,7 +160,7 @@ def _rounds(parts: Mapping[str, Sequence[Part]], kind: str) -> Iterator[Round]:
 
 
 def _reach(part: Part, face: Face) -> tuple[float, float]:
-    """Return (start, end) of the cylinder along its axis, in m from `face.point`; measured at the part's vertices."""
+    """Return (start, end) of a cylindrical face along its axis, in m from `face.point`, from the part's vertices."""
     offset = part.vertices - face.point
     along = offset @ face.direction
     radius = np.linalg.norm(offset - along[:, None] * face.direction, axis=1)

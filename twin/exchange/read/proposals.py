@@ -1,8 +1,8 @@
-"""Propose joints from fitting faces: type, bodies, and frames measured on the faces of each body.
+"""Propose joints from fitting faces: the type, the two bodies, and a frame measured on the faces of each body.
 
-Directions and positions that faces determine are measured on both bodies, so that differences are found when the robot
-is built. Faces do not determine the position of a slide along its axis or the rotation of a round pin: these are
-written as numbers, on one or both bodies.
+Directions and positions that faces determine are measured on both bodies, so that differences between the two frames
+are found when the description is loaded. Faces do not determine the position of a slide along its axis or the rotation
+of a round pin: this position or rotation is written as a number, on one or both bodies.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _RAIL = 2.0
 
 @dataclass(frozen=True)
 class Side:
-    """Inline TOML tables of a joint's frame on one body, and of the features to which the frame refers by name."""
+    """A joint's frame on one body, and the features to which the frame refers by name, as inline TOML tables."""
 
     frame: dict[str, Any]
     features: dict[str, dict[str, Any]]
@@ -82,7 +82,8 @@ class Proposal:
 def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: str) -> tuple[list[Proposal], list[Pair]]:
     """Return (proposed joints from the base outwards, fits that are not used for a joint).
 
-    Each ball fit between two bodies becomes a spherical joint. Without balls, all fits of two bodies form one joint.
+    Each ball fit between two bodies becomes a spherical joint. If two bodies have no ball fit, all their fits together
+    become one joint.
     """
     fits: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:
@@ -105,7 +106,8 @@ def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: st
 def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]], list[Pair]]:
     """Return (joints, unused fits) for the fits between two bodies; a joint is (type, fit, evidence).
 
-    The fit determines the position of the joint. The type is None if only stops along the axis can determine the type.
+    The fit determines the position of the joint. The type of a single coaxial fit is None, because it depends on stops
+    along the axis.
     """
     balls = [p for p in pairs if p.kind == "concentric"]
     axes = sorted((p for p in pairs if p.kind == "coaxial"), key=lambda p: (p.near, p.clearance, -p.overlap))
@@ -157,7 +159,7 @@ def _joint(
 
 
 class _Frame:
-    """Builder of a measured frame: its features and TOML keys; directions that are not measured come from R (3, 3)."""
+    """Builder of a measured frame: features and TOML keys. Directions that are not measured are taken from R (3, 3)."""
 
     def __init__(self, body: str, origin: str, part: Part, face: Face, R: Array) -> None:
         self.body, self.R = body, R
@@ -190,7 +192,7 @@ class _Frame:
         return {**self.keys, **typed}
 
     def measured(self, parts: Sequence[Part]) -> Array:
-        """Return the frame (4, 4) in the coordinates of the CAD, measured in the same way as a description's frames."""
+        """Return the frame (4, 4) in the coordinates of the CAD, measured like the frames of a description."""
         found = {n: find(self.body, n, s, parts, _TOLERANCE) for n, s in self.features.items()}
         return frame(FrameSpec(**self._spec()), found)
 

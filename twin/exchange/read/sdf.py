@@ -1,4 +1,4 @@
-"""Read one model of an SDF file or world. A loop is closed by a second joint with the same child link.
+"""Read one model of an SDF file. If two joints have the same child link, the second joint closes a loop.
 
 Poses are resolved with `relative_to` and the frames of the model. Nested models and includes are part of the model.
 """
@@ -47,20 +47,20 @@ _READ = {
     "visual": {"geometry", "material", "pose", "transparency"},
     "material": {"diffuse"},
 }
-"""Names of the child elements that are read, by name of the parent element."""
+"""{name of a parent element: names of the child elements that are read}."""
 
 _HARMLESS = {"static", "self_collide", "allow_auto_disable", "enable_wind", "gravity", "cast_shadows", "ambient"}
 _HARMLESS |= {"specular", "emissive", "lighting", "laser_retro", "meta", "must_be_base_link", "physics", "kinematic"}
-"""Elements that affect only simulation or lighting: reported as notes."""
+"""Elements that affect only simulation or lighting; they are reported as notes, not as warnings."""
 
 _EMPTY = ("0", "0.0", "-1", "inf", "1e+16", "1e16", "")
-"""Texts with which an unread element has no effect; such elements are not reported."""
+"""Texts for which an element has no effect; an unread element with one of these texts is not reported."""
 
 
 def read_sdf(path: Path, root: str | None = None) -> Imported:
     """Read an SDF file.
 
-    `root` is the name of the model to read, if several models have joints.
+    If several models have joints, `root` is the name of the model to read.
 
     Raises:
         SourceError: the file is invalid or unsupported; the message names file, element and fault.
@@ -103,10 +103,10 @@ class _Sdf:
         return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
 
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
-        """Return the joints with `active` set for the driven joints.
+        """Return the joints, with `active` set to True for the driven joints.
 
-        Plug-ins name the driven joints; without plug-ins, all joints are driven except followers (`mimic`) and joints
-        that close a loop.
+        If plug-ins name driven joints, only these joints are driven. Otherwise, all joints are driven except followers
+        (`mimic`) and joints that close a loop.
         """
         told = {t for p in self.model.iter("plugin") for e in p.iter("joint_name") if (t := (e.text or "").strip())}
         told = {names[t] for t in told if t in names}
@@ -172,7 +172,7 @@ class _Sdf:
         return spatial.pose(rpy(turn), v[:3])
 
     def _at(self, name: str, seen: tuple[str, ...] = ()) -> Array:
-        """Return T_model_x (4, 4) of a link, joint or frame."""
+        """Return T_model_x (4, 4) for x, the link, joint or frame with the given name."""
         if name in ("__model__", "world", ""):
             return np.eye(4)
         if name in self.poses:

@@ -1,4 +1,4 @@
-"""Extract the robot's model from an SDF as one flat model: resolve includes, and merge nested models into the model.
+"""Extract the robot's model from an SDF as one flat model: resolve includes, and merge nested models into their parent.
 
 A link `palm` of a nested model `hand` gets the name `hand::palm`, as in SDF.
 """
@@ -26,7 +26,7 @@ _DEEPEST = 8
 def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
     """Return the selected model as a flat copy.
 
-    `root` is the name of the model; None: the only model with joints.
+    `root` is the name of the model. None selects the only model with joints.
 
     Raises:
         SourceError: several models have joints and `root` is None, the model does not exist, or a part of the model
@@ -94,7 +94,7 @@ def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
 
 
 def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Element | None:
-    """Return the model of an include, with the name and pose stated in the include; None if its file is missing."""
+    """Return the included model, with the name and pose stated in the include; None if the included file is missing."""
     uri = (include.findtext("uri") or "").strip()
     if not uri:
         xml.fail("<include>", "the <uri> is missing")
@@ -127,7 +127,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
 
 
 def _file(uri: str, beside: Path) -> Path | None:
-    """Return the SDF file for a URI: the file with this name, or model.sdf in the folder with this name; else None.
+    """Return the SDF file for a URI: the file with this name, or model.sdf in a folder with this name; else None.
 
     The search includes the folder `beside` and up to four of its parent folders.
     """
@@ -169,7 +169,7 @@ def _flatten(xml: Xml, model: Element) -> None:
                     element.append(pose)
                 if not pose.get("relative_to"):
                     pose.set("relative_to", f"{name}::{ORIGIN}")
-        for element in model:  # a reference to the nested model's name means its frame; other models are skipped
+        for element in model:  # the nested model's name refers to its frame; of other models, only <pose> is searched
             of = element.find("pose") if element.tag == "model" else element
             for owner, key in () if of is None else _references(of):
                 if (owner.get(key) if key else (owner.text or "").strip()) == name and key != "name":
@@ -179,7 +179,7 @@ def _flatten(xml: Xml, model: Element) -> None:
 
 
 def _references(element: Element) -> Iterator[tuple[Element, str]]:
-    """Yield (element, attribute) for each reference to a link, joint or frame; "" means the element's text."""
+    """Yield (element, attribute) for each reference to a link, joint or frame; "" if it is the element's text."""
     if element.tag in ("link", "joint", "frame"):
         yield element, "name"
     for inner in element.iter():

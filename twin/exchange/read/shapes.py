@@ -16,7 +16,7 @@ from twin.exchange.read.xml import Xml
 from twin.model.body import Mesh
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-"""Names of the size attributes of the shapes in URDF and SDF, by shape."""
+"""Names of the size attributes of each shape in URDF and SDF."""
 
 Color = tuple[float, float, float, float]
 """Red, green, blue and alpha as display values (sRGB) 0..1, as in URDF, MJCF and SDF."""
@@ -49,7 +49,7 @@ def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
 
 
 def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> list[float]:
-    """Return the sizes in m of a box, cylinder or sphere; `text` returns the text of an attribute by its name.
+    """Return the sizes in m of a box, cylinder or sphere. `text` is a function from an attribute's name to its text.
 
     Raises:
         SourceError: a size is missing or not positive.
@@ -70,7 +70,7 @@ def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array
 
 
 def find(uri: str, beside: Path) -> Path | None:
-    """Return the file for a `package://`, `model://` or `file://` address or a path; None if there is no such file.
+    """Return the file at a path or a `package://`, `model://` or `file://` address; None if the file does not exist.
 
     The search for a package includes `beside` and up to four of its parent folders; environment variables are not used.
     """

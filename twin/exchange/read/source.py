@@ -1,4 +1,4 @@
-"""Common functions of all readers: convert names to identifiers, add findings, check limits, add a tool frame."""
+"""Functions that all readers use: convert names to identifiers, add findings, check limits, add a tool frame."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Findings(list[Finding]):
     """Findings of an import, in the order in which they were added."""
 
     def note(self, code: str, message: str, where: str) -> None:
-        """Add a finding of severity info, for data changed or left out without effect on the mechanism."""
+        """Add a finding of severity info: data were changed or omitted, but the mechanism is not affected."""
         self.append(note(code, message, where))
 
     def warn(self, code: str, message: str, where: str) -> None:
-        """Add a finding of severity warning, for data of the file that the mechanism lacks or assumes."""
+        """Add a finding of severity warning: the mechanism lacks data of the file, or data had to be assumed."""
         self.append(warning(code, message, where))
 
 
@@ -41,10 +41,10 @@ class Imported:
     Attributes:
         mechanism: bodies, joints and loops.
         findings: findings on renamed, guessed, missing and omitted data.
-        efforts: maximum effort in N or N m of joints without gains in the file.
+        efforts: maximum effort in N or N m of each joint for which the file states an effort, but no gains.
         assumed: joints and actuators whose drives are ASSUMED.
         posed: whether the file states rest poses; a URDF does not.
-        keys: key frames of the file, by name; each maps active and passive tree joints to values in m or rad.
+        keys: {key frame: {joint: value in m or rad}} for the active and passive joints of the tree.
     """
 
     mechanism: Mechanism
@@ -56,7 +56,7 @@ class Imported:
 
 
 class Names:
-    """Map from the file's names of one kind (such as joints) to identifiers; each changed name is a finding."""
+    """Identifiers for all names of one kind (such as joints) in a file. A finding reports each changed name."""
 
     def __init__(self, kind: str, names: Iterable[str], findings: Findings) -> None:
         names = list(names)
@@ -79,10 +79,10 @@ class Names:
 def named_apart(
     kind: str, wanted: Iterable[tuple[Hashable, str]], taken: Collection[str], findings: Findings
 ) -> dict[Any, str]:
-    """Return for each key a unique identifier that is not in `taken`; each changed name is a finding.
+    """Return for each key a unique identifier that is not in `taken`; add a finding for each changed name.
 
-    `wanted` has (key, name in the file) of each object, `taken` the identifiers in use; `kind` is the noun in the
-    findings, such as "joint".
+    `wanted` contains (key, name in the file) of each object, `taken` the identifiers already in use. `kind` is the noun
+    for the objects in the findings, such as "joint".
     """
     out: dict[Any, str] = {}
     for key, name in wanted:
@@ -166,10 +166,10 @@ def assemble(
     findings: Findings,
     efforts: dict[str, float] | None = None,
 ) -> Imported:
-    """Return the mechanism that consists of the given parts and a tool; at rest, all joint values are zero.
+    """Return the mechanism that consists of the given parts and a tool; its rest pose has all joint values zero.
 
-    The tool is the frame named `tool`, else the only frame, else a new frame at the end of the longest chain. A finding
-    states the choice if no frame is named `tool`.
+    The tool is the frame named `tool`. If no frame has this name, the tool is the only frame, else a new frame at the
+    end of the longest chain; in both cases, a finding states the choice.
 
     Raises:
         SourceError: the parts do not form a mechanism.
@@ -186,7 +186,7 @@ def assemble(
 
 
 def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
-    """Return T_base_body (4, 4) of every body, by name, at zero coordinates of all joints of the tree."""
+    """Return {body: T_base_body (4, 4)} with the coordinates of all joints of the tree at zero."""
     rest = {mechanism.base: np.eye(4)}
     for joint in mechanism.tree:
         rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
@@ -194,7 +194,7 @@ def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
 
 
 def tooled(mechanism: Mechanism, findings: Findings) -> Mechanism:
-    """Return the mechanism with a tool frame; if a frame is added, a warning reports it."""
+    """Return the mechanism with a tool frame. If a frame had to be added, a warning is added to `findings`."""
     out, said = with_tool(mechanism)
     if out.frames != mechanism.frames:
         findings.warn("tool", f"{said} Edit [frame.tool] to move this frame to the tool.", out.frame(out.tool).body)

@@ -1,4 +1,4 @@
-"""Convert a STEP assembly to the skeleton of a robot: one body for each node, features, and proposed joints.
+"""Convert a STEP assembly to the skeleton of a robot: bodies (one for each assembly node), features, proposed joints.
 
 A STEP file has shapes, but no joints: every body is fixed to the base until the user defines its joint. Joints are
 proposed where faces fit; the proposals are comments in the description.
@@ -42,14 +42,14 @@ DRIVE = (
 """Comment about drives in the description of a skeleton."""
 
 _GROUND = ("base", "frame", "ground", "world", "housing", "fixed")
-"""Words in a body's name that mark it as the base."""
+"""Words in body names that identify the base, in order of precedence."""
 
 
 @dataclass
 class Skeleton:
     """Content of a STEP assembly.
 
-    `nodes` has the name of the assembly node of each body; `pairs` are the pairs of fitting faces.
+    `nodes` maps the name of each body to the name of its assembly node. `pairs` are the pairs of fitting faces.
     """
 
     parts: dict[str, list[Part]]
@@ -61,7 +61,7 @@ class Skeleton:
 
     @property
     def tool(self) -> str:
-        """Name of the outermost body, which gets the tool frame."""
+        """Name of the body that gets the tool frame: the child of the last proposed joint, else the last body."""
         return self.proposals[-1].child if self.proposals else list(self.parts)[-1]
 
 
@@ -134,7 +134,7 @@ def _near(p: Proposal) -> Finding:
 
 
 def _left(p: Pair) -> Finding:
-    """Return the finding on a fit between two bodies that is not used for a joint."""
+    """Return a finding that a fit is not used for a joint."""
     text = f"'{p.a.part.name}' of '{p.a.body}' also fits '{p.b.part.name}' of '{p.b.body}' "
     off = f"within {p.offset / MM:.4g} mm and {p.tilt / DEG:.4g}° (confidence {p.confidence})" if p.near else "exactly"
     return warning("left", f"{text}{off}: this fit is not used for a joint, and not checked.", p.a.body)
@@ -157,9 +157,9 @@ def _inside(node: str, parts: list[Part]) -> Finding | None:
 
 
 def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
-    """Return the parts of each body, by body name.
+    """Return {body name: its parts}.
 
-    A body is an assembly node at the first level of the assembly that has more than one node.
+    The bodies are the assembly nodes at the first level with more than one node.
     """
     chains = [((*p.path, p.name), p) for p in parts]
     level = 0

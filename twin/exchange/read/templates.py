@@ -13,11 +13,11 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 _STEP = {"revolute": 5 * DEG, "prismatic": 10 * MM}
-"""Displacement of a driven joint in the initial protocol, in rad (revolute) or m (prismatic)."""
+"""Displacement of the moved joint in the initial protocol, in rad (revolute) or m (prismatic)."""
 
 
 def formula(mechanism: Mechanism) -> str:
-    """Return the text of a formula.py with the driven joints of the mechanism, without equations."""
+    """Return the text of a formula.py that lists the driven joints of the mechanism, but has no equations yet."""
     names = [j.name for j in mechanism.active]
     units = ", ".join(f"{j.name} ({'rad' if j.is_angle else 'm'})" for j in mechanism.active) or "none yet"
     returned = ", ".join(names) or "..."
@@ -88,7 +88,7 @@ def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str
     """Return (values at home, values near home, description of the difference) for the driven joints.
 
     Keys of the values are TOML keys: the name of a joint and its unit. Only one joint differs: the first driven joint
-    that can move the tool within the joint limits or, without such a joint, the first that can be moved at all.
+    that can move the tool within the joint limits. If no joint can, the first joint that can be moved at all differs.
     """
     model = ReferenceModel(mechanism)
     home = model.home()

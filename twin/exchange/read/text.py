@@ -16,7 +16,7 @@ from twin.core.units import DEG, MM
 def toml(value: Any) -> str:
     """Return a truth value, text, number, list or inline table (mapping) as TOML.
 
-    Keys with the value None are omitted, because TOML has no such value.
+    Keys whose value is None are omitted, because TOML has no null value.
     """
     if isinstance(value, bool):
         return str(value).lower()
@@ -37,7 +37,7 @@ def rows(values: Mapping[str, Any]) -> list[str]:
 
 
 def table(header: str, **values: Any) -> list[str]:
-    """Return an empty line and the lines of a TOML section: its header such as "[tool]", and its values except None."""
+    """Return the lines of a TOML section: an empty line, a header such as "[tool]", and values that are not None."""
     return ["", header, *rows(values)]
 
 

@@ -1,8 +1,8 @@
 """Read a URDF, with its loops from a closure YAML.
 
-Joint frames are the frames in the URDF, rotated so that z is the axis. A fixed link without shape and mass becomes a
-named frame on its parent. Data that a mechanism cannot hold cause an error (planar joints) or a warning (friction,
-efforts, textures).
+Joint frames are the frames in the URDF, rotated so that z is the axis. A link becomes a named frame on its parent if it
+is fixed to the parent and has no shape and no mass. Data that a mechanism cannot hold cause an error (planar joints) or
+a warning (friction, efforts, textures).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _LIGHT = 1e-6
 
 
 def read_urdf(path: Path, closures: Path | None = None) -> Imported:
-    """Read a URDF and its closure YAML; `closures` is the path of the YAML, or None if there is no YAML.
+    """Read a URDF and, unless `closures` is None, the closure YAML at the path `closures`.
 
     Raises:
         SourceError: the file is invalid or unsupported; the message names file, element and fault.
@@ -126,7 +126,7 @@ class _Urdf:
         return out
 
     def _strange(self, element: Element, kind: str, where: str) -> None:
-        """Report each unsupported child tag of an element once."""
+        """Report the unsupported child elements of an element, each tag once."""
         for tag in dict.fromkeys(str(child.tag) for child in element):
             if tag not in _KNOWN[kind]:
                 self.findings.warn("unread", f"{where}: <{tag}> is not read.", where)
@@ -170,7 +170,7 @@ class _Urdf:
     def _marks(
         self, links: dict[str, Element], joints: dict[str, Element], ends: dict[str, tuple[str, str]], base: str
     ) -> dict[str, str]:
-        """Return {link: its fixed joint} for the links that become named frames."""
+        """Return {link: the fixed joint to its parent} for the links that become named frames."""
         out = {}
         for joint, (_, child) in ends.items():
             element = links[child]
@@ -204,7 +204,7 @@ class _Urdf:
             self.findings.warn("closures", text, ends[0])
 
     def _retyped(self, joints: dict[str, Element]) -> dict[str, str]:
-        """Return the joint types that the closure YAML replaces: the new type by joint name."""
+        """Return {joint: new type} for the joints whose type the closure YAML replaces."""
         retyped = self.closures.retyped if self.closures else {}
         leaders = {m.get("joint"): n for n, j in joints.items() if (m := j.find("mimic")) is not None}
         for name in retyped:
@@ -216,7 +216,7 @@ class _Urdf:
         return retyped
 
     def _parts(self, name: str) -> list[str]:
-        """Return the names of the joints made from one joint of the file: one, or two hinges for a universal joint."""
+        """Return the names of the joints made from one URDF joint: two hinges for a universal joint, else one joint."""
         kind = self.retyped.get(name, "")
         return [f"{name}_{a}" for a in kind[-2:]] if kind.startswith("UJOINT") else [name]
 
@@ -245,7 +245,7 @@ class _Urdf:
     def _geared(
         self, root: Element, joints: dict[str, Element], driven: set[str], names: Names
     ) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
-        """Return (motors, transmissions) of joints with a gear ratio other than 1; other joints are driven directly."""
+        """Return (motors, transmissions) of the joints whose gear ratio is not 1; other joints are driven directly."""
         found: dict[str, tuple[Element, float]] = {}
         for t in root.findall("transmission"):
             name, told = str(t.get("name")), [str(j.get("name")) for j in t.findall("joint")]
@@ -303,7 +303,7 @@ class _Urdf:
     def _retype(
         self, name: str, names: Names, joint: Element, ends: tuple[str, str], driven: set[str]
     ) -> Iterator[Joint]:
-        """Yield the joints with which the closure YAML replaces a URDF joint; they use the frame of that joint."""
+        """Yield the joints that replace a URDF joint according to the closure YAML, in the frame of the URDF joint."""
         kind, where, (parent, T) = self.retyped[name], f"joint '{name}'", self.home[ends[0]]
         T = T @ _origin(self.xml, joint, where)
         child = self.home[ends[1]][0]
@@ -356,7 +356,7 @@ class _Urdf:
         return out
 
     def _within(self, out: dict, name: str) -> None:
-        """Clip the soft limits to the hard limits; leave them out if the two intervals do not overlap."""
+        """Clip the soft limits to the hard limits, or remove the soft limits if the two intervals do not overlap."""
         if out.get("limits") is None or out["soft_limits"] is None:
             return
         (low, high), (first, last) = out["limits"], out["soft_limits"]
@@ -385,7 +385,7 @@ class _Urdf:
         return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 
     def _loops(self, links: dict[str, Element], ends: dict[str, tuple[str, str]], names: Names) -> list[Joint]:
-        """Return the joints that the closure YAML adds; a joint name in the YAML means the child link of the joint."""
+        """Return the joints that the closure YAML adds. If the YAML names a joint, its child link is meant."""
         out = []
         for i, (a, b, kind) in enumerate(self.closures.loops if self.closures else ()):
             sides = []
@@ -427,7 +427,7 @@ def _origin(xml: Xml, element: Element, where: str) -> Array:
 
 
 class _Visuals:
-    """Reader of the links' meshes in one file; colours may be defined by name for the whole robot."""
+    """Reader of the links' meshes in one URDF. Links may refer to colours that the URDF defines once, by name."""
 
     def __init__(self, xml: Xml, findings: Findings) -> None:
         self.xml, self.findings = xml, findings

@@ -23,20 +23,20 @@ _READ = (
     "MaterialBindingAPI",
     "GeomModelAPI",
 )
-"""Applied API schemas whose content is read."""
+"""Applied API schemas that the reader reads."""
 
 _WITHOUT = ("friction", "armature", "breakforce", "breaktorque", "damping", "stiffness", "solver", "actuator")
-"""Words in the names of joint properties; a mechanism cannot hold properties with these words in their names."""
+"""Words that identify unsupported joint properties; each such property has one of these words in its name."""
 
 
 def read_usd(path: Path, root: str | None) -> Imported:
     """Read a stage. A tool frame is added if the stage has none.
 
     If no joint of the stage has a drive, all tree joints with one coordinate become driven joints. `root` is the
-    prim path of the robot; None: the only robot of the stage.
+    prim path of the robot. None selects the only robot of the stage.
 
     Raises:
-        SourceError: the stage has unsupported data without which the mechanism would be wrong.
+        SourceError: the stage has unsupported data, and the mechanism would be wrong if the data were ignored.
         TwinError: the stage is invalid.
     """
     from twin.usd.read import inspect_stage

@@ -43,7 +43,7 @@ class Xml:
         return name
 
     def named(self, parent: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
-        """Return the child elements of one kind, by name; raise `SourceError` if a name is missing or used twice."""
+        """Return the children of one kind as {name: element}; raise `SourceError` if a name is missing or repeated."""
         out: dict[str, ElementTree.Element] = {}
         for element in parent.findall(kind):
             name = self.name(element, kind)
@@ -71,16 +71,17 @@ class Xml:
         return float(self.numbers(where, what, text, 1, None if default is None else (default,))[0])
 
     def axis(self, where: str, what: str, text: str | None, default: Sequence[float]) -> Array:
-        """Return a direction (3,) parsed from a text; raise `SourceError` if its length is 0."""
+        """Return a direction (3,) parsed from a text; raise `SourceError` if the direction is a zero vector."""
         axis = self.numbers(where, what, text, 3, default)
         if not np.abs(axis).max() > 1e-9:
             self.fail(where, f"{what}: the axis has length 0")
         return axis
 
     def tensor(self, where: str, text: Callable[[str], str | None], default: Array | None = None) -> Array:
-        """Return the inertia tensor (3, 3); `text` returns the text of an entry `ixx`, `ixy`, ... or None.
+        """Return the inertia tensor (3, 3).
 
-        An entry without text has the value in `default`.
+        `text` is a function that returns the text of an entry `ixx`, `ixy`, ..., or None if the entry is missing. A
+        missing entry has the value in `default`.
         """
         out = np.zeros((3, 3))
         for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):

@@ -1,6 +1,6 @@
 """Write the export folder: every requested format, README.txt, and proof.json with the results of the audit.
 
-The audit function is passed as an argument, so that no writer checks its own files.
+The caller passes the audit function, because the code that writes the files must not check them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _BUDGET = Kind(
 
 
 class Audit(Protocol):
-    """Interface of the result of an audit: measurements, each with a method `as_dict`, and the faults found."""
+    """Interface of an audit's result: `checks` (measurements, each with a method `as_dict`) and `findings` (faults)."""
 
     @property
     def checks(self) -> Sequence[Any]: ...  # noqa: D102
@@ -48,8 +48,8 @@ class Audit(Protocol):
 class Bundle(Result):
     """Result of an export.
 
-    `files` are paths relative to the folder; `findings` come from the robot, the writers and the audit; `checks` are
-    the measurements in proof.json.
+    `files` are paths relative to the export folder. `findings` come from the robot, the writers and the audit. `checks`
+    are the measurements in proof.json.
     """
 
     folder: Path
@@ -121,7 +121,7 @@ def _row(c: Clip) -> tuple[str, ...]:
 
 
 def chosen_formats(asked: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the chosen formats in the order of `FORMATS`; all formats if `asked` is None.
+    """Return the chosen formats in the order of `FORMATS`; if `asked` is None, return all formats.
 
     Raises:
         TwinError: `asked` is empty, or a format does not exist; the message lists the known formats.
@@ -143,14 +143,14 @@ def write_bundle(
     audit: Callable[..., Audit],
     progress: Progress,
 ) -> Bundle:
-    """Write an export folder (bundle); remove obsolete files of an earlier export, and keep all other files.
+    """Write an export folder (bundle). Obsolete files of an earlier export are removed; all other files are kept.
 
     Args:
         order: the data to write.
         folder: the export folder; it is unchanged if an error occurs.
         formats: see `chosen_formats`.
-        audit: function (folder, truth, mechanism) that reads the files independently and returns its result. `truth`
-            is the motion of the reference model by clip: (times (k,) in s, T_world_link (k, 4, 4) by link).
+        audit: function (folder, truth, mechanism) that reads the files independently and returns an `Audit`. `truth`
+            is the motion of the reference model: {clip: (times (k,) in s, {link: T_world_link (k, 4, 4)})}.
         progress: see `twin.api.Progress`.
 
     Raises:
@@ -186,7 +186,7 @@ def _tree(folder: Path) -> set[str]:
 
 
 def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding]:
-    """Return an error for each format whose files the audit did not read, so that the export fails."""
+    """Return an error for each format whose files the audit did not read; such an error makes the export fail."""
     return [
         error(
             "export.unjudged",
@@ -253,7 +253,7 @@ def _urdf(order: Order, work: Path) -> list[Finding]:
 
     write_urdf(order.mechanism, work)
     hung = {j.name for j in spanning(order.mechanism).tree} & set(order.mechanism.trocars)
-    for scene in order.elsewhere if hung else ():  # if the tree is cut at a trocar, the file cannot hold the trocar
+    for scene in order.elsewhere if hung else ():  # a trocar at which the tree is cut is not in the file
         write_urdf(scene.mechanism, work, f"{order.mechanism.name}_{scene.clip.name}")
     return urdf_findings(order.mechanism)
 
@@ -269,7 +269,7 @@ _WRITERS: dict[str, Callable[[Order, Path], list[Finding] | None]] = {
 }
 
 FORMATS = tuple(_WRITERS)
-"""The formats by name, in the order of export."""
+"""Names of all formats, in the order of export."""
 
 
 # ------------------------------------------------------------------------------------------------ proof
@@ -309,7 +309,7 @@ def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
 def _proof(
     order: Order, work: Path, files: Sequence[Path], checks: Sequence[dict[str, Any]], findings: Sequence[Finding]
 ) -> dict[str, Any]:
-    """Return the content of proof.json: sources and results of all checks. The content does not depend on the date."""
+    """Return the content of proof.json, which does not depend on the date: sources and results of all checks."""
     return {
         "schema": "twin-proof",
         "version": 1,
@@ -346,7 +346,7 @@ def _errors(begin: str, begin_gap: str, e: Between | Budget) -> dict[str, float]
 
 
 def _lines(proof: Mapping[str, Any]) -> str:
-    """Return JSON text with one line for each entry and each list element, so that versions can be compared by line."""
+    """Return JSON text with one line for each entry and each list element, so that `diff` can compare versions."""
     out = []
     for key, value in proof.items():
         if isinstance(value, list) and value:
@@ -367,7 +367,7 @@ def _sha256(path: Path) -> str:
 
 
 def _written_before(folder: Path) -> list[str]:
-    """Return the unchanged files of an earlier export: their hashes equal the hashes in the folder's proof.json."""
+    """Return the files of an earlier export that are unchanged: their hashes are equal to the hashes in proof.json."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         proof = json.loads((folder / PROOF).read_text(encoding="utf-8"))
         if proof["schema"] == "twin-proof":

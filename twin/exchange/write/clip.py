@@ -1,7 +1,7 @@
-"""A motion for players: poses of every link at keys, at the lowest key rate whose interpolation error is acceptable.
+"""A motion for players: poses of every link at keys. The key rate is the lowest that meets the error budget.
 
-A player interpolates between two keys. The interpolation error is measured against the mechanism at three or more
-points in every interval: position of any point of a link, rotation of a link, and joint gaps.
+A player interpolates between two keys. Interpolation errors are differences from the motion of the mechanism: position
+of any point of a link, rotation of a link, and joint gaps. They are measured at three or more times between two keys.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ _LOOKS = 4
 _GRIDS = (120, 240, 480)
 """Sample rates in Hz at which interpolation errors are computed.
 
-Each key rate uses the lowest sample rate that is a multiple of the key rate and at least `_LOOKS` times as high.
+The sample rate for a key rate is the lowest of these rates that is a multiple of the key rate and at least `_LOOKS`
+times as high.
 """
 
 
@@ -55,7 +56,7 @@ class Between:
         position: position error in m of any point of a link.
         rotation: rotation error in rad of a link.
         joint_gap: gap in m of a joint.
-        position_at, rotation_at, joint_gap_at: where each maximum occurs: (name of the link or joint, time in s).
+        position_at, rotation_at, joint_gap_at: (name of the link or joint, time in s) of the three maximum errors.
     """
 
     position: float
@@ -66,12 +67,12 @@ class Between:
     joint_gap_at: tuple[str, float] = ("", 0.0)
 
     def numbers(self) -> dict[str, float]:
-        """Return the errors by the names used in exported files, in m and rad, rounded to six significant digits."""
+        """Return {name in exported files: error in m or rad}, rounded to six significant digits."""
         named = {"between_position": self.position, "between_rotation": self.rotation, "joint_gap": self.joint_gap}
         return {name: float(f"{value:.6g}") for name, value in named.items()}
 
     def keeps(self, budget: Budget) -> bool:
-        """Return whether all errors are within the budget."""
+        """Return whether no error exceeds the budget."""
         return (
             self.position <= budget.position and self.rotation <= budget.rotation and self.joint_gap <= budget.joint_gap
         )
@@ -83,8 +84,8 @@ class Clip:
 
     Attributes:
         times: (k,) in s: 0, then every 1 / rate, and the end.
-        links: T_world_body (k, 4, 4) by body.
-        joints: coordinates (k,) in m or rad by joint, for all joints with a single coordinate: active and passive, of
+        links: {body: T_world_body (k, 4, 4)}.
+        joints: {joint: coordinates (k,) in m or rad}, for all joints with a single coordinate: active and passive, of
             the tree and of loops.
         active: names of the driven joints, in the order of q.
         phases: (name, start in s, end in s) of each phase.
@@ -94,11 +95,11 @@ class Clip:
         budget: the error budget for which the rate was chosen; None if the keys are the samples of a file.
         frame: name of the frame that the protocol moves.
         shaft_axis: (3,) unit vector along the shaft in `frame`.
-        phase_rcm: for each phase the RCM (3,) in m, relative to the base frame, or None.
-        phase_rcm_enforced: for each phase whether the shaft must pass through the RCM; if False, the RCM is only
-            monitored.
+        phase_rcm: RCM (3,) in m of each phase, relative to the base frame; None for a phase without an RCM.
+        phase_rcm_enforced: for each phase, whether the shaft must pass through the RCM (True), or the RCM is only
+            monitored (False).
         assumed: one text "name: reason" for each assumed number of the protocol.
-        trocars: positions (3,) in m of the mechanism's trocars, relative to the base frame, by name.
+        trocars: {trocar: position (3,) in m, relative to the base frame}.
     """
 
     name: str
@@ -133,9 +134,9 @@ def make_clip(
 ) -> Clip:
     """Return the clip of a planned motion, at the lowest key rate of `RATES` whose errors are within the budget.
 
-    If the errors exceed the budget at every rate, the highest rate is used. The mechanism has the trocar positions of
-    the protocol. The title "" means the name of the protocol. `assumed` has one text "name: reason" for each assumed
-    number of the protocol.
+    If the errors exceed the budget at every rate, the highest rate is used. `mechanism` has the trocar positions of the
+    protocol. If `title` is "", the title is the name of the protocol. `assumed` contains one text "name: reason" for
+    each assumed number of the protocol.
 
     Raises:
         AssemblyError: the mechanism cannot reach the tool poses.
@@ -193,10 +194,10 @@ def key_rows(count: int, stride: int) -> Index:
 
 
 def extremes(mechanism: Mechanism, body: Body) -> Array:
-    """Return points (n, 3) in m, in the frame of a body, whose convex hull contains the body.
+    """Return points (n, 3) in m, in a body's frame, such that the convex hull of the points contains the body.
 
-    The position error of the body has its maximum at one of these points: the corners of the meshes' bounding box,
-    named frames, named points, and the origin.
+    The points are the corners of the meshes' bounding box, named frames, named points, and the origin. The position
+    error of a body has its maximum at one of the points.
     """
     points = [np.zeros((1, 3))]
     if meshes := [m.vertices for m in body.meshes if len(m.vertices)]:
@@ -213,15 +214,15 @@ def measure_between(
 ) -> Between:
     """Return the maximum interpolation errors of players, measured at the samples between keys.
 
-    Players interpolate positions linearly. They interpolate rotations by slerp (glTF, USD) or by components (Unity);
-    the larger of these two errors is returned.
+    Players interpolate positions linearly. They interpolate rotations by slerp (glTF, USD) or by components (Unity).
+    The larger of the two rotation errors is returned.
 
     Args:
         mechanism: the robot; the gaps of its joints between keys are measured too.
         times: times (k,) of the samples in s.
-        links: exact T_world_body (k, 4, 4) by body.
+        links: {body: exact T_world_body (k, 4, 4)}.
         keys: indices of the keys among the samples.
-        reaches: points (n, 3) in m of each body, from `extremes`; position errors are measured at these points.
+        reaches: {body: points (n, 3) in m from `extremes`}; position errors are measured at these points.
     """
     still = {n for n, Ts in links.items() if np.all(Ts == Ts[0])}
     true = {j.name: _apart(j, links) for j in mechanism.joints}
@@ -264,7 +265,7 @@ def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Ar
 
 
 def _furthest(off: Array, reach: Array) -> Array:
-    """Return the maximum error (k,) in m of the points `reach` (n, 3), from the pose differences `off` (k, 4, 4)."""
+    """Return the maximum position error (k,) in m of the points `reach` (n, 3) for pose errors `off` (k, 4, 4)."""
     moved = off[:, None, :3, :3] @ reach[None, :, :, None]
     return np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1)
 
@@ -285,7 +286,7 @@ def quaternions_xyzw(Ts: Array) -> Array:
 
 
 def slerp(a: Array, b: Array, share: Array) -> Array:
-    """Return quaternions (k, 4), spherically interpolated from a (k, 4) to b (k, 4) at fractions `share` (k,) 0..1."""
+    """Return quaternions (k, 4), interpolated spherically from a (k, 4) to b (k, 4) at fractions `share` (k,), 0..1."""
     cosine = np.clip(np.sum(a * b, axis=1), -1.0, 1.0)
     # An arc tangent of the chord is accurate for small rotations between keys; an arc cosine is not.
     angle = 2 * np.arctan2(np.linalg.norm(b - a, axis=1), np.linalg.norm(b + a, axis=1))
@@ -298,7 +299,7 @@ def slerp(a: Array, b: Array, share: Array) -> Array:
 
 
 def nlerp(a: Array, b: Array, share: Array) -> Array:
-    """Return quaternions (k, 4) interpolated by components from a (k, 4) to b (k, 4), normalised; `share` (k,) 0..1."""
+    """Return unit quaternions (k, 4), interpolated by components from a to b (k, 4) at fractions `share` (k,), 0..1."""
     q = a + share[:, None] * (b - a)
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
@@ -348,8 +349,8 @@ def model_hash(mechanism: Mechanism) -> str:
 def between_keys(keys: Array, Ts: Array, times: Array) -> Array:
     """Return the poses (n, 4, 4) of a link that a player shows at times (n,) in s.
 
-    Before the first key, a player shows the first pose; after the last key, the last pose. `keys` (k,) has the times of
-    the keys in s, `Ts` (k, 4, 4) the poses at the keys.
+    Before the first key, a player shows the first pose; after the last key, it shows the last pose. `keys` (k,) are the
+    times of the keys in s, `Ts` (k, 4, 4) are the poses at the keys.
     """
     from scipy.spatial.transform import Rotation, Slerp
 

@@ -1,6 +1,6 @@
 """Write <robot>.glb: glTF 2.0 in one file, written without a library so that the file is reproducible byte by byte.
 
-glTF is y up. The root node rotates the robot to y up. Link nodes are children of the root node. Their poses are
+glTF is y up. The root node rotates the robot to y up. Link nodes are children of the root node. Poses of link nodes are
 relative to the robot's base frame (z up), so that link poses from a track or a stream can be assigned to the nodes
 unchanged.
 """
@@ -29,7 +29,7 @@ UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
 _STILL = 1e-10
-"""Change of a pose (in m, and in entries of the rotation matrix) up to which the pose is not animated."""
+"""Maximum change of a pose (in m, and in entries of the rotation matrix) that is not animated."""
 
 _MOST_UINT16 = 65535
 """Maximum number of vertices with 16-bit indices; glTF reserves the highest index."""
@@ -44,7 +44,7 @@ def write_glb(mechanism: Mechanism, clips: Sequence[Clip], path: Path) -> Path:
 def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapping[str, Array] | None = None) -> bytes:
     """Return the content of a .glb file; each clip becomes an animation with its name.
 
-    `link_poses` has T_world_body (4, 4) of every body at rest; default: home with closed loops.
+    `link_poses` contains T_world_body (4, 4) of every body at rest; None: the poses at home with closed loops.
     """
     rest = home_poses(mechanism) if link_poses is None else link_poses
     out = _Document()
@@ -83,8 +83,8 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
 def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
     """Return a .glb file of moving deformables, such as organs; each deformable is a mesh with morph targets.
 
-    The only animation is `motion`. The meshes are relative to the World frame (z up); their root node rotates them to y
-    up.
+    The only animation is `motion`. Vertices are relative to the World frame (z up); the root node rotates the meshes to
+    y up.
     """
     out = _Document()
     nodes: list[dict[str, Any]] = [{"name": name, "rotation": list(UP_XYZW), "children": []}]
@@ -103,7 +103,7 @@ def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
 
 
 def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> tuple[str, dict[str, str]]:
-    """Return (name of the root node, names of the frame nodes by frame); link nodes have the names of their bodies.
+    """Return (name of the root node, {frame: name of its node}). Link nodes have the names of their bodies.
 
     All names are unique, because Unity and three.js address nodes by name only.
     """
@@ -123,8 +123,8 @@ def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> tuple[str, dict[s
 def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[str, str]]:
     """Return (link, "translation" or "rotation") for each link property that changes in at least one clip.
 
-    Every clip animates all these properties, because players keep the last value of a property that the next clip does
-    not animate.
+    Every clip animates all these properties. Otherwise, if a clip did not animate a property, players would keep the
+    value from the clip before.
     """
     out = set()
     for clip in clips:
@@ -161,7 +161,7 @@ def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 class _Document:
-    """Builder of a glTF document: collects buffers and their accessors."""
+    """Builder of a glTF document: collects meshes, materials, buffers and accessors."""
 
     def __init__(self) -> None:
         self._parts: dict[str, list[bytes]] = {"vertices": [], "keys": [], "uint16": [], "uint32": []}
@@ -195,7 +195,7 @@ class _Document:
     def _primitive(
         self, points: np.ndarray, normals: np.ndarray, faces: np.ndarray, material: Material, short: bool
     ) -> dict[str, Any]:
-        """Add triangles of one material and return their primitive; `short`: with 16-bit indices."""
+        """Add triangles of one material and return their primitive. If `short` is True, indices have 16 bits."""
         part, dtype, component = ("uint16", "<u2", _UINT16) if short else ("uint32", "<u4", _UINT32)
         return {
             "attributes": {
@@ -230,16 +230,17 @@ class _Document:
         return len(self._meshes) - 1
 
     def keys(self, times: Array, values: Array, kind: str) -> dict[str, Any]:
-        """Return a linear sampler of an animation with the accessor type `kind`.
+        """Return a sampler of an animation, with linear interpolation between keys.
 
         `times` (k,) are in s. `values` has one row for each key; for morph targets, one row for each key and target.
+        `kind` is the accessor type of the values, such as "VEC3".
         """
         at = self._add("keys", times.astype("<f4").reshape(-1, 1), "SCALAR", _FLOAT, bounds=True)
         output = self._add("keys", values.astype("<f4") + np.float32(0), kind, _FLOAT)
         return {"input": at, "interpolation": "LINEAR", "output": output}
 
     def animation(self, clip: Clip, nodes: Mapping[str, int], moving: set[tuple[str, str]]) -> dict[str, Any]:
-        """Return a clip as a glTF animation, with a channel for each (link, path) in `moving`."""
+        """Return a clip as a glTF animation, with a channel for each pair (link, path) in `moving`."""
         channels, samplers = [], []
         for name, Ts in clip.links.items():
             for path, kind, values in (
@@ -303,7 +304,7 @@ class _Document:
     ) -> bytes:
         """Return the content of a .glb file with one scene, whose root is the first node.
 
-        `about` has the extras of the asset.
+        `about` is written as the `extras` of the glTF asset.
         """
         document: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": f"twin {__version__}", "extras": about},

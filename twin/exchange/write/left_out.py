@@ -1,4 +1,4 @@
-"""Report data of joints and motors that a format cannot hold; the findings appear in the file and on the terminal."""
+"""Report data of joints and motors that a format cannot hold. Findings appear in the file and on the terminal."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from twin.model.mechanism import Mechanism
 
 _WORDS = {"max_speed": "maximum speeds", "max_acceleration": "maximum accelerations", "max_jerk": "maximum jerks"}
 _WORDS |= {"soft_limits": "soft limits", "cone": "cones"}
-"""Words for the fields of `Joint` in findings."""
+"""Text for each field of `Joint` in findings."""
 
 
 def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each field that the format cannot hold, if at least one joint has a value of it.
+    """Yield a finding for each of the given fields that is set in at least one joint.
 
-    `fields` are the names of these fields of `Joint`; `file` is the file's name in the findings.
+    `fields` are names of fields of `Joint` that the format cannot hold. `file` is the name of the file in the findings.
     """
     for field in fields:
         if names := ", ".join(j.name for j in mechanism.joints if getattr(j, field) is not None):
@@ -23,9 +23,10 @@ def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]
 
 
 def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
-    """Yield a finding for each field that the format cannot hold, if at least one actuator has a value of it.
+    """Yield a finding for each of the given fields that is set in at least one actuator.
 
-    `fields` are the names of these fields of `Actuator`; `file` is the file's name in the findings.
+    `fields` are names of fields of `Actuator` that the format cannot hold. `file` is the name of the file in the
+    findings.
     """
     for field in fields:
         if names := ", ".join(a.name for a in mechanism.actuators if getattr(a, field) is not None):

@@ -1,4 +1,4 @@
-"""Assume masses of links for formats that require them."""
+"""Assume masses of links without a stated mass, for formats that require a mass."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 
 DENSITY = 1000.0
-"""Density of water in kg/m3, assumed for the bounding box of a body of unknown mass."""
+"""Density of water in kg/m3, assumed for the bounding box of a body without a stated mass."""
 
 LEAST = 1e-3
 """Minimum assumed mass in kg: simulators reject smaller masses."""
 
 
 def inertia_of(body: Body) -> Inertia:
-    """Return a body's inertia or, if it is unknown, the inertia of the body's bounding box filled with water."""
+    """Return the stated inertia of a body; if none is stated, the inertia of the bounding box filled with water."""
     if body.inertia is not None:
         return body.inertia
     corners = [m.vertices.min(axis=0) for m in body.meshes] + [m.vertices.max(axis=0) for m in body.meshes]

@@ -1,9 +1,9 @@
 """Write .mcap: link poses and joint values over time, as Foxglove messages in JSON, with their JSON Schemas.
 
-The pose of every link is relative to the frame "world", so that a viewer needs no kinematics. Messages and their names
-are from Foxglove's documentation (docs.foxglove.dev/docs/sdk/schemas): /tf contains foxglove.FrameTransforms, and
-/joint_states contains foxglove.JointStates. /console contains numbers of the surgeon's console. Time 0 is the start of
-the session.
+The pose of every link is relative to the frame "world", so that a viewer needs no kinematics. The topic /tf contains
+messages foxglove.FrameTransforms, and /joint_states contains foxglove.JointStates, as documented by Foxglove
+(docs.foxglove.dev/docs/sdk/schemas). /console contains numbers of the surgeon's console. Time 0 is the start of the
+session.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def write_mcap(
 ) -> Path:
     """Write a recorded session as .mcap and return the path; the same input gives the same bytes.
 
-    `t` has the times (k,) in s, from 0; `links` has T_world_link (k, 4, 4) by link; `joints` has the values (k,) in m
-    or rad by joint, with names such as "psm1/yaw"; `console` has the numbers (k,) for /console, by name.
+    `t` (k,) are the times in s, from 0. `links` maps each link to T_world_link (k, 4, 4). `joints` maps each joint,
+    such as "psm1/yaw", to its values (k,) in m or rad. `console` maps each name in /console to its numbers (k,).
 
     Raises:
         TwinError: the package `mcap` is not installed.

@@ -1,6 +1,6 @@
 """Write meshes/<mesh>.obj, the mesh files to which both MJCF and URDF refer.
 
-The coordinates are in mm, so that numbers are short; MJCF and URDF scale them by `SCALE`.
+Coordinates are in mm, which keeps the numbers short. MJCF and URDF scale the coordinates by `SCALE`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def mesh_file(mesh: Mesh) -> str:
 
 
 def write_meshes(mechanism: Mechanism, folder: Path) -> list[Path]:
-    """Write every mesh of the mechanism below `folder`, in the frame of its body; return the files."""
+    """Write every mesh of the mechanism below `folder`, in the frame of its body, and return the paths of the files."""
     (folder / "meshes").mkdir(parents=True, exist_ok=True)
     out = []
     for body in mechanism.bodies:

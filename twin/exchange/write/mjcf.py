@@ -1,19 +1,19 @@
-"""The robot as MJCF for MuJoCo: a tree, and equality constraints that close its loops.
+"""Write a robot as MJCF for MuJoCo: a tree, and equality constraints that close the loops.
 
-Bodies are placed at home, and the `ref` of a joint is its coordinate at home, so that a simulation starts with closed
-loops; all joint coordinates are equal to the coordinates of the mechanism. A control is the displacement of a drive
-from home: the initial value zero holds the robot at home. A ball joint has no scalar coordinate; its quaternion is
-relative to home. A <connect> has a single anchor point for both bodies, which is sufficient because loops are closed at
-`ref`; Drake reads no other form. Loops and couplings are written as follows:
+Bodies are placed at home, so that a simulation starts with closed loops. The `ref` of a joint is its coordinate at
+home, so that joint coordinates in the file are equal to the coordinates of the mechanism. A control is the displacement
+of a drive from home: the initial value zero holds the robot at home. A ball joint has no scalar coordinate; its
+quaternion is relative to home. A <connect> has a single anchor point for both bodies. One point is sufficient, because
+loops are closed at `ref`, and Drake reads no other form. Loops and couplings are written as follows:
 
     spherical       one connect at the ball
     revolute        two connects, at two points of the pin
     fixed           one weld, site to site
-    slides      an auxiliary body (carrier) of 1 g slides (and rotates) on one body and is welded to the other body
+    with a slide    an auxiliary body (carrier, 1 g), with a slide (and hinge) on one body and a weld to the other
     couplings       a fixed tendon of constant length
 
-A motor with a transmission is an actuator that pulls a fixed tendon. The tendon's coefficients are the motor's row of
-the inverse transmission matrix, so that the tendon's length is the motor's coordinate.
+A motor with a transmission is written as an actuator that pulls a fixed tendon. The tendon's coefficients are the
+motor's row of the inverse transmission matrix, so that the tendon's length is the motor's coordinate.
 """
 
 from __future__ import annotations
@@ -39,11 +39,10 @@ PIN = 0.05
 """Distance in m along the pin between the two <connect> points of a revolute joint."""
 
 CARRIER = Inertia(1e-3, np.zeros(3), 1e-7 * np.eye(3))
-"""Inertia of an auxiliary body (carrier) for a slide that closes a loop."""
+"""Inertia of the auxiliary body (carrier) of a loop closure with a slide."""
 
 STIFF = {"solref": "0.001 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
-"""Solver parameters of the equality constraints, stiffer than the defaults of MuJoCo; at the defaults, loops open
-under load."""
+"""Solver parameters of the equality constraints. With the softer defaults of MuJoCo, loops open under load."""
 
 OPTION = {"timestep": "0.001", "integrator": "discrete", "iterations": "100", "tolerance": "1e-12"}
 """Simulation options; the integrator "discrete" solves drives and equality constraints together.
@@ -74,7 +73,7 @@ MOTORS = (
 def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.xml, or <name>.xml, and the mesh files that it uses; return the path of the .xml file.
 
-    Masses that the mechanism lacks are assumed (see `mjcf_findings`). `name` is the file name without suffix,
+    Masses that the mechanism lacks are assumed (`mjcf_findings` reports them). `name` is the file name without suffix,
     if a robot has several files (one for each trocar position).
 
     Raises:
@@ -86,7 +85,7 @@ def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
 
 
 def mjcf_text(mechanism: Mechanism) -> str:
-    """Return the MJCF of a mechanism as text; a mechanism without meshes needs no other file.
+    """Return the MJCF of a mechanism as text. Meshes are in separate files (see `write_meshes`).
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
@@ -104,7 +103,7 @@ def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
 
 
 class _Writer:
-    """Builder of the MJCF document: writes the tree of bodies, and collects elements of the other sections."""
+    """Builder of the MJCF document: writes the tree of bodies, and collects the elements of all other sections."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         from twin.reference import ReferenceModel
@@ -181,7 +180,7 @@ class _Writer:
         self.qpos += [1.0, 0.0, 0.0, 0.0]
 
     def _moves(self, element: ET.Element, joint: Joint, T_body_joint: Array) -> None:
-        """Write the slide, the hinge, or both, of a joint; the axis is z of the joint's frame on the moving body."""
+        """Write a joint as a slide, a hinge, or both. The axis is z of the joint's frame on the moving body."""
         T = self._motion(joint)
         for kind, axis, value in (
             ("slide", 2, T[2, 3]),
@@ -261,7 +260,7 @@ class _Writer:
                         ET.SubElement(tendon, "joint", joint=joint, coef=f"{coefficient:.12g}")
 
     def _actuators(self) -> None:
-        """Write an actuator for each motor, which pulls a tendon, or drives a joint directly."""
+        """Write an actuator for each motor; it drives a joint directly or, with a transmission, pulls a tendon."""
         self.root.append(ET.Comment(f" {CONTROLS} "))
         actuator = ET.SubElement(self.root, "actuator")
         control = []

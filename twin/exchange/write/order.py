@@ -22,7 +22,7 @@ from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 
 _KINDS = {".toml": "TOML", ".step": "STEP", ".stp": "STEP", ".py": "text"}
-"""Format of a source file, by suffix, for the files whose bytes the robot's reader keeps (mesh files: not kept)."""
+"""Format for each suffix of source files whose bytes the robot's reader keeps; bytes of mesh files are not kept."""
 
 _DRAWN = "drawing."
 """Prefix of the names of lengths that affect only the appearance of parts."""
@@ -38,7 +38,7 @@ Robot = Any
 
 @dataclass(frozen=True)
 class Scene:
-    """A clip, and the mechanism whose trocars have the positions that the clip's protocol specifies."""
+    """A clip, and the mechanism with the trocar positions of the clip's protocol."""
 
     clip: Clip
     mechanism: Mechanism
@@ -50,10 +50,11 @@ class Order:
 
     Attributes:
         mechanism: the robot as in the CAD, with masses.
-        scenes: a clip and its mechanism for each protocol.
-        quick_looks: names of the clips with a .usdz; the first file is <robot>_ar.usdz, others <robot>_<clip>_ar.usdz.
+        scenes: for each protocol, a clip and its mechanism.
+        quick_looks: names of the clips that are written as .usdz: the first as <robot>_ar.usdz, all others as
+            <robot>_<clip>_ar.usdz.
         inputs: (displayed path, sha256) of every source file.
-        assumed: "name: reason" of every assumed (unpublished) number of the robot, without the numbers of protocols.
+        assumed: "name: reason" for each assumed (unpublished) number of the robot; numbers of protocols are in clips.
         title, source: title and source of the robot.
         findings: findings on the robot.
     """
@@ -93,10 +94,10 @@ def order(
 
     Args:
         robot: a robot from CAD, or from a USD stage; a stage has no protocols, but may contain a motion.
-        trajectory: a planned motion; no other motion is then exported. It belongs to the first protocol in `protocols`
-            or, without `protocols`, to the protocol that the trajectory names. None: plan the protocols.
+        trajectory: a planned motion, which is then the only exported motion. Its protocol is the first in `protocols`
+            or, without `protocols`, the protocol that the trajectory names. None: plan the protocols.
         protocols: names or paths; None: all protocols of the robot.
-        budget: maximum errors of each clip; None: `Budget()`. Ignored for a stage, whose samples are the keys.
+        budget: maximum errors of each clip; None: `Budget()`. Not used for a stage: its samples become the keys.
         plan: function that plans a protocol.
         progress: see `twin.api.Progress`.
 
@@ -195,7 +196,7 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
 
 
 def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]:
-    """Return the names of the clips with a .usdz: first the clip of <robot>_ar.usdz, then clips requested by name."""
+    """Return the names of clips to write as .usdz: the clip of <robot>_ar.usdz, then the clips requested by name."""
     if not names:
         return ()
     first = default if default in names else names[0]
@@ -217,6 +218,6 @@ def _shown(path: Path, folder: Path) -> str:
 
 
 def _sha256(path: Path, read: Read | None = None) -> str:
-    """Return the sha256 of a file; for TOML, STEP and equations, of the bytes that `read` already returned."""
+    """Return the sha256 of a file. For TOML, STEP and equations, `read` returns the bytes that made the robot."""
     kind = _KINDS.get(path.suffix.lower(), "")
     return hashlib.sha256(read(path, kind) if read is not None and kind else path.read_bytes()).hexdigest()

@@ -1,4 +1,4 @@
-"""Make a clip from a stage with a baked motion: its time samples become the keys."""
+"""Make a clip from a stage with a baked motion: the time samples become the keys."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from twin.model.mechanism import Mechanism
 def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
     """Return the motion of a USD stage as a clip; None if no link moves.
 
-    A stage has no data between its samples. The stated interpolation errors are measured with every second sample
-    removed, and are therefore larger than the actual errors. `stage` is the path of the root layer from which the
+    A stage has no data between its samples. Therefore the interpolation errors in the clip are measured with every
+    second sample removed, and are larger than the actual errors. `stage` is the path of the root layer from which the
     mechanism was read.
     """
     from twin.usd.read import read_motion
@@ -55,7 +55,7 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
 
 
 def coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the coordinate (k,) in m or rad of every joint with a single coordinate, from link poses (k, 4, 4)."""
+    """Return {joint: coordinate (k,) in m or rad} for joints with a single coordinate, from link poses (k, 4, 4)."""
     out = {}
     for joint in mechanism.joints:
         if len(joint.free_axes) != 1:

@@ -29,8 +29,8 @@ def write_tracks(
 
     `mechanism` has the trocar positions of the protocol; `drawn` is the mechanism as in the CAD (None: `mechanism`).
     The track states the model hash of `drawn`, and the coordinates of ball joints are zero at the home of `drawn`.
-    `assumed` has a text "name: reason" for each assumed number of the robot; the clip has the assumed numbers of its
-    protocol.
+    `assumed` contains a text "name: reason" for each assumed number of the robot; assumed numbers of the protocol are
+    in the clip.
     """
     folder.mkdir(parents=True, exist_ok=True)
     data = track(mechanism, clip, drawn, assumed)
@@ -122,12 +122,12 @@ def _flat(values: Any, transpose: bool = False) -> list[float]:
 
 
 def _plain(values: Any) -> list[float]:
-    """Return numbers for JSON, with whole numbers as integers, because poses contain many zeros and ones."""
+    """Return numbers for JSON. Whole numbers become integers, which are shorter: poses contain many zeros and ones."""
     return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in (values + 0.0).tolist()]
 
 
 def _json(data: dict[str, Any]) -> str:
-    """Return JSON text with one line for each entry, so that the short entries at the start are readable."""
+    """Return JSON text with one line for each entry, so that a reader can find the short entries at the start."""
     lines = (
         f"{json.dumps(k)}:{json.dumps(v, separators=(',', ':'), ensure_ascii=False, allow_nan=False)}"
         for k, v in data.items()
@@ -136,7 +136,7 @@ def _json(data: dict[str, Any]) -> str:
 
 
 _COLUMNS = ("times", "poses", "positions")
-"""Entries of the track that become columns of the CSV; all other entries are written in its header."""
+"""Entries of the track that become columns of the CSV; all other entries are written in the header of the CSV."""
 
 
 def _csv(data: dict[str, Any]) -> str:
@@ -157,6 +157,6 @@ def _csv(data: dict[str, Any]) -> str:
 
 
 def _text(value: float) -> str:
-    """Return a number as text without a leading zero, because most numbers in the file are below one."""
+    """Return a number as text without a leading zero, which makes files smaller: most numbers are below one."""
     text = repr(value)
     return text[1:] if text.startswith("0.") else f"-{text[2:]}" if text.startswith("-0.") else text

@@ -1,4 +1,4 @@
-"""Compute the coordinates of ball joints and cylindrical joints, which a URDF player needs as joint values.
+"""Compute the coordinates of ball joints and cylindrical joints. URDF players need the coordinates as joint values.
 
 A ball joint s has the coordinates s_x, s_y, s_z: rotations from home about the x axis, then the y axis, then the z axis
 of the joint's frame on the child. A cylindrical joint c has the coordinates c_slide and c: displacement along z and
@@ -19,7 +19,7 @@ from twin.usd.write.spanning import spanning
 
 
 class Coordinate(NamedTuple):
-    """One column of a track: a joint's values (k,), in m if `type` is "prismatic", in rad if it is "revolute"."""
+    """One column of a track: the values (k,) of a coordinate, in m (`type` "prismatic") or rad (`type` "revolute")."""
 
     name: str
     type: str
@@ -29,7 +29,7 @@ class Coordinate(NamedTuple):
 def tree_coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> list[Coordinate]:
     """Return the coordinates of the ball joints and cylindrical joints of the tree, computed from link poses.
 
-    At the home of the mechanism all coordinates of ball joints are zero. `links` has T_world_body (k, 4, 4) by body.
+    At the home of the mechanism all coordinates of ball joints are zero. `links` maps bodies to T_world_body (k, 4, 4).
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.

@@ -26,9 +26,9 @@ def package_files() -> tuple[str, ...]:
 def write_unity(folder: Path) -> tuple[Path, ...]:
     """Copy the package into `folder` and return the paths of its files, sorted.
 
-    The package is the same for every robot: in Unity, the menu "Twin > Import bundle…" imports the model and the tracks
-    from the export folder. Times and permissions of the files are not copied. The folder, `<bundle>/unity`, is created
-    if it does not exist.
+    The package is the same for every robot. The menu "Twin > Import bundle…" of Unity imports the robot's model and
+    tracks from the export folder. Times and permissions of the files are not copied. The folder, `<bundle>/unity`, is
+    created if it does not exist.
 
     Raises:
         OutputError: the package does not exist, or the folder cannot be written.

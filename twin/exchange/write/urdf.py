@@ -1,8 +1,9 @@
 """Write a robot as URDF: only its tree, because URDF cannot hold loops; comments list the missing joints.
 
 Links have the names and the frames of the mechanism's bodies. A URDF joint rotates about a line through the origin of
-its child link; a body whose pin is not at its origin is therefore the child of an auxiliary link `<joint>_axis` at the
-pin. A ball joint becomes three hinges about x, y and z, which are zero at home, far from their singularity.
+its child link. If the origin of a body is not on its pin, the body is therefore the child of an auxiliary link
+`<joint>_axis` at the pin. A ball joint becomes three hinges about x, y and z. Their angles are zero at home, far from
+their singularity.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ FAR = 1e3
 """Limit in m of a slide without limits, because URDF requires a limit."""
 
 _ON_AXIS = 1e-12
-"""Distance in m of a body's origin from its pin axis up to which the origin counts as a point on the axis."""
+"""Maximum distance in m between a body's origin and its pin axis at which the origin counts as a point on the axis."""
 
 
 _TRANSMISSION = Kind("export.urdf_transmission", "warning", "use MJCF or USD if motors matter")
@@ -54,9 +55,9 @@ _LOOPS = Kind("export.urdf_loops", "warning", "use MJCF or USD if loops must clo
 def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.urdf, or <name>.urdf, and the mesh files that it uses; return the path of the .urdf file.
 
-    `urdf_findings` lists the data that the file cannot hold. Masses that the mechanism lacks are assumed. `spanning`
-    chooses the joints at which loops are cut. `name` is the file name without suffix, if a robot has several files (one
-    for each trocar position).
+    `urdf_findings` lists the data that the file cannot hold. Masses that the mechanism lacks are assumed. Loops are cut
+    at joints chosen by `twin.usd.write.spanning`. `name` is the file name without suffix, if a robot has several files
+    (one for each trocar position).
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
@@ -67,7 +68,7 @@ def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
 
 
 def urdf_findings(mechanism: Mechanism) -> list[Finding]:
-    """Return findings on data that URDF cannot hold; the URDF contains the same findings as comments."""
+    """Return findings on data that URDF cannot hold; the URDF file contains the findings as comments."""
     file = f"{mechanism.name}.urdf"
     found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")]
     found += [
@@ -100,7 +101,7 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
 
 
 def _mimics(mechanism: Mechanism) -> dict[str, Following]:
-    """Return leader and follower of each coupling that URDF can hold (two joints of the tree), by coupling name."""
+    """Return {coupling: its leader and follower} for couplings of two joints of the tree; URDF can hold no others."""
     return following(mechanism, {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")})
 
 

@@ -65,7 +65,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
 
 
 def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder: Path) -> None:
-    """Add a planned trajectory to the stage of `mechanism` in `folder`, sampled every 1/60 s and at the last time.
+    """Add a planned trajectory to the stage of `mechanism` in `folder`, with samples every 1/60 s and at the end.
 
     `bound` is the mechanism with the trocar positions of the protocol.
     """
@@ -85,8 +85,8 @@ def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder:
 def write_simulated(name: str, folder: Path) -> Path:
     """Write <name>_sim.usda, which adds a physics scene to the layer <name>.usda of the same folder.
 
-    The physics scene is outside the default prim, so that a stage that references the robot does not get a second
-    physics scene.
+    The physics scene is outside the default prim. Therefore another stage can reference the robot without getting a
+    second physics scene.
     """
     layer = new_layer(path := folder / f"{name}_sim.usda")
     describe(layer, name)
@@ -121,8 +121,8 @@ def _add_scene(layer: Sdf.Layer) -> None:
 def fresh_stage(stage: Path, source: str, weighed: Callable[[], Mechanism]) -> Iterator[Path]:
     """Yield the path of a robot's USD stage: `stage` if it is up to date, else a new stage in a temporary folder.
 
-    `source` is the current `Mechanism.source` of the robot: description and hash of the CAD. `weighed` returns
-    the mechanism with masses; it is called only if a new stage is written.
+    `source` is the current `Mechanism.source` of the robot: description and hash of the CAD. `weighed` is a function
+    that returns the mechanism with masses; it is called only if a new stage is written.
     """
     if stage.is_file():
         with contextlib.suppress(StageError):

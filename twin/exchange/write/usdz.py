@@ -29,7 +29,7 @@ HOLD = 1.0
 """Time in s for which the last pose is held before the motion repeats."""
 
 STILL = 1e-9
-"""Change of a link's pose (in m, and in entries of the rotation matrix) up to which the pose is not sampled."""
+"""Maximum change of a link's pose (in m, and in entries of the rotation matrix) for which no samples are written."""
 
 _ALIGNMENT = 64
 """Alignment in bytes of files in the archive (USDZ specification), so that readers can map the files into memory."""
@@ -41,7 +41,7 @@ _PADDING = 0x1986
 def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
     """Write the robot, with a motion or at rest, as one .usdz file, which is reproducible byte by byte.
 
-    The file contains meshes and materials, but no frames, points and joints. Without a clip, the robot is at home.
+    The file contains meshes and materials, but no frames, points or joints. Without a clip, the robot is at home.
 
     Raises:
         StageError: the clip does not match the mechanism, or the file cannot be written.
@@ -62,14 +62,14 @@ def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
 
 
 def _rest(mechanism: Mechanism, clip: Clip | None) -> dict[str, Array]:
-    """Return T_world_body (4, 4) of every body at the start of the motion, or at home without a motion."""
+    """Return {body: T_world_body (4, 4)} at the start of the motion; if there is no motion, at home."""
     if clip is not None:
         return rounded({name: Ts[0] for name, Ts in clip.links.items()})
     return home_poses(mechanism)
 
 
 def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer:
-    """Return the given layers, strongest first, merged into one layer: rotated to y up, without twin's custom data."""
+    """Merge `layers` (strongest first) into one layer, rotate it to y up, remove twin's custom data, and return it."""
     stage = Usd.Stage.CreateInMemory()
     # Set the rate before adding sublayers: USD rescales the times of sublayers with a different rate.
     stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
@@ -122,7 +122,7 @@ def _single_precision(layer: Sdf.Layer) -> None:
 
 
 def package(layer: Path, path: Path) -> None:
-    """Pack one layer file into a .usdz archive, without a date; uncompressed and aligned to 64 bytes, as USDZ requires.
+    """Pack one layer file into an undated .usdz archive, uncompressed and aligned to 64 bytes as USDZ requires.
 
     Raises:
         OSError: the archive cannot be written.

@@ -18,7 +18,7 @@ def numbers(values: Iterable[float]) -> str:
 
 
 def srgb(color_rgba: tuple[float, float, float, float]) -> str:
-    """Return a linear colour as display values (sRGB), which viewers of MJCF and URDF expect."""
+    """Return the display values (sRGB) of a linear colour as text; viewers of MJCF and URDF expect display values."""
     return " ".join(f"{v:.4g}" for v in (*map(units.srgb, color_rgba[:3]), color_rgba[3]))
 
 
