@@ -77,8 +77,8 @@ def load(path: Path) -> TrendsTable:
     """Read the file of the experiments.
 
     Raises:
-        DescriptionError: the file does not exist, is invalid, or a fault is longer than its period; the message has
-            file, line, key and value.
+        DescriptionError: the file does not exist or is invalid, or a fault is not shorter than its period; the message
+            has file, line, key and value.
     """
     if not path.is_file():
         raise DescriptionError(f"{path}: the file does not exist; cad/raven_left/campaigns/trends.toml is an example")
@@ -127,7 +127,8 @@ class Trends(Result):
     Attributes:
         robot, motor: names of the robot and of its first motor.
         scales, stuck: rows of the tables.
-        curves: deviation (k,) in mm in each tick of the run with a stuck command, by seed of the hand and counts.
+        curves: for each run with a stuck command, the deviation (k,) in mm in each tick; the keys are (seed of the
+            hand, stuck command in counts of the DAC).
         table: the file of the experiments.
     """
 

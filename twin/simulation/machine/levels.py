@@ -58,7 +58,7 @@ class Plc:
 
 
 class Reader:
-    """Run level as the software reads it: the lowest of all mechanisms, after `cycles` equal readings in succession."""
+    """Reads the run level: the lowest level of all mechanisms, after `cycles` equal readings in succession."""
 
     def __init__(self, cycles: int) -> None:
         """Start in E_STOP; `cycles`: number of equal readings after which a level counts."""
@@ -69,7 +69,7 @@ class Reader:
         self.level, self._read, self._count = level, level, self._cycles
 
     def read(self, levels: Sequence[Level]) -> Level:
-        """Return the lowest of the levels if it was the same in the last `cycles` calls, else the previous result."""
+        """Return the lowest level if it was the same in the last `cycles` calls, otherwise the previous result."""
         lowest = min(levels)
         self._count = self._count + 1 if lowest == self._read else 1
         self._read = lowest
