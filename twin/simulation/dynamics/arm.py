@@ -59,7 +59,7 @@ class Arm:
 
     @cached_property
     def _outward(self) -> Array:
-        """Matrix (n, n): joint efforts (columns) per effort of each motor (rows)."""
+        """Matrix (n, n): row i has the joint efforts for an effort of 1 of motor i."""
         return np.asarray(np.linalg.inv(self.mechanism.motor_matrix), float)
 
     def joint_efforts(self, efforts: Array) -> Array:
@@ -70,8 +70,8 @@ class Arm:
         """Return the equations of motion, optionally with changed masses or friction.
 
         Args:
-            factors: one factor of mass and inertia tensor for each body in `masses`, in the same order, or one factor
-                for all bodies; mass centres and rotors are unchanged.
+            factors: factors that multiply mass and inertia tensor of the bodies in `masses`, in the same order, or one
+                factor for all bodies; mass centres and rotors are unchanged.
             friction: (n,) viscous friction that replaces `Arm.friction`; None: `Arm.friction` is used.
         """
         names = [j.child for j in self.mechanism.tree]
@@ -133,7 +133,7 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
 
 
 def without_fixed(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism without shapes, with bodies that are fixed to each other combined into one.
+    """Return the mechanism without shapes; bodies that are fixed to each other are merged into one body.
 
     Passive joints that move no mass are removed, except joints of a loop, of a coupling, or on the path to the tool.
     """

@@ -42,7 +42,7 @@ class Plant(Protocol):
 
 
 class ModelPlant:
-    """A mechanism that moves according to `Dynamics`, integrated by the Runge-Kutta method of fourth order.
+    """A plant that integrates `Dynamics` by the Runge-Kutta method of fourth order.
 
     This plant uses the same equations as the controller's model; therefore it cannot show errors in these equations.
     """

@@ -47,7 +47,7 @@ class Tracking(Result):
         phases: (name, type, start in s, end in s) of each phase of the protocol.
         mismatch: relative error of the masses in the wrong models.
         runs: the runs, with their names as keys; the first run has the exact model.
-        curves: runs with different inertia errors, with the name of the other conditions as key; empty if not
+        curves: lists of runs with different inertia errors; the keys are names of the other conditions. Empty if not
             requested.
     """
 

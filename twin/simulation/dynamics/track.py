@@ -214,7 +214,7 @@ def run(
     conditions: Conditions = Conditions(),
     progress: Callable[[float], None] = lambda part: None,
 ) -> Run:
-    """Simulate the robot under computed-torque control along a motion; return its tracking errors.
+    """Simulate the robot under computed-torque control along a motion; return errors and efforts.
 
     The robot starts with the joint values and rates of the first sample of the motion. `progress` is called with the
     fraction done.
@@ -287,7 +287,7 @@ def curve(
 
 
 def effort_table(arm: Arm, *runs: Run) -> list[EffortRow]:
-    """Return peak and root-mean-square effort of each motor over all runs, with its limit."""
+    """Return peak effort, root-mean-square effort and effort limit of each motor, over all runs."""
     effort = np.vstack([r.effort for r in runs])
     peak, rms = np.abs(effort).max(axis=0), np.sqrt(np.mean(effort**2, axis=0))
     return [

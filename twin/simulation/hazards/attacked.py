@@ -52,7 +52,7 @@ class Session:
     """Inputs of a session: faults, plant and motion scale.
 
     Attributes:
-        faults: function that creates the faults of the machine; a fault can be used only once.
+        faults: function that creates the faults of the machine for each run, because a fault can be used only once.
         start: number of the packet with which the fault begins.
         length: duration of the fault in packets.
         mass, friction: factors of all masses and of all friction of the machine.

@@ -25,7 +25,7 @@ class Adaptive:
 
     Attributes:
         floor: limit at rest in m.
-        lead: increase of the limit per speed of the tip, m per m/s = s.
+        lead: increase of the limit in m per m/s of tip speed, that is, in s.
     """
 
     floor: float

@@ -3,8 +3,8 @@
 A session is dangerous if its fault caused harm, or if a check of the software stopped the arm. The score of a session
 is the largest distance from the start of the fault until harm or stop; for the adaptive limit, it is the largest ratio
 of the distance to that limit. If the score exceeds the limit, the fault is detected in time. Detectors named "... or
-checks" also count stops before harm as detected. False alarms are counted in all sessions: before the fault, or during
-the whole session if there is no fault.
+checks" also detect sessions in which a check stopped the arm before harm. False alarms are counted in all sessions:
+before the fault, or during the whole session if there is no fault.
 """
 
 from __future__ import annotations

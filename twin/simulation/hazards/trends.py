@@ -1,9 +1,9 @@
 """The experiments of the second paper (sections 3.1 and 3.2.1), with ASSUMED differences between plant and model.
 
 First experiment, without a fault: the deviation between machine and model at each motion scale. Second experiment:
-every 8 s, the command of the first motor is stuck for 300 cycles, four times. The paper does not publish gains, motion
-and stuck value of its robot; therefore trends can be compared, but not numbers. The experiments are defined in
-cad/raven_left/campaigns/trends.toml.
+the command of the first motor is stuck four times, for 300 cycles each, at intervals of 8 s. The paper does not publish
+gains, motion and stuck value of its robot; therefore trends can be compared, but not numbers. The experiments are
+defined in cad/raven_left/campaigns/trends.toml.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class Plc:
             self.level, self.reason = Level.E_STOP, reason
 
     def step(self, t: float, bit: bool, initialised: bool, pedal: bool) -> Level:
-        """Return the level at t in s; `bit`: watchdog bit, `initialised`: whether the arm is initialised."""
+        """Return the new level at t in s, from the watchdog bit, `initialised` (the arm) and `pedal` (True: down)."""
         if bit != self._bit:
             self._bit, self._changed = bit, t
         if self.level != Level.E_STOP and t - self._changed > self._timeout:

@@ -1,9 +1,9 @@
-"""A machine of one arm, tick by tick: network, PLC, control software, motors and links, without clock and sockets.
+"""Simulate a machine of one arm tick by tick: network, PLC, control software, motors and links; no clock, no sockets.
 
 The simulated control software follows the released software of the Raven-II (uw-biorobotics/raven2). While the pedal
-is down, it adds the increments of the packets to the tool pose. The inverse kinematics computes joint values from this
-pose, and the servo computes counts of the DAC. If parameters of the plant differ from those in the software, the
-machine deviates from its model. Faults act on the signals of `LOCATIONS`:
+is down, the software adds the increments in the packets to the tool pose. The inverse kinematics computes joint values
+from this pose, and the servo computes counts of the DAC. If parameters of the plant differ from those in the software,
+the machine deviates from its model. Faults act on the signals of `LOCATIONS`:
 
 | signal | numbers | where the fault acts |
 |---|---|---|

@@ -42,7 +42,7 @@ class Modelled(Block):
     """
 
     def __init__(self, robot: str, parts: Parts, cue: Cue, q: Array) -> None:
-        """Start model and machine at joint values q (n,)."""
+        """Start with the model and the machine at joint values q (n,)."""
         self.robot, self._compared = robot, Comparison(parts, cue, q)
         self._model = Machine(parts, q=q)
         self._model.stand(q)

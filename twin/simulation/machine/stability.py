@@ -7,7 +7,7 @@ rates w and the integral s of the motor errors (A q: motor angles, h: duration o
     (M + h V) v' = M v + h A^T (-kp A q - kd w' + ki s')        q' = q + h v'
 
 A motion with an eigenvalue outside the unit circle grows from tick to tick. M is the mass matrix of
-`twin.reference.dynamics`, not the compiled one of the plant.
+`twin.reference.dynamics`, not the compiled mass matrix of the plant.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ NAME = "planes"
 """Last part of the name of the signal with the planes of a robot."""
 
 _NEAR = 0.2e-3
-"""Distance in m between proxy and part at which their contact is found before they touch; ASSUMED."""
+"""Distance in m between a proxy and a part below which a contact is found, although they do not touch; ASSUMED."""
 
 _FAR = 1e-3
 """Largest motion of a proxy in m in one step; ASSUMED, less than half of the thickness of parts."""
@@ -235,7 +235,7 @@ class _Proxy:
 def _deepest(d: mujoco.MjData, near: float = 0.0) -> Iterator[tuple[tuple[int, int], Array, Array, float]]:
     """Yield (pair of geoms, normal from first to second geom, point midway, depth) of each pair's deepest contact.
 
-    Pairs at a distance of less than `near` in m are included; their depth is negative.
+    Pairs that do not touch but are closer than `near` in m are included; their depth is negative.
     """
     if not d.ncon:
         return

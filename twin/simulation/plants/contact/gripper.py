@@ -24,7 +24,7 @@ _TURN = 0.1
 
 @dataclass(frozen=True)
 class Jaw:
-    """A jaw: a link that turns about an axis of the tool's body in proportion to the jaw's joint.
+    """A jaw: a link that turns about an axis of the tool's body in proportion to the value of the jaw's joint.
 
     Attributes:
         body: the link.

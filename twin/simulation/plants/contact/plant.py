@@ -70,7 +70,7 @@ class Contact(Block):
             objects: the movable objects.
             solids: the fixed parts.
             grippers: the instruments.
-            q: joint values (n,) of each instrument at the start, by robot.
+            q: joint values (n,) of each instrument at the start; the keys are the names of the robots.
             period: time in s between two steps, a multiple of the World's tick.
             gravity: acceleration in the World in m/s2.
             friction: coefficient of sliding friction of the instruments.
@@ -233,7 +233,7 @@ class Contact(Block):
         return out
 
     def _contacts(self) -> tuple[list[int], set[int], set[int], set[int]]:
-        """Return (holder of each object, instruments at fixed parts, instruments at instruments, objects that rub)."""
+        """Return (holder of each object, instruments at fixed parts, instruments at each other, objects that rub)."""
         holders, touches, meets, rubs = [-1] * len(self._objects), set[int](), set[int](), set[int]()
         if not self._data.ncon:
             self._holding = [[] for _ in self._objects]

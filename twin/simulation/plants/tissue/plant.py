@@ -37,7 +37,7 @@ class Links:
         self._solve(np.array(q, float))
 
     def poses(self, q: Array | None = None) -> list[Array]:
-        """Return T_world_link (4, 4) of each link at joint values q (n,); None: at the latest ones."""
+        """Return T_world_link (4, 4) of each link at joint values q (n,); None: at the latest joint values."""
         if q is not None and not np.array_equal(q, self._q):
             self._solve(q.copy())
         return [self.pose(tool.body.name) for tool in self.tools]

@@ -17,7 +17,7 @@ class Sight:
         self._camera, self._view = camera, view
 
     def seen(self, points: Array, surfaces: Sequence[tuple[Array, Index]]) -> float:
-        """Return the fraction of points (n, 3) in m in the picture and not behind surfaces (vertices, triangles)."""
+        """Return the visible fraction of points (n, 3) in m; surfaces (vertices, triangles) hide points behind them."""
         T = self._camera()
         local = (points - T[:3, 3]) @ T[:3, :3]
         flat = np.abs(local[:, :2]).max(axis=1)

@@ -57,7 +57,7 @@ class Tube:
         flat: (n + 1,) fraction by which clips flatten the vessel at its nodes.
         across: (3,) direction in which clips flatten the vessel.
         held: the nodes that jaws hold; the keys are the numbers of the instruments.
-        reaction: (3,) force in N that the chain exerts on what holds its first node.
+        reaction: (3,) force in N that the chain exerts on the support of its first node.
     """
 
     def __init__(self, vessel: Vessel, period: float) -> None:
@@ -124,7 +124,7 @@ class Tube:
     # -- places along the vessel --------------------------------------------------------------------------
 
     def at(self, s: float) -> Array:
-        """Return the point (3,) in the World at the distance s in m along the vessel at rest."""
+        """Return the point (3,) in the World at arc length s in m; s is measured on the vessel at rest."""
         arc = self.vessel.arc
         k = int(np.clip(np.searchsorted(arc, s) - 1, 0, self.vessel.segments - 1))
         part = (s - arc[k]) / self.vessel.lengths[k]
