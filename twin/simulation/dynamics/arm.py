@@ -25,7 +25,7 @@ class Arm:
 
     Attributes:
         mechanism: the mechanism, with a mass for each moving body.
-        rotor: (n,) inertia in kg m2 or kg at the joints, in addition to that of the mechanism's actuators.
+        rotor: (n,) rotor inertia at the joints in kg m2 or kg, added to the inertia of the mechanism's actuators.
         friction: (n,) viscous friction at the joints, N m s/rad or N s/m.
         limit: (n,) largest efforts of the motors in N m or N; infinite if unknown.
         parameters: numbers from the inertia file, with provenance.
@@ -53,13 +53,13 @@ class Arm:
 
     @property
     def masses(self) -> dict[str, float]:
-        """Mass in kg of the body that each tree joint moves, by name of the joint."""
+        """Mass in kg of each body that a tree joint moves; the keys are the names of these joints."""
         bodies = {b.name: b.inertia for b in self.mechanism.bodies}
         return {j.name: m.mass for j in self.mechanism.tree if (m := bodies[j.child]) is not None}
 
     @cached_property
     def _outward(self) -> Array:
-        """Matrix (n, n): joint efforts (columns) per effort of each motor (rows)."""
+        """Matrix (n, n): row i has the joint efforts for an effort of 1 of motor i."""
         return np.asarray(np.linalg.inv(self.mechanism.motor_matrix), float)
 
     def joint_efforts(self, efforts: Array) -> Array:
@@ -70,9 +70,9 @@ class Arm:
         """Return the equations of motion, optionally with changed masses or friction.
 
         Args:
-            factors: factors of masses and inertia tensors, one per key of `masses`; mass centres and rotors are
-                unchanged.
-            friction: (n,) viscous friction to use instead of `friction` of the robot; None: `friction` of the robot.
+            factors: factors that multiply mass and inertia tensor of the bodies in `masses`, in the same order, or one
+                factor for all bodies; mass centres and rotors are unchanged.
+            friction: (n,) viscous friction that replaces `Arm.friction`; None: `Arm.friction` is used.
         """
         names = [j.child for j in self.mechanism.tree]
         known = dict(zip(names, np.broadcast_to(np.asarray(factors, float), len(names)), strict=True))
@@ -85,11 +85,11 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
     """Return the robot model of a mechanism.
 
     Args:
-        mechanism: the mechanism; its drives and actuators define the motors' limits that the inertia file does not
-            define.
+        mechanism: the mechanism. The effort limit of a motor is that of its actuator; without an actuator, the limit in
+            the inertia file; without a limit in the file, that of the joint's drive.
         table: inertia file of the robot; None if there is none.
-        cited: whether to use the masses of the file; otherwise those of the mechanism.
-        instrument: whether the last link of the file carries its instrument.
+        cited: True: use the masses of the file; False: use those of the mechanism.
+        instrument: whether the last link of the file carries the instrument that the file describes.
 
     Raises:
         MechanismError: a moving body has no mass, or the file does not match the mechanism.
@@ -133,7 +133,7 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
 
 
 def without_fixed(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism without shapes, with bodies that are fixed to each other combined into one.
+    """Return the mechanism without shapes; bodies that are fixed to each other are merged into one body.
 
     Passive joints that move no mass are removed, except joints of a loop, of a coupling, or on the path to the tool.
     """

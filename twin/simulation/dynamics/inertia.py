@@ -2,10 +2,10 @@
 
 A link is the part moved by one joint. Mass centre and tensor of a link are given in the link frame of the modified
 Denavit-Hartenberg form of Khalil and Kleinfinger. This frame is determined on the mechanism with all joints at zero: z
-is along the joint axis, and x is along x of the base. The origin is the point of the axis that is nearest to the axis
-of the next link in the file. For the last link, and if the next axis is parallel, the origin is the point of the axis
-that is nearest to the origin of the previous link. A link may instead name a frame of the robot's description on the
-same body (`frame`); then its mass centre and tensor are given in this frame.
+is along the joint axis, and x is along x of the base. The origin is the point of the joint axis nearest to the joint
+axis of the next link in the file. For the last link, and if the next axis is parallel, the origin is the point of the
+joint axis nearest to the origin of the previous link. Instead, a link may name a frame of the robot's description on
+the same body (`frame`); then mass centre and tensor of the link are given in this frame.
 
 Source: W. Khalil, J.-F. Kleinfinger, A new geometric notation for open and closed-loop robots, Proc. IEEE Int. Conf.
 Robotics and Automation (1986) 1174-1179: T_previous_link = Rx(alpha) Tx(d) Rz(theta) Tz(r), so that the x axes of all
@@ -61,7 +61,7 @@ class Centre(Sourced):
 class Tensor(Sourced):
     """Inertia about the mass centre in the axes of the link frame: xx, yy, zz, and optionally xy, xz, yz.
 
-    Products that are not given are zero; a product xy is the element (x, y) of the tensor, with its sign.
+    Products that are not given are zero. The product xy is the element (x, y) of the tensor; its sign is not reversed.
     """
 
     value: Vector | tuple[float, float, float, float, float, float]
@@ -103,10 +103,10 @@ class _Solid(Table):
 
 
 class Link(_Solid):
-    """One link with its joint and the joint's drive (no drive if motors of the mechanism move the joint).
+    """One link: its joint, inertia and drive (no drive if a motor of the mechanism moves the joint).
 
-    `frame` is one of the frames in the description; it is fixed to the body that the joint moves. Default: see the
-    module docstring.
+    `frame` names a frame of the description on the body that the joint moves. Without `frame`, mass centre and tensor
+    are given in the link frame of the module docstring.
     """
 
     joint: Identifier
@@ -121,7 +121,7 @@ class Instrument(_Solid):
 
 
 class Inertias(Table):
-    """The inertia file; links in the order of the chain."""
+    """Content of the inertia file; the links are in the order of the chain."""
 
     title: str
     source: str
@@ -133,7 +133,8 @@ def load(path: Path) -> Inertias:
     """Read an inertia file.
 
     Raises:
-        DescriptionError: the file is invalid or a tensor impossible; the message has file, line, key and value.
+        DescriptionError: the file is invalid, or a tensor is physically impossible; the message has file, line, key
+            and value.
     """
     table = load_toml(path, Inertias)
     names = [link.joint for link in table.link]
@@ -147,7 +148,7 @@ def of_robot(folder: Path) -> Inertias:
     """Read `inertia.toml` of a robot's CAD folder.
 
     Raises:
-        DescriptionError: the file does not exist or is invalid; without masses, torques cannot be computed.
+        DescriptionError: the file does not exist or is invalid.
     """
     path = Path(folder) / NAME
     if not path.is_file():
@@ -156,15 +157,15 @@ def of_robot(folder: Path) -> Inertias:
 
 
 def weighed(table: Inertias, mechanism: Mechanism, *, instrument: bool = True) -> Mechanism:
-    """Return the mechanism with the masses of the file only; each link's mass is on the body that its joint moves.
+    """Return the mechanism with only the file's masses: the body that a link's joint moves gets the mass of this link.
 
     Args:
         table: the inertia file.
         mechanism: the mechanism; bodies that are fixed to a link's body get no mass.
-        instrument: whether the last link carries its instrument.
+        instrument: whether the last link carries the instrument of the file.
 
     Raises:
-        MechanismError: a joint of the file is not in the mechanism, or its link frame is ambiguous.
+        MechanismError: a joint of the file is not in the mechanism, or the frame of a link is ambiguous.
         AssemblyError: the mechanism cannot be assembled with all joints at zero.
     """
     links = [_inertia(link) for link in table.link]

@@ -16,7 +16,7 @@ STEP = 0.25e-3
 """Integration step in s: four steps per tick at 1 kHz."""
 
 _STRIDES = (0.02, 0.1)
-"""Largest step (m, rad) of an active joint while the loops are closed from home."""
+"""Largest steps of an active joint, in m and in rad, on the way from home; the loops are closed after each step."""
 
 
 class Plant(Protocol):
@@ -42,9 +42,9 @@ class Plant(Protocol):
 
 
 class ModelPlant:
-    """A mechanism that moves according to `Dynamics`, integrated by the Runge-Kutta method of fourth order.
+    """A plant that integrates `Dynamics` by the Runge-Kutta method of fourth order.
 
-    This plant is not independent of the controller's model, so it shows only the errors of the control.
+    This plant uses the same equations as the controller's model; therefore it cannot show errors in these equations.
     """
 
     def __init__(self, dynamics: Dynamics, step: float = STEP) -> None:
@@ -93,7 +93,7 @@ class MujocoPlant:
         Args:
             mjcf: text of an MJCF without meshes, with a keyframe named home.
             joints: names of the n active joints, in the order of q.
-            rotor: (n,) inertia in kg m2 or kg at the joints, in addition to that of the MJCF.
+            rotor: (n,) rotor inertia at the joints in kg m2 or kg, added to the inertia in the MJCF.
             friction: (n,) viscous friction, N m s/rad or N s/m.
             step: integration step in s.
 
@@ -133,7 +133,7 @@ class MujocoPlant:
         return self.data.qvel[self._rates]
 
     def reset(self, q: ArrayLike, qd: ArrayLike) -> None:
-        """Set the state to joint values q (n,) and rates qd (n,); loops are closed starting from home.
+        """Set the state to joint values q (n,) and rates qd (n,); loops are closed in steps from home to q.
 
         Raises:
             MechanismError: the loops cannot be closed at q.

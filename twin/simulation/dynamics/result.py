@@ -32,7 +32,7 @@ SOURCES = {
     "cited": "masses, mass centres and tensors as cited in inertia.toml",
     "cad": "masses, mass centres and tensors from shapes and densities of the CAD (ASSUMED where marked)",
 }
-"""Description of the source of the masses, by key."""
+"""Descriptions of the sources of the masses; `Tracking.inertia` is one of the keys."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,9 @@ class Tracking(Result):
         motion: the desired motion.
         phases: (name, type, start in s, end in s) of each phase of the protocol.
         mismatch: relative error of the masses in the wrong models.
-        runs: runs by name, first the run with the exact model.
-        curves: runs with different inertia errors, by name of the other conditions; empty if not requested.
+        runs: the runs, with their names as keys; the first run has the exact model.
+        curves: lists of runs with different inertia errors; the keys are names of the other conditions. Empty if not
+            requested.
     """
 
     kind: ClassVar[str] = "track"
@@ -64,7 +65,7 @@ class Tracking(Result):
 
     @property
     def worst(self) -> str:
-        """Name of the run with the largest tip error among the wrong models."""
+        """Name of the run with the largest tip error among the runs with a wrong model."""
         return max((n for n in self.runs if n != EXACT), key=lambda n: self.runs[n].tip_max)
 
     @property
@@ -130,7 +131,7 @@ class Tracking(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write track.csv: time, tip and RCM errors of every run, then joint errors and efforts of the worst run."""
+        """Write track.csv: time; tip and RCM error of every run; joint errors and motor efforts of the worst run."""
         columns, head = [self.motion.t], ["t_s"]
         for name, r in self.runs.items():
             label = _label(name)

@@ -7,8 +7,8 @@ known) and friction. The controller reads the joints once per tick, exactly or i
 constant until the next tick. With an exact model, constant efforts are the only cause of errors: an effort that is
 correct at the start of a tick is on average half a tick old, while friction, gravity and acceleration change. Therefore
 the equations are evaluated at the state predicted for the middle of the tick (`Conditions.middle`); measurement and
-feedback are unchanged. Efforts are commanded to the motors, which saturate at their limits. Errors are those of the
-true joint values at the ticks.
+feedback are unchanged. Efforts are commanded to the motors, which saturate at their limits. Errors are computed from
+the true joint values at the ticks.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ A prismatic joint has steps of this number times `LENGTH_SCALE` in m.
 """
 
 EXACT_LIMIT, TIP_LIMIT = 10e-6, 1e-3
-"""Limits of the tip error in m: with an exact model, where errors come only from constant efforts within a tick; with
-a wrong model, as in the paper."""
+"""Limits of the tip error in m: `EXACT_LIMIT` for an exact model, whose only errors come from constant efforts within a
+tick; `TIP_LIMIT`, the value of the paper, for a wrong model."""
 
 _LOST = 1.0
-"""Joint error in rad (lengths: times `LENGTH_SCALE`, in m) beyond which the simulation diverges, and is stopped."""
+"""Joint error in rad above which a run is stopped as divergent; for a length, times `LENGTH_SCALE`, in m."""
 
 _OFTEN = 200
 """Number of ticks between two progress reports."""
@@ -55,14 +55,15 @@ class Conditions:
         rate: rate of the controller in Hz (ticks per second).
         w: control bandwidth in rad/s: Kp = w^2 and Kv = 2 w for each joint.
         inertia_error: relative error of masses and tensors in the controller's model.
-        signs: seed for random signs of the errors, one sign per body; None: the same sign for all bodies (positive: too
-            heavy).
+        signs: seed of random signs of the errors, one sign per body; None: all errors have the sign of `inertia_error`
+            (positive: too heavy).
         friction_known: whether the model has the plant's friction.
-        friction_error: relative error of the model's friction if the friction is not known; with `signs`, its sign is
-            random.
+        friction_error: relative error of the model's friction if `friction_known` is False; with a seed `signs`, the
+            sign of this error is random for each joint.
         quantisation: encoder step in rad for angles, and `LENGTH_SCALE` times this number in m for lengths; 0: exact
             positions and velocities.
-        velocity_cutoff: cut-off frequency in Hz of the first-order low-pass for differences of quantised positions.
+        velocity_cutoff: cut-off frequency in Hz of the first-order low-pass for velocities, which are computed from
+            quantised positions.
         saturation: whether efforts are limited to the limits of the motors.
         middle: whether the equations are evaluated for the middle of the tick instead of the start of the tick.
         plant: "mujoco" (independent of the model) or "pinocchio" (the model's own equations).
@@ -94,8 +95,8 @@ class Motion:
         q, qd, qdd: (k, n) joint values in rad or m, and their derivatives per s and per s2.
         T_tool_tip: (4, 4) pose of the tip in the tool frame.
         shaft: (3,) direction of the instrument in the tip frame.
-        rcm: (k, 3) position in m in base of the RCM, through which the shaft must pass; NaN at times without RCM. None:
-            no RCM.
+        rcm: (k, 3) position of the RCM in base in m, NaN at times without RCM; the shaft must pass through the RCM.
+            None: no RCM.
     """
 
     t: Array
@@ -146,7 +147,7 @@ class Run:
         return float(seen.max()) if seen.size else None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the conditions and the largest errors as plain data."""
+        """Return the conditions, the tip and RCM errors, and the number of saturated ticks as plain data."""
         return {
             "conditions": vars(self.conditions),
             "tip_max_m": self.tip_max,
@@ -213,7 +214,7 @@ def run(
     conditions: Conditions = Conditions(),
     progress: Callable[[float], None] = lambda part: None,
 ) -> Run:
-    """Simulate the robot under computed-torque control along a motion; return its tracking errors.
+    """Simulate the robot under computed-torque control along a motion; return errors and efforts.
 
     The robot starts with the joint values and rates of the first sample of the motion. `progress` is called with the
     fraction done.
@@ -286,7 +287,7 @@ def curve(
 
 
 def effort_table(arm: Arm, *runs: Run) -> list[EffortRow]:
-    """Return peak and root-mean-square effort of each motor over all runs, with its limit."""
+    """Return peak effort, root-mean-square effort and effort limit of each motor, over all runs."""
     effort = np.vstack([r.effort for r in runs])
     peak, rms = np.abs(effort).max(axis=0), np.sqrt(np.mean(effort**2, axis=0))
     return [

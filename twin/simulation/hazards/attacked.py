@@ -30,7 +30,7 @@ _FOLLOWS = 10
 """Number of the packet from which the arm is expected to be in PEDAL_DN."""
 
 _AFTER = 300
-"""Number of packets after a fault in which its consequences are recorded."""
+"""Number of packets after the end of a fault during which the consequences of the fault are recorded."""
 
 _SETTLED = 100
 """Number of ticks after a stop in which the brakes bring the arm to rest; then the outcome no longer changes."""
@@ -52,7 +52,7 @@ class Session:
     """Inputs of a session: faults, plant and motion scale.
 
     Attributes:
-        faults: function that creates the faults of the machine; a fault can be used only once.
+        faults: function that creates the faults of the machine for each run, because a fault can be used only once.
         start: number of the packet with which the fault begins.
         length: duration of the fault in packets.
         mass, friction: factors of all masses and of all friction of the machine.
@@ -77,15 +77,16 @@ class Outcome:
         harm: time at which the distance exceeds `HARM`.
         jump: time at which the tip is more than `HARM` from every point of the model's path; a tip that only lags does
             not count.
-        beyond: time at which the distance between the true tips exceeds the limit above which the cue (force that
-            warns the operator) acts.
+        beyond: time at which the distance between the true tips exceeds the limit of the cue (a force that warns the
+            operator when the measured distance exceeds this limit).
         cue: time of the first force on the operator's hand.
         adaptive: time at which the measured distance exceeds the adaptive limit.
         stop, check: time at which a check of the software stopped the arm, and the reason ("" without a stop).
         held, refused: number of packets with a target out of reach, and number of refused packets.
-        residual, ratio: largest measured distance of the tips in mm before the fault, and largest ratio of this
-            distance to the adaptive limit before the fault.
-        seen, seen_ratio: as `residual` and `ratio`, but from the start of the fault until harm or stop.
+        residual, ratio: before the fault, the largest measured distance between the tips in mm, and the largest ratio
+            of this distance to the adaptive limit.
+        seen, seen_ratio: as `residual` and `ratio`, but from the start of the fault until harm or stop, whichever is
+            first.
         noticeable: whether there was a force on the hand, or the arm did not follow while the pedal was down.
     """
 
@@ -129,7 +130,13 @@ class Response:
 
 @dataclass(frozen=True)
 class Trace:
-    """Record from the first packet on: true and measured joint values (k, n); run levels (k,) of PLC and software."""
+    """Record of a run from the first packet on.
+
+    Attributes:
+        q, measured: (k, n) true joint values, and joint values that the encoders measure.
+        levels, read: (k,) run levels of the PLC, and run levels as the software reads them.
+        machine: the machine after the run.
+    """
 
     q: Array
     measured: Array
@@ -146,7 +153,7 @@ class Arena:
     """
 
     def __init__(self, parts: Parts, adaptive: Adaptive) -> None:
-        """Prepare sessions of a robot with compiled parts; `adaptive`: speed-dependent limit of the deviation."""
+        """Store the compiled parts of the robot; `adaptive`: limit of the deviation, which depends on the speed."""
         self._parts, self._adaptive, self.cue = parts, adaptive, Cue()
         self._models: dict[float, tuple[Run, Trace]] = {}
 
@@ -281,7 +288,7 @@ class Run:
         return len(self._rows[0])
 
     def go(self, packets: int, settled: int) -> None:
-        """Continue to a total of `packets`; after a stop, end once the arm rests and `settled` packets are sent."""
+        """Run until `packets` packets are sent, or after a stop, until the arm rests and `settled` packets are sent."""
         m, (q, measured, levels, read) = self.machine, self._rows
         for number in range(len(self) + 1, packets + 1):
             m.step((_HOMED + number) * TICK, [(self._hand.packet(number), "operator")])
@@ -310,7 +317,7 @@ def trace(
 
 
 def _off(true: Array, path: Array, far: np.ndarray) -> np.ndarray:
-    """Return (k,) bool, valid up to the first True: whether a tip (k, 3) is `far`, and over `HARM` from the path."""
+    """Return (k,) bool: whether a tip is `far` and more than `HARM` from the path; valid only up to the first True."""
     out = far.copy()
     for k in np.flatnonzero(far):
         out[k] = float(np.min(np.linalg.norm(path - true[k], axis=1))) * _MM > HARM

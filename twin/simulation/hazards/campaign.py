@@ -1,4 +1,4 @@
-"""A campaign: classes of faults with parameter ranges, read from TOML; its sessions are drawn from a random seed."""
+"""Read classes of faults with parameter ranges from a campaign file (TOML), and draw sessions at random from a seed."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class TraineeTable(Table):
 
 
 class DetectionTable(Table):
-    """Parameters of `detection.Adaptive`: limit in mm at rest, and its increase with speed in ms (mm per m/s)."""
+    """Parameters of `detection.Adaptive`: limit at rest in mm, and increase of the limit in mm per m/s (= ms)."""
 
     floor_mm: Quantity
     lead_ms: Quantity
@@ -124,8 +124,8 @@ class Drawn:
 
     Attributes:
         index: number of the session.
-        kind: class of its fault; `FREE`: no fault.
-        target, operation, value, start, length: data of the fault; start and length in packets (one per ms).
+        kind: class of the fault; `FREE`: no fault.
+        signal, target, operation, value, start, length: the fault; start and length in packets (one per ms).
         mass, friction: factors of masses and of friction of the machine's plant.
         scale: motion scale of the operator.
     """
@@ -144,17 +144,17 @@ class Drawn:
 
 
 class Campaign:
-    """The classes of faults of a file, and the indices of their targets."""
+    """Draws sessions and creates their faults from the classes of a campaign file."""
 
     def __init__(self, table: CampaignTable, places: dict[str, tuple[str, ...]]) -> None:
-        """Store the campaign file; `places`: names of the numbers of each signal, by the name of the signal."""
+        """Store the campaign file; `places`: for each signal of the machine, the names of its numbers."""
         self.table, self._places = table, places
 
     def __len__(self) -> int:
         return self.table.faults + self.table.free
 
     def draw(self, index: int) -> Drawn:
-        """Return a session, which depends only on the campaign's seed and the index."""
+        """Return the session of an index; the session depends only on the campaign's seed and this index."""
         t = self.table
         rng = np.random.default_rng([t.seed, index])
         mass, friction = float(rng.uniform(*t.mass)), float(rng.uniform(*t.friction))
@@ -205,7 +205,7 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
 
     Args:
         path: the file.
-        places: names of the numbers of each signal of the machine, by the name of the signal.
+        places: for each signal of the machine, the names of its numbers.
 
     Raises:
         DescriptionError: the file does not exist or is invalid, a target is unknown, or a class is defined twice; the

@@ -1,8 +1,8 @@
-"""Detection of faults by the distance between machine and model: a fixed limit, and one that depends on the speed.
+"""Detection of faults by the distance between machine and model: a limit that grows with the speed.
 
-A machine whose masses and friction differ from the model's lags behind the model in proportion to the speed, so the
-adaptive limit is floor + lead |v|, with v the low-passed speed of the model's tip. Released software checks only the
-DAC and joint rates (`twin.simulation.machine.servo`); it has no model.
+If masses and friction of the machine differ from those of the model, the machine lags behind the model in proportion to
+the speed. Therefore, the adaptive limit is floor + lead |v|, where |v| is the low-passed speed of the model's tip.
+Released software has no model; it checks only the DAC and joint rates (`twin.simulation.machine.servo`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Adaptive:
 
     Attributes:
         floor: limit at rest in m.
-        lead: additional limit per speed, in s.
+        lead: increase of the limit in m per m/s of tip speed, that is, in s.
     """
 
     floor: float

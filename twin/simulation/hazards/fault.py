@@ -1,4 +1,4 @@
-"""A fault: changes one number, or several, of a signal from a start time to an end time."""
+"""A fault changes one or several numbers of a signal from a start time to an end time."""
 
 from __future__ import annotations
 

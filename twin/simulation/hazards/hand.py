@@ -15,12 +15,12 @@ _RADIUS, _RADIAN = 0.012, 0.2
 """Radius of the circle in m; time in s for one radian of the circle, so that the speed is 60 mm/s. ASSUMED."""
 
 _REACH = 0.06
-"""Amplitude of the wandering hand in m. ASSUMED."""
+"""Amplitude in m of the random motion of the hand; see `wander`. ASSUMED."""
 
 _MICRO = 1e-6
 
 Motion = Callable[[float], Array]
-"""Function from the time in s to the position (3,) of the hand in m, which is 0 at time 0."""
+"""Function from the time in s to the position (3,) of the hand in m; the position at time 0 is 0."""
 
 
 def circle(t: float) -> Array:
@@ -44,7 +44,7 @@ class Hand:
     """Creates one packet per tick; the rounding error of a packet is added to the next one."""
 
     def __init__(self, settings: Settings, scale: float, motion: Motion = circle) -> None:
-        """Prepare packets for a machine; `scale`: tool motion divided by hand motion, `motion`: motion of the hand."""
+        """Store the machine's settings; `scale`: tool motion divided by hand motion, `motion`: motion of the hand."""
         self._arm, self._version = settings.arm, settings.packet_version
         self._scale, self._motion, self._t = scale, motion, 0.0
         self._sent = np.zeros(3)

@@ -17,7 +17,7 @@ class Log:
     """The log file of a campaign; its first line identifies the campaign.
 
     Attributes:
-        rows: result of each session in the log, by the index of the session.
+        rows: result of each session in the log; the keys are the indices of the sessions.
     """
 
     def __init__(self, path: Path, head: Mapping[str, Any]) -> None:

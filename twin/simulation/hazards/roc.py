@@ -1,9 +1,10 @@
 """ROC curves of a campaign: how well limits of the measured distance detect dangerous sessions.
 
 A session is dangerous if its fault caused harm, or if a check of the software stopped the arm. The score of a session
-is the largest distance (or its ratio to the adaptive limit) from the start of the fault until harm or stop. If the
-score exceeds the limit, the fault is detected in time. Detectors named "... or checks" also count stops before harm as
-detected. False alarms are counted in all sessions: before the fault, or during the whole session if it has no fault.
+is the largest distance from the start of the fault until harm or stop; for the adaptive limit, it is the largest ratio
+of the distance to that limit. If the score exceeds the limit, the fault is detected in time. Detectors named "... or
+checks" also detect sessions in which a check stopped the arm before harm. False alarms are counted in all sessions:
+before the fault, or during the whole session if there is no fault.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class Roc:
         unit: unit of the detector's limit.
         limits: (k,) limits in descending order.
         detected: (k,) fraction of the dangerous sessions that is detected in time, for each limit.
-        false: (k,) fraction of all sessions with a false alarm, for each limit.
+        false: (k,) fraction of all sessions that have a false alarm, for each limit.
         area: area below the curve.
         limit: the limit that the detector uses.
     """
@@ -63,7 +64,7 @@ def in_time(row: Mapping[str, Any]) -> bool:
 
 
 def curves(rows: Sequence[Mapping[str, Any]], cue: float) -> list[Roc]:
-    """Return ROC curves of the fixed limit (`cue` in mm) and the adaptive limit, without and with the checks.
+    """Return four ROC curves: fixed limit (`cue` in mm) and adaptive limit, without and with the software's checks.
 
     The list is empty if no session is dangerous.
     """

@@ -25,7 +25,8 @@ class ClassRow:
     """Results of one class of faults; numbers count sessions, except the peaks in mm and the delay in ms.
 
     Attributes:
-        kind, scenario, location: the class, its scenario in the paper's table ("": none), and where its faults act.
+        kind, scenario, location: name of the class, its scenario in the paper's table ("": none), and location of its
+            faults in the machine.
         sessions: completed sessions.
         harmed: the tip deviated more than `HARM`, before or after a stop.
         beyond: the tip deviated more than 3 mm.
@@ -34,9 +35,11 @@ class ClassRow:
         peak_p50, peak_max: median and largest peak deviation in mm.
         delay: 95th percentile of the time in ms from a deviation of 3 mm to the cue; None: no session has both.
         jumped: the tip was more than `HARM` from every point of the model's path.
-        unseen_checks, unseen_fixed, unseen_adaptive: the tip jumped before a check of the software stopped the arm;
-            before the fixed limit was exceeded; before the adaptive limit was exceeded.
-        danger: dangerous sessions, see `roc.dangerous`; in_time: a check stopped the arm before harm.
+        unseen_checks: the tip jumped, and a check of the software stopped the arm later or never.
+        unseen_fixed, unseen_adaptive: the tip jumped, and the measured distance exceeded the fixed limit, or the
+            adaptive limit, later or never.
+        danger: dangerous sessions, see `roc.dangerous`.
+        in_time: dangerous sessions in which a check stopped the arm before harm.
         seen_adaptive: dangerous sessions in which the adaptive limit was exceeded before harm or stop.
         early: sessions in which the deviation exceeded first the adaptive limit, and later 3 mm.
     """
@@ -112,7 +115,7 @@ class Hazards(Result):
 
     @cached_property
     def by_class(self) -> dict[str, list[Row]]:
-        """The rows of each class that has sessions."""
+        """The rows of each class that has sessions; the keys are the names of the classes."""
         names = [*(c.name for c in self.table.class_), FREE]
         return {n: rows for n in names if (rows := [r for r in self.rows if r["kind"] == n])}
 

@@ -34,7 +34,7 @@ _LATENCY = 0.1
 
 @dataclass(frozen=True)
 class Reaction:
-    """Reaction times of one trainee in s: response to a force; response to something seen; time to find the error."""
+    """Reaction times of one trainee in s: to a force; to a visible stop of the arm; for finding the error."""
 
     haptic: float
     visual: float
@@ -49,7 +49,7 @@ class Trainee:
         restarts: whether the trainee presses the stop and start buttons in this tick.
         done: whether the session is over.
         noticed: time in s of the first force or stop that the trainee can notice; None: there was none.
-        responses: time in s of the first response of each kind.
+        responses: time in s of the first response of each kind; the keys are the kinds.
     """
 
     def __init__(self, reaction: Reaction) -> None:

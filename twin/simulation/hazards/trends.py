@@ -1,9 +1,9 @@
 """The experiments of the second paper (sections 3.1 and 3.2.1), with ASSUMED differences between plant and model.
 
 First experiment, without a fault: the deviation between machine and model at each motion scale. Second experiment:
-every 8 s, the command of the first motor is stuck for 300 cycles, four times. The paper does not publish gains, motion
-and stuck value of its robot; therefore trends can be compared, but not numbers. The experiments are defined in
-cad/raven_left/campaigns/trends.toml.
+the command of the first motor is stuck four times, for 300 cycles each, at intervals of 8 s. The paper does not publish
+gains, motion and stuck value of its robot; therefore trends can be compared, but not numbers. The experiments are
+defined in cad/raven_left/campaigns/trends.toml.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def load(path: Path) -> TrendsTable:
     """Read the file of the experiments.
 
     Raises:
-        DescriptionError: the file does not exist, is invalid, or a fault is longer than its period; the message has
-            file, line, key and value.
+        DescriptionError: the file does not exist or is invalid, or a fault is not shorter than its period; the message
+            has file, line, key and value.
     """
     if not path.is_file():
         raise DescriptionError(f"{path}: the file does not exist; cad/raven_left/campaigns/trends.toml is an example")
@@ -127,7 +127,8 @@ class Trends(Result):
     Attributes:
         robot, motor: names of the robot and of its first motor.
         scales, stuck: rows of the tables.
-        curves: deviation (k,) in mm in each tick of the run with a stuck command, by seed of the hand and counts.
+        curves: for each run with a stuck command, the deviation (k,) in mm in each tick; the keys are (seed of the
+            hand, stuck command in counts of the DAC).
         table: the file of the experiments.
     """
 

@@ -2,11 +2,11 @@
 
     low-pass    v' = v + c ((x - x_before) / h - v); c: fraction of a difference corrected in one tick, h: the tick
     sense       m = counts times angle of a count; w' = low-pass of m
-    aim         r' = low-pass of the desired joints; errors of the joints q_desired - q and r' - qd
+    aim         r' = low-pass of q_desired; errors of joint values and rates: q_desired - q and r' - qd
     drive       s' = s + h e; counts = ((kp e + ki s' + kd de) + T^T efforts) times counts per N m, rounded towards 0
 
-Here m are the motor values; v, w and r are filtered rates of x, of m and of the desired joint values; e and de are the
-motor errors of value and rate, s is the integral of e. T is the matrix of the transmission (q = T m). Each operation is
+Here m are the motor values; v, w and r are the filtered rates of x, m and q_desired; e and de are the errors of motor
+value and motor rate, and s is the integral of e. T is the matrix of the transmission (q = T m). Each operation is
 rounded separately, as in numpy: the results are exactly those of numpy, in a fifth of the time.
 """
 
@@ -31,11 +31,11 @@ class Arithmetic:
 
     Attributes:
         share: fraction of a difference that the low-pass filter corrects in one tick.
-        angle: motor value in rad or m of one count of the encoder, as the software computes it.
-        counts: (n,) counts of the DAC for one N m or N of a motor.
+        angle: motor value in rad or m per encoder count, as the software computes it.
+        counts: (n,) counts of the DAC for an effort of 1 N m or 1 N of each motor.
         sense: function (counts, m, w) -> (2 n,): m, w'.
-        aim: function (q_desired, q_desired before, r, q, qd) -> (3 n,): r' and both errors of the joints.
-        drive: function (e, de, efforts of the joints, s) -> (2 n,): s', counts of the DAC before the software's checks.
+        aim: function (q_desired, q_desired before, r, q, qd) -> (3 n,): r', errors of joint values and of rates.
+        drive: function (e, de, joint efforts, s) -> (2 n,): s', counts of the DAC before the software's checks.
     """
 
     share: float

@@ -1,4 +1,4 @@
-"""Machine and model get the same packets; their deviation causes the cue, a force on the operator's hand."""
+"""Run a machine and its model on the same packets; their deviation causes the cue, a force on the operator's hand."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from twin.simulation.machine.machine import Machine
 
 
 class Beside:
-    """A machine and its model: the model has the physics of the robot's files, and no faults.
+    """Runs a machine and its model; the model has the physics of the robot's files, and no faults.
 
     Attributes:
         machine, model: the machine and its model.
-        compared: comparison of machine and model at the joint values that their encoders measure.
+        compared: comparison of the joint values that the encoders of machine and model measure.
         force: (3,) force of the cue in N in base; 0 unless machine and model are in PEDAL_DN.
     """
 
     def __init__(self, machine: Machine, cue: Cue | None = None) -> None:
-        """Start at the machine's joint values, in E_STOP; `cue` None: the default parameters."""
+        """Create the model at the machine's joint values, in E_STOP; `cue`: force law; None: the default `Cue`."""
         self.machine = machine
         self.model = Machine(machine.parts, q=machine.plant.q)
         self.compared, self.force = Comparison(machine.parts, cue or Cue(), machine.q), np.zeros(3)

@@ -15,8 +15,8 @@ class Comparison:
 
     Attributes:
         cue: computes the haptic force on the hand of the operator from the difference between the tips; see `Cue`.
-        tips: (2, 3) positions of the tips of machine and model in m in base.
-        speeds: (2, 3) velocities of the tips in m/s, after the low-pass filter of the control software.
+        tips: (2, 3) positions of the tip of the machine and the tip of the model in base in m.
+        speeds: (2, 3) velocities of both tips in m/s, after the low-pass filter of the control software.
         joints: (n,) joint values of the model minus those of the machine, rad or m.
     """
 

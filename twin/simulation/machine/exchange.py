@@ -10,14 +10,14 @@ from twin.simulation.machine.outbox import Outbox
 
 
 class Exchange:
-    """The machines of one World.
+    """Passes states and packets between one World and its machines.
 
     Attributes:
-        links: connection to each machine, by robot.
+        links: connection to each machine; the keys are the names of the robots.
     """
 
     def __init__(self, links: Mapping[str, MachineLink], states: Mapping[str, MachineStates], outbox: Outbox) -> None:
-        """Store the links, the devices that write states (by robot), and the block that stores packets."""
+        """Store the link of each robot, the device that writes its states, and the block that stores packets."""
         self.links, self._states, self._outbox = links, states, outbox
 
     def receive(self) -> None:

@@ -1,4 +1,4 @@
-"""Simulate how a robot's motors follow a planned motion: dynamics and controller of the robot, every millisecond."""
+"""Simulate how a robot with its controller follows a planned motion, in ticks of 1 ms."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _AFTER = 200
 
 @dataclass(frozen=True)
 class Followed:
-    """Result of `follow`.
+    """Simulated motion of a robot that follows a planned motion.
 
     Attributes:
         q: (k, n) joint values at every tick, in rad or m.
-        error: (n,) largest difference of each joint from the plan, in rad or m.
+        error: (n,) largest difference between each joint value and its planned value, in rad or m.
         stop: reason why the controller stopped the arm; "" without a stop.
     """
 
@@ -37,7 +37,7 @@ def follow(arm: Arm, settings: Settings, q: Array, qd: Array, plant: Plant | Non
 
     Args:
         arm: the robot with its masses.
-        settings: the robot's controller (gains, limits of the DAC, gravity compensation), and the friction of its
+        settings: gains, limits of the DAC and gravity compensation of the controller, and friction of the robot's
             joints.
         q: (k, n) planned joint values.
         qd: (k, n) planned rates.

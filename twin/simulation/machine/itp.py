@@ -7,7 +7,7 @@ arm 1:
 |---|---|---|
 | 0, 4, 8 | uint32 | sequence number, packet type, version |
 | 12, 20, 28 | 2 int32 each | increments of the tool's position along x, y, z of base, µm |
-| 36, 52, 68, 84 | 2 float64 each | x, y, z, w of the quaternion by which the tool turns, in base; all 0: no turn |
+| 36, 52, 68, 84 | 2 float64 each | x, y, z, w of the quaternion of the tool's rotation in base; all 0: no rotation |
 | 100 | 2 int32 | buttons, not used |
 | 108 | 2 int32 | increments of the opening of the jaws |
 | 116 | int32 | surgeon mode: 1 pedal down, 0 up |
@@ -38,7 +38,7 @@ FIELDS = ("x", "y", "z", "qw", "qx", "qy", "qz", "grasp", "pedal")
 _HALF = 2**31
 
 _NUMBERS = 2**32 - 1
-"""Number of sequence numbers that count packets: 1 to 2^32 - 1, then 1 again, because 0 asks for an answer."""
+"""Number of sequence numbers in a cycle: 1 to 2^32 - 1, then 1 again; 0 is left out, because it asks for an answer."""
 
 _UNIT = 1e-3
 """Largest accepted difference of a quaternion's length from 1."""
@@ -76,7 +76,7 @@ def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
 
 
 def number_of(count: int) -> int:
-    """Return the sequence number of a sender's packet with the running number `count` (1, 2, ... without limit)."""
+    """Return the sequence number of the `count`-th packet of a sender; `count` is 1, 2, ... without limit."""
     return (count - 1) % _NUMBERS + 1
 
 

@@ -47,7 +47,7 @@ class Plc:
             self.level, self.reason = Level.E_STOP, reason
 
     def step(self, t: float, bit: bool, initialised: bool, pedal: bool) -> Level:
-        """Return the level at t in s; `bit`: watchdog bit, `initialised`: whether the arm is initialised."""
+        """Return the new level at t in s, from the watchdog bit, `initialised` (the arm) and `pedal` (True: down)."""
         if bit != self._bit:
             self._bit, self._changed = bit, t
         if self.level != Level.E_STOP and t - self._changed > self._timeout:
@@ -58,7 +58,7 @@ class Plc:
 
 
 class Reader:
-    """Run level as the software reads it: the lowest of all mechanisms, after `cycles` equal readings in succession."""
+    """Reads the run level: the lowest level of all mechanisms, after `cycles` equal readings in succession."""
 
     def __init__(self, cycles: int) -> None:
         """Start in E_STOP; `cycles`: number of equal readings after which a level counts."""
@@ -69,7 +69,7 @@ class Reader:
         self.level, self._read, self._count = level, level, self._cycles
 
     def read(self, levels: Sequence[Level]) -> Level:
-        """Return the lowest of the levels if it was the same in the last `cycles` calls, else the previous result."""
+        """Return the lowest level if it was the same in the last `cycles` calls, otherwise the previous result."""
         lowest = min(levels)
         self._count = self._count + 1 if lowest == self._read else 1
         self._read = lowest

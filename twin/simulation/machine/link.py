@@ -44,7 +44,7 @@ class Address:
 
     @classmethod
     def parse(cls, text: str) -> Address:
-        """Return the address in "HOST:PORT:STATEPORT" or "PORT:STATEPORT".
+        """Return the address for a text "HOST:PORT:STATEPORT" or "PORT:STATEPORT".
 
         Raises:
             DeviceError: the text has another form, or a port is not 1 to 65535.
@@ -69,7 +69,7 @@ class StateReader:
     """
 
     def __init__(self, host: str, port: int, n: int) -> None:
-        """Connect to the states of a machine of n joints.
+        """Connect to the port at which a machine of n joints sends its states.
 
         Raises:
             DeviceError: nothing answers at this address.
@@ -134,7 +134,7 @@ class StateReader:
 
 
 class MachineLink:
-    """A master (sender of packets) of a machine; it also has the machine's newest state.
+    """Controls a machine as its master (sender of packets), and stores the newest state of the machine.
 
     Attributes:
         reader: reads the states of the machine, and presses its buttons.
@@ -158,7 +158,7 @@ class MachineLink:
         self._thread.start()
 
     def send(self, packet: bytes) -> None:
-        """Add a packet to the queue; one is sent per millisecond."""
+        """Add a packet to the queue, from which one packet is sent per millisecond."""
         if len(self._waiting) >= _WAITING:
             self._waiting.popleft()
             self.dropped += 1

@@ -1,15 +1,15 @@
-"""A machine of one arm, tick by tick: network, PLC, control software, motors and links, without clock and sockets.
+"""Simulate a machine of one arm tick by tick: network, PLC, control software, motors and links; no clock, no sockets.
 
-The control software follows that released for the Raven-II (uw-biorobotics/raven2): increments of the tool pose are
-added while the pedal is down, the inverse kinematics computes joint values, the servo computes counts of the DAC. The
-machine deviates from its model if the parameters of its plant differ from those in the software. Faults act on the
-signals of `LOCATIONS`:
+The simulated control software follows the released software of the Raven-II (uw-biorobotics/raven2). While the pedal
+is down, the software adds the increments in the packets to the tool pose. The inverse kinematics computes joint values
+from this pose, and the servo computes counts of the DAC. If parameters of the plant differ from those in the software,
+the machine deviates from its model. Faults act on the signals of `LOCATIONS`:
 
-| signal | numbers | where |
+| signal | numbers | where the fault acts |
 |---|---|---|
 | wire | sequence number | before a packet is checked |
 | packet | `itp.FIELDS` | after a packet has been accepted |
-| usb | number of bytes of a read | at the USB board; unless it is `BYTES`, the software keeps its old counts |
+| usb | number of bytes of a read | at the USB board; if the number is not `BYTES`, the software keeps the old counts |
 | encoder | counts of each motor | before the software reads them |
 | level | run level | as the software reads it from the PLC |
 | tool | desired position of the tool, x, y, z in base, µm | while the pedal is down |
@@ -66,10 +66,11 @@ _ON = (Level.INIT, Level.PEDAL_DN)
 _MICRO = 1e-6
 
 _HOMED = (0.02, 5e-3, 5e-4)
-"""Largest errors at which homing is complete: in rad for joints without brakes; in rad and m for joints with brakes."""
+"""Largest joint errors at which homing is complete: for a joint without brake, in rad; for a revolute joint with brake,
+in rad; for a prismatic joint with brake, in m."""
 
 _STILL = (0.02, 2e-3)
-"""Largest rates of joints with brakes in rad/s and m/s at which homing is complete."""
+"""Largest rates at which homing is complete: for a revolute joint with brake, in rad/s; for a prismatic one, in m/s."""
 
 _EASE = 1.875
 """Largest speed of a minimum-jerk motion, divided by its mean speed."""
@@ -107,7 +108,7 @@ class Parts:
 
     @classmethod
     def of(cls, arm: Arm, kin: Kinematics, settings: Settings) -> Parts:
-        """Compile the robot.
+        """Compile the equations and the plant of a robot.
 
         Raises:
             MechanismError: the mechanism has loops, or lacks a frame of the settings; or the gains make a joint
@@ -206,7 +207,7 @@ class Machine:
         self.plc.start(max(self.t, 0.0))
 
     def stand(self, q: Array) -> None:
-        """Set the arm at rest at joint values q (n,), initialised, in PEDAL_UP with brakes; reset the servo."""
+        """Put the arm at rest at joint values q (n,), in the state after homing: PEDAL_UP, brakes on, servo reset."""
         self.plant.reset(q)
         self.plc.ready()
         self._reader.hold(Level.PEDAL_UP)
@@ -314,7 +315,7 @@ class Machine:
                 return
 
     def _home(self, t: float) -> Array:
-        """Return the desired joints of a minimum-jerk motion from the measured joint values to home."""
+        """Return the desired joint values (n,) at t in s: a minimum-jerk motion from the start of homing to home."""
         speed = self.parts.settings.number.homing_speed.value * np.where(self._angles, 1.0, 0.1)
         if self._homing is None:
             way = np.abs(self.parts.home - self.q) / speed
@@ -327,7 +328,7 @@ class Machine:
         return start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (self.parts.home - start)
 
     def _follow(self, packet: Packet) -> None:
-        """Move the target by a packet, if the arm reaches the new target within the limits."""
+        """Move the target by the increments of a packet, if the new target is within reach and joint limits."""
         if self._target is None:
             return
         v = packet.values
@@ -344,7 +345,7 @@ class Machine:
         self._reach(T, seed)
 
     def _reach(self, T: Array, seed: Array) -> None:
-        """Move the target to the pose T, if the arm reaches T within the limits; `seed` (n,): as for the inverse."""
+        """Move the target to pose T, if T is within reach and joint limits; `seed` (n,): see `Kinematics.inverse`."""
         try:
             q = self.parts.kin.inverse(T, seed)
         except KinematicsError:

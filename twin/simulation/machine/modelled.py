@@ -1,4 +1,4 @@
-"""The model of a machine in a World: it gets the same packets, and is compared with the machine's states.
+"""The model of a machine in a World: it gets the machine's packets, and is compared with the machine's states.
 
 A packet takes some milliseconds to the machine, and the machine's state takes some milliseconds back. Therefore, a
 state of the machine is compared with the state that the model had after the same packet. So the delay of the network
@@ -23,7 +23,7 @@ from twin.simulation.machine.machine import Machine, Parts
 from twin.simulation.world import Block, Signals
 
 _KEPT = 4096
-"""Number of packets for which the joint values of the model are stored."""
+"""Number of the latest packets for which the model's joint values after the packet are stored."""
 
 
 class Modelled(Block):
@@ -32,16 +32,17 @@ class Modelled(Block):
     Reads `<robot>.given`, `<robot>.phase`, `<robot>.measured` and `<robot>.run`. Writes:
 
     - `<robot>.q` and `<robot>_model.q` (n,): measured joint values of the machine, and joint values of the model;
-    - `<robot>.encoder` (n,): joint values of the arm that the hand moves: in a rehearsal the model, else the machine;
+    - `<robot>.encoder` (n,): joint values of the arm that the hand controls: in a rehearsal the model's,
+      otherwise the machine's;
     - `<robot>.model` (3,): run level of the model, speed of its tip in m/s, number of targets out of reach;
     - `<robot>.deviation` (2,): distance in m between the tips of machine and model; speed of the machine's tip in m/s;
     - `<robot>.apart` (n,): joint values of the model minus those of the machine, rad or m;
-    - `<robot>.cue` (3,): force of the cue in N in base, in teleoperation and replay; 0 unless machine and model are in
-      PEDAL_DN.
+    - `<robot>.cue` (3,): force of the cue in N in base; 0 except in teleoperation and replay while both machine and
+      model are in PEDAL_DN.
     """
 
     def __init__(self, robot: str, parts: Parts, cue: Cue, q: Array) -> None:
-        """Start model and machine at joint values q (n,)."""
+        """Start with the model and the machine at joint values q (n,)."""
         self.robot, self._compared = robot, Comparison(parts, cue, q)
         self._model = Machine(parts, q=q)
         self._model.stand(q)
@@ -62,7 +63,7 @@ class Modelled(Block):
         }
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
-        """Step the model by the packet of this tick, and compare it with the newest state of the machine."""
+        """Step the model by the packet of this tick, and compare the model with the newest state of the machine."""
         now, name, m = signals.now, self.robot, self._model
         given, run, measured = now[f"{name}.given"], now[f"{name}.run"], now[f"{name}.measured"]
         phase = int(now[f"{name}.phase"][0])
@@ -96,7 +97,10 @@ class Modelled(Block):
         }
 
     def _compare(self, measured: Array, run: Array, alone: bool) -> None:
-        """Compare a new state with the model after the same packet; if the model moves `alone`, with the model now."""
+        """Compare a new state of the machine with the state of the model after the same packet.
+
+        If the model moves `alone`, the machine is compared with the present state of the model.
+        """
         ticks, self._seen = int(np.clip(run[TICK] - self._seen, 1, 1000)), run[TICK]
         behind = ahead(number_of(self._sent), int(run[SEQUENCE]))
         q = self._kept[(self._sent - behind) % _KEPT] if not alone and 0 <= behind < _KEPT else self._model.q

@@ -24,11 +24,11 @@ from twin.reference.dynamics import Dynamics
 
 @dataclass(frozen=True)
 class Motion:
-    """Symbols and terms of the equations of n active joints and m tree joints.
+    """Symbols and terms of the equations of motion for n active joints and m tree joints.
 
     Attributes:
         q, qd: symbols (n,) of joint values and rates.
-        factors: symbol (m,) that multiplies the mass and the inertia tensor of the body of each tree joint.
+        factors: symbols (m,), one for each tree joint; a factor multiplies mass and inertia tensor of the joint's body.
         fall: symbol (3,) of the gravitational acceleration in base, m/s2.
         M: (n, n) mass matrix, without rotors.
         b: (n,) Coriolis and centrifugal efforts, and gravity.
@@ -44,7 +44,7 @@ class Motion:
 
 @dataclass
 class _Moved:
-    """Motion of a body: pose R, p; angular velocity w and its derivative `turn`; a: origin's acceleration - gravity."""
+    """Motion of a body: pose (R, p); angular velocity w; its derivative `turn`; a: origin's acceleration - gravity."""
 
     R: Any
     p: Any
@@ -54,7 +54,7 @@ class _Moved:
 
 
 def motion(mechanism: Mechanism) -> Motion:
-    """Return the equations of motion of a mechanism, whose passive joints follow active ones by couplings.
+    """Return the equations of motion of a mechanism without loops; its passive joints follow active ones by couplings.
 
     Raises:
         MechanismError: the mechanism has loops.

@@ -14,7 +14,7 @@ class Outbox(Block):
     """Stores the packets of all machines until `take` is called; must be the last block of a tick; writes no signal."""
 
     def __init__(self, parts: Mapping[str, Parts]) -> None:
-        """Prepare for the machines; `parts`: compiled parts by robot. Sequence numbers begin at 1."""
+        """Create an empty queue for each robot in `parts` (compiled parts); sequence numbers begin at 1."""
         self.outputs = {}
         self._of = {n: (parts[n].settings.arm, parts[n].settings.packet_version) for n in parts}
         self._packets: dict[str, list[bytes]] = {n: [] for n in parts}
@@ -28,6 +28,6 @@ class Outbox(Block):
         return {}
 
     def take(self) -> dict[str, list[bytes]]:
-        """Return the packets since the last call, by robot."""
+        """Return the packets stored since the last call; the keys are the names of the robots."""
         taken, self._packets = self._packets, {n: [] for n in self._packets}
         return taken

@@ -1,4 +1,4 @@
-"""Motors, cables and links of a machine: from motor torques to the joint state, in compiled ticks.
+"""Simulate motors, cables and links of a machine: compute the joint state from motor torques, in compiled ticks.
 
     (M(q) + T^-T J T^-1) qdd + b(q, qd) + V qd + f(qd) = T^-T motor torque
 
@@ -43,7 +43,7 @@ class Physics:
         viscous: (n,) viscous friction at the joints, N m s/rad or N s/m.
         coulomb: (n,) Coulomb friction at the joints, N m or N.
         fall: (3,) gravitational acceleration in m/s2, in the axes of base, so that it depends on the tilt of the base.
-        stops: (2, n) minimum and maximum joint values, at hard stops without rebound; infinite: no stop.
+        stops: (2, n) minimum and maximum joint values at the hard stops, which have no rebound; infinite: no stop.
     """
 
     factors: Array
@@ -69,7 +69,7 @@ class Physics:
         )
 
     def changed(self, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0) -> Physics:
-        """Return changed parameters: factors of all masses and of all friction, tilt of the base about x in rad."""
+        """Return a copy: masses times `mass`, friction times `friction`, base tilted by `tilt` rad about its x axis."""
         fall = GRAVITY * np.array([0.0, -np.sin(tilt), -np.cos(tilt)])
         scaled = {"viscous": friction * self.viscous, "coulomb": friction * self.coulomb}
         return replace(self, factors=mass * self.factors, fall=fall, **scaled)
@@ -78,8 +78,8 @@ class Physics:
         """Return all parameters as one vector.
 
         Raises:
-            MechanismError: a number is not finite, a factor of a mass is below 0.001, or a friction or the inertia of a
-                rotor is negative.
+            MechanismError: a number is not finite, a mass factor is below 0.001, or a friction or rotor inertia is
+                negative.
         """
         joints = [j.name for j in arm.mechanism.active]
         parts = {
@@ -102,11 +102,11 @@ class Physics:
 
 
 class Plant:
-    """State of a robot that moves under motor torques.
+    """Simulates a robot that moves under motor torques.
 
     Attributes:
         q, qd: (n,) joint values in rad or m, and rates.
-        physics: parameters; assign them through `set`.
+        physics: parameters; change them with `set`.
     """
 
     def __init__(self, arm: Arm, physics: Physics | None = None) -> None:
@@ -187,7 +187,7 @@ def _kernel(arm: Arm) -> Kernel:
 
 
 def _inverse(M: ca.SX) -> ca.SX:
-    """Return the inverse of a symmetric positive matrix by its factors L D L^T, without branches."""
+    """Return the inverse of a symmetric positive definite matrix, from its factors L D L^T and without branches."""
     n = M.shape[0]
     L, D = ca.SX.eye(n), [ca.SX(0)] * n
     for j in range(n):

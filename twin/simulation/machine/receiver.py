@@ -14,13 +14,13 @@ class Receiver:
     As in the released software, a packet with sequence number 0 is sent back. If sequence numbers are missing, the
     first packet after the gap is dropped, and the next one is accepted. Unlike in the released software, the checksum
     must be correct, and each sequence number must be after the previous one (1 is after 2^32 - 1, see `itp.ahead`). In
-    the released software, a packet with a number more than 1000 lower restarts the numbering, so that old packets are
-    accepted again. A master controls the machine until this master has been silent for `timeout` s.
+    the released software, a sequence number more than 1000 below the last one restarts the numbering, so that old
+    packets are accepted again. A master controls the machine until this master has been silent for `timeout` s.
 
     Attributes:
         master: address of the sender whose packets are accepted; None: the next sender is accepted.
         accepted, refused: number of packets so far.
-        reason: reason why the last refused packet was refused.
+        reason: reason for the latest refusal.
     """
 
     def __init__(self, arm: int, version: int, timeout: float) -> None:
@@ -33,7 +33,7 @@ class Receiver:
         self._pedal, self._heard = False, float("-inf")
 
     def read(self, data: bytes, sender: Any, t: float) -> Packet | None:
-        """Return a packet that arrives at t in s; None: the caller must send the packet back (sequence number 0).
+        """Return the content of a packet that arrives at t in s; None: its number is 0, so the caller sends it back.
 
         Raises:
             DeviceError: the packet is refused; it has no effect.

@@ -40,10 +40,10 @@ _LINE = 64
 
 
 class Pace:
-    """Delays of the ticks.
+    """Counts the ticks and records their delays.
 
     Attributes:
-        ticks, missed: number of ticks, and of ticks that began more than one tick late.
+        ticks, missed: number of all ticks, and number of ticks that began more than one tick late.
         late: delays in s of the starts of the latest `RECENT` ticks.
         largest: largest delay in s of all ticks.
     """
@@ -60,7 +60,7 @@ class Pace:
         self.late.append(late)
 
     def summary(self) -> dict[str, float]:
-        """Return number of ticks, late ticks, and delays in ms; the percentiles are those of the latest ticks."""
+        """Return numbers of ticks and of late ticks, and delays in ms: percentiles of recent ticks, maximum of all."""
         late = 1e3 * np.array(self.late or [0.0])
         return {
             "ticks": self.ticks,
@@ -72,7 +72,7 @@ class Pace:
 
 
 class Server:
-    """Sockets and clock of a machine.
+    """Runs a machine in real time, with sockets for packets and states.
 
     Attributes:
         machine: the machine.
@@ -113,7 +113,7 @@ class Server:
     ) -> None:
         """Run for a time in s, or until `ends` returns True; `ends` is called 20 times per second.
 
-        `said` gets a line for each change of the run level, with its reason.
+        `said` is called with a line of text for each change of the run level; a reason is added in E_STOP.
         """
         gc.freeze()  # without this, garbage collection checks all imported modules, which takes many ticks
         begin, k, level = time.monotonic(), 0, None

@@ -36,7 +36,7 @@ class Servo:
         mechanism: the robot, for the order of the motors.
         arithmetic: the compiled control of the motors.
         mode, policy: name of the limits of the DAC, and reaction to commands above them.
-        violations: (n,) number of commands of each motor above the limit of the mode so far.
+        violations: (n,) for each motor, number of commands so far that exceeded the limit of the mode.
         stop: reason why the arm must stop; "" without a reason.
     """
 
@@ -63,7 +63,7 @@ class Servo:
 
     @property
     def counted(self) -> int:
-        """Violations for the policy "hard": with a shared counter, the sum over the motors; otherwise, the maximum."""
+        """Number of violations for policy "hard": with a shared counter the sum over motors, otherwise the maximum."""
         return int(self.violations.sum() if self.settings.released.shared_counter else self.violations.max())
 
     def counts_of(self, error: Array, change: Array, efforts: Array) -> Array:
@@ -101,9 +101,9 @@ class Servo:
 
 
 def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], Array]:
-    """Return the function from q (n,) to joint efforts (n,) that hold the point masses of the settings at rest.
+    """Return the function q (n,) -> joint efforts (n,) that balance gravity on the point masses of the settings.
 
-    Without point masses in the settings, the efforts hold the masses of the mechanism.
+    Without point masses in the settings, the efforts balance gravity on the masses of the mechanism.
 
     Raises:
         MechanismError: a point mass names a frame that is not on the body of its joint.
@@ -124,7 +124,7 @@ def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], 
 
 
 def holding(mechanism: Mechanism) -> Callable[[Array], Array]:
-    """Return the compiled function from q (n,) to the joint efforts (n,) that hold a mechanism's masses at rest."""
+    """Return the compiled function q (n,) -> joint efforts (n,) that balance gravity on a mechanism's masses."""
     e = motion(mechanism)
     at = [(e.qd, 0), (e.factors, 1), (e.fall, ca.DM([0, 0, -GRAVITY]))]
     b = e.b

@@ -42,7 +42,7 @@ _UNITS: dict[str, _Unit] = {
     "homing_speed": "1",
     "grasp_step": "rad",
 }
-"""Unit of each of the `Numbers`."""
+"""Unit of each number in `Numbers`."""
 
 
 class Numbers(Table):
@@ -61,7 +61,7 @@ class Numbers(Table):
 
 
 class Limits(Table):
-    """Largest counts of the DAC, by the skill of the operator."""
+    """Largest counts of the DAC for each mode (skill of the operator)."""
 
     advanced: Positive
     moderate: Positive
@@ -86,7 +86,7 @@ class Released(Table):
 
 
 class Motor(Sourced):
-    """A motor: torque constant in N m/A at the rotor, counts of the DAC per A, gear ratio, gains after the gear."""
+    """A motor: torque constant in N m/A at the rotor, DAC counts per A, gear ratio, gains at the output of the gear."""
 
     name: Identifier
     torque_per_amp: Positive
@@ -160,7 +160,7 @@ def load(path: Path, mechanism: Mechanism) -> Settings:
     """Read a machine file.
 
     Raises:
-        DescriptionError: the file does not exist, is invalid, has a number in another unit, or does not name every
+        DescriptionError: the file does not exist, is invalid, has a number in a wrong unit, or does not name every
             motor and every joint of the mechanism once; the message has file, line, key and value.
     """
     if not path.is_file():

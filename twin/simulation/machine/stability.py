@@ -1,13 +1,13 @@
 """Check that the gains of a machine are stable: eigenvalues of the sampled control loop at a posture.
 
-One tick at rest, without Coulomb friction, limits and gravity, is linear in joint values q, rates v, filtered motor
-rates w and the integral s of the motor errors (A: motor angles from joint values, h: tick, c: low-pass fraction):
+Near rest, and without Coulomb friction, limits and gravity, a tick is linear in joint values q, rates v, filtered motor
+rates w and the integral s of the motor errors (A q: motor angles, h: duration of a tick, c: low-pass fraction):
 
     w' = w + c (A (q - q_before) / h - w)        s' = s - h A q
     (M + h V) v' = M v + h A^T (-kp A q - kd w' + ki s')        q' = q + h v'
 
 A motion with an eigenvalue outside the unit circle grows from tick to tick. M is the mass matrix of
-`twin.reference.dynamics`, not the compiled one of the plant.
+`twin.reference.dynamics`, not the compiled mass matrix of the plant.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MOST = 1 + 1e-6
 
 
 def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
-    """Check the gains at the joint values q (n,).
+    """Check that the gains make the control loop stable at joint values q (n,).
 
     Raises:
         MechanismError: the loop is unstable; the message has the joint, frequency, growth and gains.
@@ -46,7 +46,7 @@ def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
 
 
 def _tick(arm: Arm, settings: Settings, q: Array) -> Array:
-    """Return the matrix (4 n, 4 n) of one tick for (q, v, w, s)."""
+    """Return the matrix (4 n, 4 n) by which a tick multiplies the state (q, v, w, s)."""
     motors, n = settings.of_motors(arm.mechanism), len(q)
     kp, kd, ki = (np.diag([getattr(m, k) / m.gear for m in motors]) for k in ("kp", "kd", "ki"))
     dynamics, A = arm.dynamics(), np.linalg.inv(arm.mechanism.motor_matrix)

@@ -1,4 +1,4 @@
-"""States that a machine sends by TCP in each tick, and the lines by which its buttons are pressed.
+"""States that a machine sends by TCP, one per tick.
 
 A state has 48 + 24 n bytes for n joints, little-endian:
 

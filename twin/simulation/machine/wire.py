@@ -15,10 +15,10 @@ SENT = ("sequence",)
 
 
 class Wire:
-    """Simulated network between the master and the machine, whose faults drop, repeat, delay or renumber packets.
+    """Carries packets from the master to the machine; its faults drop, repeat, delay or renumber packets.
 
     The checksum of a renumbered packet is computed again, so that only the check of the sequence number can detect the
-    fault. A delay lasts `Fault.value` ticks; packets that were sent later can then arrive earlier.
+    fault. A delayed packet arrives `Fault.value` ticks later; packets sent after it can arrive before it.
     """
 
     def __init__(self, faults: Sequence[Fault]) -> None:

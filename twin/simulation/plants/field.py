@@ -10,10 +10,10 @@ from twin.simulation.world import Block, Signals
 
 
 class Field(Block):
-    """Writes `<deformable>.vertices`, (3 n,) in m, vertex by vertex, in the frame of the body that carries it."""
+    """Writes `<deformable>.vertices`, (3 n,) in m, vertex by vertex, in the frame of the deformable's body."""
 
     def __init__(self, deformable: Deformable, motion: Callable[[Array, float], Array]) -> None:
-        """Set `motion`: (vertices at rest (n, 3) in m, time in s) -> vertices (n, 3) in m."""
+        """Store the deformable and `motion`: (vertices at rest (n, 3) in m, time in s) -> vertices (n, 3) in m."""
         self.name, self.rest, self.motion = f"{deformable.name}.vertices", deformable.mesh.vertices, motion
         self.outputs = {self.name: self.rest}
 

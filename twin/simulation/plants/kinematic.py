@@ -16,11 +16,12 @@ from twin.simulation.world import Block, Signals
 class Kinematic(Block):
     """Reads joint commands `<robot>.command` (n,); writes joint values as `<robot>.q` and `<robot>.encoder`.
 
-    The encoder is exact. Controllers read the encoder instead of q, so that a hazard of the encoder affects them.
+    The encoder is exact. Controllers read the encoder instead of q; therefore a hazard of the encoder affects the
+    controllers.
     """
 
     def __init__(self, robot: str, q: ArrayLike, limits: Limits) -> None:
-        """Start at q (n,) in m or rad."""
+        """Start at joint values q (n,) in m or rad."""
         self.q, self._tick = np.array(q, float), np.zeros(1)
         self._command, self._q, self._encoder = (f"{robot}.{n}" for n in ("command", "q", "encoder"))
         self._limits = limits

@@ -1,4 +1,4 @@
-"""Local planes of the contacts of instruments and of the objects that they hold, for the forces on the hands."""
+"""Compute the local planes of contacts of instruments and held objects, for the forces on the hands."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ NAME = "planes"
 """Last part of the name of the signal with the planes of a robot."""
 
 _NEAR = 0.2e-3
-"""Distance in m from the proxy within which a part is found before the proxy touches it; ASSUMED."""
+"""Distance in m between a proxy and a part below which a contact is found, although they do not touch; ASSUMED."""
 
 _FAR = 1e-3
 """Largest motion of a proxy in m in one step; ASSUMED, less than half of the thickness of parts."""
 
 _Touch = tuple[float, int, Array, Array]
-"""A contact of an instrument: depth (negative: distance), body and deepest point of the instrument, normal out of the
-other geom."""
+"""A contact of an instrument: depth (negative: distance), body of the instrument, deepest point of the instrument, and
+normal that points out of the other geom."""
 
 
 class Feel:
@@ -40,11 +40,11 @@ class Feel:
     outside of the parts that it touches, and slips between the jaws. The depth of a held object is measured at the
     point where the contact would be without slip. Objects that are not held have no planes.
 
-    A part does not stop an instrument, which can move through it. The contacts of an instrument in a part are therefore
-    found at its proxy, which stays outside the part on the side from which the instrument came (Ruspini, Kolarov and
-    Khatib, SIGGRAPH 1997): the proxy moves towards the nearest point outside of the planes found last, in steps of at
-    most `_FAR`, which is less than the thickness of parts. When the instrument has passed through the part and touches
-    nothing, the proxy returns to the instrument.
+    A part does not stop an instrument: the instrument can move through the part. Therefore, contacts are found at the
+    proxy of the instrument, which stays outside of the part, on the side from which the instrument came (Ruspini,
+    Kolarov and Khatib, SIGGRAPH 1997). The proxy moves towards the nearest point outside of the latest planes, in steps
+    of at most `_FAR`, which is less than the thickness of parts. When the instrument has passed through the part and
+    touches nothing, the proxy returns to the instrument.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Feel:
         objects: Sequence[str],
         whose: Sequence[tuple[int, int, int]],
     ) -> None:
-        """Find bodies and geoms.
+        """Find the bodies and geoms of instruments and objects in the model.
 
         Args:
             m: the model.
@@ -85,7 +85,7 @@ class Feel:
     def planes(
         self, d: mujoco.MjData, place: Callable[[Array], None], q: Sequence[Array], holders: Sequence[int]
     ) -> dict[str, Array]:
-        """Return the contact planes of the instruments, as signals by name; planes that stay unchanged are left out.
+        """Return the signals `<robot>.planes` that have changed; the keys are the names of the signals.
 
         Args:
             d: data after a step; its contacts and poses belong to the start of the step.
@@ -112,7 +112,7 @@ class Feel:
         return out
 
     def _at_joints(self, q: Sequence[Array]) -> list[int]:
-        """Begin contacts, and end those of instruments that touch nothing; return the instruments that changed."""
+        """Start each proxy at its first contact, and release it when nothing is touched; return changed instruments."""
         changed, touched = [], self._touched()
         for arm, (ghost, contacts) in enumerate(zip(self._proxies, touched, strict=True)):
             touches = max((depth for depth, *_ in contacts), default=0.0) > 0
@@ -127,7 +127,7 @@ class Feel:
         return changed
 
     def _at_proxy(self, arm: int, q: Sequence[Array]) -> list[int]:
-        """Move the proxy of an instrument and find the planes there; return the instrument."""
+        """Move the proxy of an instrument, and find the planes at the proxy; return the instrument in a list."""
         at, ghost, start = self._at, self._proxies[arm], self._free[arm][0]
         mujoco.mju_quat2Mat(self._R, at.qpos[start + 3 : start + 7])
         T = spatial.pose(self._R.reshape(3, 3), at.qpos[start : start + 3]) @ self._grippers[arm].T_hand_tool
@@ -149,7 +149,7 @@ class Feel:
         return out
 
     def _displace(self, qpos: Array, arm: int, q: Array, way: Array) -> None:
-        """Displace an instrument's links for a displacement `way` (3,) in m of its tool at constant orientation."""
+        """Displace the links of an instrument so that its tool moves by `way` (3,) in m at constant orientation."""
         for start, twist in zip(self._free[arm], self._levers[arm].twists(q, self._step), strict=True):
             place, quat = qpos[start : start + 3], qpos[start + 3 : start + 7]
             place += twist[:3] @ way
@@ -168,7 +168,7 @@ class Feel:
         return LocalPlane.at_shaft(T, lever, normal, depth)
 
     def _held(self, d: mujoco.MjData, holders: Sequence[int]) -> Iterator[tuple[int, LocalPlane]]:
-        """Yield (instrument, plane) of each held object that touches anything but its instrument."""
+        """Yield (instrument, plane) for contacts of held objects with anything but the instruments that hold them."""
         pushed = set()
         for pair, normal, point, depth in _deepest(d) if max(holders, default=-1) >= 0 else ():
             for geom, other, sign in ((*pair, -1.0), (*pair[::-1], 1.0)):
@@ -197,18 +197,18 @@ class _Proxy:
     """The proxy of an instrument's tool.
 
     Attributes:
-        found: planes found last.
+        found: the latest planes.
         planes: (SIZE,) rows of the planes in `found`.
         away: whether the instrument touches something; if not, the proxy is at the tool.
     """
 
     def __init__(self) -> None:
-        """Compile the displacement from the tool to the proxy."""
+        """Compile the function that computes the displacement from the tool to the proxy."""
         self.found: list[LocalPlane] = []
         self.planes, self.away, self._T, self._place = np.zeros(SIZE), False, np.zeros(16), np.zeros(3)
         planes, T = ca.SX.sym("planes", SIZE), ca.SX.sym("T", 16)
         found = symbolic.unflat(planes, COUNT, WIDTH)
-        levers = ca.horzcat(found[:, :3], found[:, :3], found[:, 6:])  # the way of the tool, also at the shaft
+        levers = ca.horzcat(found[:, :3], found[:, :3], found[:, 6:])  # levers instead of normals
         way, _ = proxy(levers, symbolic.unflat(T, 4, 4))
         self._way, self._compute = attach(ca.Function("proxy", [planes, T], [ca.densify(way)]), self.planes, self._T)
 
@@ -224,7 +224,7 @@ class _Proxy:
         self.found, self.planes[:] = planes, rows(planes, T)
 
     def move(self, T: Array) -> Array:
-        """Move the proxy towards its place for a tool at T (4, 4); return its offset (3,) in m from the tool."""
+        """Move the proxy towards its target for a tool at T (4, 4); return the offset (3,) in m from tool to proxy."""
         self._T[:] = T.ravel()
         self._compute()
         move = T[:3, 3] + self._way - self._place
@@ -233,9 +233,9 @@ class _Proxy:
 
 
 def _deepest(d: mujoco.MjData, near: float = 0.0) -> Iterator[tuple[tuple[int, int], Array, Array, float]]:
-    """Yield (geoms, normal from the first to the second, point between both, depth) of each pair's deepest contact.
+    """Yield (pair of geoms, normal from first to second geom, point midway, depth) of each pair's deepest contact.
 
-    Pairs at a distance of less than `near` in m are included; their depth is negative.
+    Pairs that do not touch but are closer than `near` in m are included; their depth is negative.
     """
     if not d.ncon:
         return

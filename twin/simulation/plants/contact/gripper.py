@@ -1,4 +1,4 @@
-"""The links of an instrument that can touch something, and their poses from the joint values of the robot."""
+"""Compute the poses of those links of an instrument that can touch something, from the joint values of the robot."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
 _TURN = 0.1
-"""Change in rad of the jaw's joint from which the axes of the jaws are computed."""
+"""Difference in rad between two values of the jaw's joint; the axes of the jaws are computed from the poses at both."""
 
 
 @dataclass(frozen=True)
 class Jaw:
-    """A jaw: a link that turns about an axis of the tool's body in proportion to the jaw's joint.
+    """A jaw: a link that turns about an axis of the tool's body in proportion to the value of the jaw's joint.
 
     Attributes:
         body: the link.
-        axis, point: (3,) direction and a point in m of the axis, in the frame of the tool's body.
-        ratio: angle about the axis per value of the jaw's joint.
+        axis, point: (3,) direction of the axis, (3,) a point of the axis in m; both in the frame of the tool's body.
+        ratio: angle about the axis divided by the value of the jaw's joint.
         T_hand_jaw: (4, 4) pose of the jaw in the frame of the tool's body at jaw value 0.
     """
 
@@ -41,12 +41,13 @@ class Jaw:
 
 
 class Gripper:
-    """An instrument: the body of the tool, the links between it and the insertion, and its jaws.
+    """An instrument: the body of the tool, its jaws, and the links from this body up to the shaft.
 
     Attributes:
         robot: name of the robot in the World.
         hand: body of the tool; it carries the jaws.
-        links: links from `hand` towards the base, up to the link that the prismatic joint moves.
+        links: links from `hand` towards the base, up to the shaft (the link that the first joint after the prismatic
+            joint moves).
         jaws: the jaws; empty if the robot has no auxiliary joint.
         T_hand_tool: (4, 4) pose of the tool frame in the frame of `hand`.
         effort: largest torque in N m with which one jaw presses.
@@ -61,7 +62,7 @@ class Gripper:
         T_world_base: Array,
         effort: float,
     ) -> None:
-        """Find the links.
+        """Find the links and jaws of the robot.
 
         Args:
             robot: name of the robot in the World.
@@ -71,7 +72,7 @@ class Gripper:
             effort: largest torque in N m with which one jaw presses.
 
         Raises:
-            WorldError: the effort is not positive, or a link between tool and insertion is not moved by one joint.
+            WorldError: the effort is not positive, or a joint between shaft and tool is passive or not revolute.
         """
         if not effort > 0:
             raise WorldError(f"'{robot}': the torque of a jaw is {effort:g} N m; it must be above 0")
@@ -92,9 +93,9 @@ class Gripper:
         self._found = found.reshape(len(self.links), 12)
 
     def place(self, q: Array) -> Array:
-        """Return position and rotation, row by row, (12,) of each of `links` at joint values q (n,).
+        """Return the poses of `links` in the World at joint values q (n,), as one row (12,) per link.
 
-        The result is valid until the next call.
+        A row has the position in m, then the rotation matrix row by row. The result is valid until the next call.
         """
         self._q[...] = q
         if self._kin.closed_forward:
@@ -112,7 +113,7 @@ class Gripper:
 def _chain(outward: tuple[Array, Array], inward: Sequence[tuple[int, Joint]], n: int) -> ca.Function:
     """Return the function (T_base_tool (16), q (n)) -> positions and rotations (12 for each link) in the World.
 
-    `outward` is T_world_base and T_tool_hand; `inward` has the joints from the hand inwards, with their index in q.
+    `outward`: (T_world_base, T_tool_hand). `inward`: (index in q, joint) of each joint, from the hand towards the base.
     """
     tool, q = ca.SX.sym("tool", 16), ca.SX.sym("q", n)
     T = ca.DM(outward[0]) @ ca.reshape(tool, 4, 4).T @ ca.DM(outward[1])
@@ -127,7 +128,7 @@ def _chain(outward: tuple[Array, Array], inward: Sequence[tuple[int, Joint]], n:
 
 
 def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
-    """Return the joints between the tool and the link that the last prismatic joint inserts, the tool's joint first."""
+    """Return the joints from the tool to the shaft (see `Gripper.links`), beginning with the joint of the tool."""
     path = mechanism.path(body)
     sliding = [i for i, j in enumerate(path) if j.type == "prismatic"]
     first = sliding[-1] + 2 if sliding else len(path)
@@ -162,9 +163,9 @@ def _jaws(mechanism: Mechanism, hand: str, index: int) -> tuple[Jaw, ...]:
 
 
 def grip_frame(mechanism: Mechanism) -> Array:
-    """Return the frame (4, 4) of the closed jaws in the tool frame, measured on the drawn parts.
+    """Return the pose (4, 4) of the frame of the closed jaws in the tool frame, measured on the meshes of the jaws.
 
-    Its origin is between the tips, z points out of them, and the jaws close along y.
+    The origin is between the tips of the jaws, z points out of the jaws, and the jaws close along y.
 
     Raises:
         WorldError: the robot has no jaws.

@@ -1,4 +1,4 @@
-"""Motions of an instrument's links per displacement of its tool, for the forces of contacts of the shaft."""
+"""Compute how the links of an instrument move when its tool is displaced, for the forces of contacts of the shaft."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ computed."""
 class Levers:
     """Twists of the links of an instrument per displacement of its tool at constant orientation.
 
-    The effects of all joints are computed at the first call. Later, the effect of one joint is computed again in every
+    The effects of all joints are computed at the first call. Later, the effect of one joint is computed again every
     `_OFTEN` steps, because the effects change slowly and a tick must be short.
     """
 
     def __init__(self, gripper: Gripper, phase: int = 0) -> None:
-        """Prepare the instrument; `phase`: delay in steps, which differs between instruments to spread the work."""
+        """Store the instrument; `phase`: delay in steps, different for each instrument to spread the computing time."""
         self._gripper, self._phase, self._step, self._next, self._renewed = gripper, phase, -_OLD, 0, 0
         self._twists: list[Array] = []
         self._joints: list[int] = []
         self._columns = np.zeros((0, 0))
 
     def twists(self, q: Array, step: int) -> list[Array]:
-        """Return the twist of each link of `Gripper.links` per displacement of the tool, (6, 3) in the World.
+        """Return one matrix (6, 3) per link of `Gripper.links`: twist of the link per displacement of the tool.
 
-        The first three rows are the velocity of the link's origin, the others its angular velocity.
+        The first three rows are the velocity of the link's origin, the others its angular velocity, in the World.
 
         Args:
             q: (n,) joint values.
@@ -67,7 +67,7 @@ class Levers:
 
 
 def _twist(T: Array, T_new: Array) -> Array:
-    """Return (6,) displacement and rotation vector of a small motion."""
+    """Return the displacement (3,) and the rotation vector (3,) of a small motion in one vector (6,)."""
     D = T_new[:3, :3] @ T[:3, :3].T
     turn = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
     return np.concatenate([T_new[:3, 3] - T[:3, 3], turn])

@@ -43,12 +43,13 @@ class Contact(Block):
 
     Signals:
         `<object>.pose` (16,): T_world_object, row by row.
-        `<object>.holder`: index of the gripper of which all jaws touch the object; if several grippers hold the object,
-        the one that grasped last; -1: none.
-        `<object>.rubs`: 1 while the object touches a part of `rubbed`; only if `rubbed` is not empty.
+        `<object>.holder`: index of the gripper that holds the object: all jaws of the gripper touch the object. If
+        several grippers hold the object: the gripper that grasped last; -1: none.
+        `<object>.rubs`: 1 while the object touches a part of `rubbed`; not written if `rubbed` is empty.
         `<robot>.touches`: 1 while the instrument touches a fixed part.
         `<robot>.meets`: 1 while the instrument touches another instrument.
-        `<robot>.planes`: local planes of the parts that the instrument or its held object touches; only with `feels`.
+        `<robot>.planes`: local planes of the parts that the instrument or its held object touches; not written without
+        `feels`.
     """
 
     def __init__(
@@ -69,11 +70,11 @@ class Contact(Block):
             objects: the movable objects.
             solids: the fixed parts.
             grippers: the instruments.
-            q: joint values (n,) of each instrument at the start, by robot.
+            q: joint values (n,) of each instrument at the start; the keys are the names of the robots.
             period: time in s between two steps, a multiple of the World's tick.
             gravity: acceleration in the World in m/s2.
             friction: coefficient of sliding friction of the instruments.
-            feels: whether `<robot>.planes` is written, which the forces on the hands need.
+            feels: whether `<robot>.planes` is written; the forces on the hands are computed from this signal.
             rubbed: names of parts of `solids`; `<object>.rubs` states whether an object touches any of these parts.
 
         Raises:
@@ -232,7 +233,7 @@ class Contact(Block):
         return out
 
     def _contacts(self) -> tuple[list[int], set[int], set[int], set[int]]:
-        """Return holders of objects; instruments at fixed parts; instruments at other instruments; objects that rub."""
+        """Return (holder of each object, instruments at fixed parts, instruments at each other, objects that rub)."""
         holders, touches, meets, rubs = [-1] * len(self._objects), set[int](), set[int](), set[int]()
         if not self._data.ncon:
             self._holding = [[] for _ in self._objects]
@@ -302,7 +303,7 @@ class _Links:
             jaw += count
 
     def lead(self, q: Sequence[Array]) -> None:
-        """Set the velocities that move the links to q (n,) within the step, and the torques of the jaws."""
+        """Set the torques of the jaws, and the velocities with which the links reach joint values q (n,) in a step."""
         self._locate(q)
         d, dt = self._d, self._period
         self._all[:] = d.qpos
@@ -315,7 +316,7 @@ class _Links:
         d.qfrc_applied[self._jaw_dofs] = np.maximum(torque, -self._efforts)
 
     def place(self, qpos: Array) -> None:
-        """Write the poses of all links and the angles of all jaws, computed from the last joint values, into qpos."""
+        """Write the poses of all links and the angles of all jaws at the latest joint values into qpos."""
         qpos[self._qpos], qpos[self._jaw_qpos] = self._wanted, self._angles
 
     def settle(self) -> None:

@@ -1,4 +1,4 @@
-"""Collision shapes for MuJoCo: capsules of a ring, primitives or convex hulls of the parts of bodies."""
+"""Collision shapes for MuJoCo: a ring consists of capsules; a part of a body is a box, a capsule or its convex hull."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RING = 12
 """Number of capsules of a ring."""
 
 _ALIKE = 0.03
-"""Largest relative difference of volumes at which a primitive replaces a part."""
+"""Largest relative difference between the volumes of a part and of a box or capsule that replaces the part."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,8 @@ def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Arra
 def _hull(vertices: bytes) -> tuple[Array, float, Array, Array]:
     """Return the convex hull of vertices (float64): corners (k, 3), volume, and the smallest box around the hull.
 
-    The box is given by the pose (4, 4) of the vertices' frame relative to the middle of the box, and by its edges (3,).
+    The box is given by the pose (4, 4) of the vertices' frame in the frame of the box, and by the lengths (3,) of its
+    edges. The origin of the frame of the box is the middle of the box.
     The result is cached, because both arms of a scene have the same instruments, and a restarted World has the same
     parts.
     """

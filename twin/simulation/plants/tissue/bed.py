@@ -1,7 +1,7 @@
-"""The bed (tissue that holds an organ), freed node by node, and jaws that hold a point of the organ.
+"""The bed (tissue that holds an organ) and the jaws that hold a point of the organ; the bed is freed node by node.
 
 Bed and jaws are constraints of MuJoCo on the joints of the organ's nodes. The position of a material point is a
-weighted sum of nodes, and therefore linear in the joints: a tendon in MuJoCo.
+weighted sum of the nodes, and therefore linear in the joint values. In MuJoCo, such a linear function is a tendon.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from twin.core.spatial import Array, Index
 from twin.core.units import MM
 
 GRIPS = 2
-"""Number of jaws that can hold the organ at once."""
+"""Number of instruments whose jaws can hold the organ at once."""
 
 _DRAG = 2.0
 """Damping by the organ's surroundings, divided by the organ's mass, in 1/s; ASSUMED. A freed organ comes to rest."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step at twice the force limit; proportional to the excess force."""
+"""Distance in m by which jaws slide in a step at twice the force limit; proportional to the force above the limit."""
 
 _STIFF = [0.99, 0.999, 1e-4, 0.5, 2.0]
 """Impedance of the constraints in MuJoCo."""
@@ -36,10 +36,10 @@ class Grip:
     """Jaws that hold a material point.
 
     Attributes:
-        weights: (k,) the point is weights @ nodes.
+        weights: (k,) weights of the nodes; the position of the point is weights @ nodes.
         limit: maximum friction force of the jaws in N.
         p: (3,) position in m in the World at which the jaws hold the point.
-        offset: (3,) displacement in m of the point from the jaws by slipping.
+        offset: (3,) displacement in m of the point from `p`, caused by slipping.
         force: (3,) force on the organ in the last step in N.
     """
 
@@ -75,22 +75,22 @@ def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
 
 
 class Hold:
-    """The bed and the jaws of an organ.
+    """Attaches an organ to its bed and to jaws.
 
     Attributes:
-        grips: the jaws that hold the organ, by number.
-        held: nodes of the bed that still hold the organ.
+        grips: the jaws that hold the organ; the keys are the numbers of the instruments.
+        held: indices of the nodes that the bed holds; the nodes that were freed are left out.
     """
 
     def __init__(
         self, m: mujoco.MjModel, d: mujoco.MjData, held: Index, dofs: Index, free: Index, R_world_grid: Array
     ) -> None:
-        """Connect to the model.
+        """Find the constraints of bed and jaws in the compiled model.
 
         Args:
             m: the model.
             d: state of the model.
-            held: indices of the nodes that the bed holds.
+            held: indices of the nodes that the bed holds at the start.
             dofs: (3 k,) indices in qvel of three velocities for each free node, along the axes of the grid.
             free: (k,) indices of the nodes that can move.
             R_world_grid: (3, 3) orientation of the grid.
@@ -140,7 +140,7 @@ class Hold:
         """Set the constraints of the jaws and the forces of `pull` before a step; return whether the organ may move.
 
         Args:
-            rest: (k, 3) nodes at rest in the World in m.
+            rest: (k, 3) positions of the nodes at rest in the World in m.
         """
         for k, grip in self.grips.items():
             self._m.eq_data[self._equality[k], 0] = (grip.p + grip.offset - grip.weights @ rest) @ self._R

@@ -52,8 +52,8 @@ class Instrument:
 
     Attributes:
         links: the links of the robot that touch organs.
-        tip: frame of the tip, z along the shaft and out of it.
-        port: (3,) position of the port of the robot in m in the World.
+        tip: frame of the tip; z is along the shaft and points out of the instrument.
+        port: (3,) position of the robot's port in the World in m.
         tool: name of the tool that the robot carries at the start.
     """
 
@@ -74,7 +74,7 @@ class Instrument:
 
 @dataclass
 class _State:
-    """State of an instrument: its tool, whether the jaws are open, what the jaws hold (0: organ, k: vessel k - 1)."""
+    """State of an instrument: tool, whether jaws are open, what they hold (-1: nothing, 0: organ, k: k-th vessel)."""
 
     tool: str
     T: Array
@@ -121,7 +121,7 @@ class Operating(Tissues):
         `<organ>.energy` (n,): energy in J applied to each cell of the bed.
         `<organ>.freed` (n,): 1: the cell of the bed is free.
         `<organ>.depth`: depth in m of the deepest tip below the rest surface of an organ that must be spared.
-        `<vessel>.nodes`: nodes of its deformable.
+        `<vessel>.nodes`: nodes of the vessel's deformable in the World in m.
         `<vessel>.cut` (n,): 1: the segment is cut away.
         `<vessel>.seen`: fraction of the vessel that the camera sees.
         `clip_<k>.pose` (16,): pose of the clip in the World, row by row.
@@ -204,7 +204,7 @@ class Operating(Tissues):
         return weights
 
     def _surface_point(self, p: Array, nodes: Array) -> tuple[Array, Array]:
-        """Return the point (3,) on the organ's surface nearest to p (3,), and the weights (k,) of its nodes."""
+        """Return the point (3,) of the organ's surface nearest to p (3,), and the weights (k,) of the nodes there."""
         organ = self._organ
         point, triangle, shares = nearest(p, organ.weights @ nodes, organ.surface.triangles)
         return point, shares @ organ.weights[organ.surface.triangles[triangle]]
@@ -212,7 +212,7 @@ class Operating(Tissues):
     # -- tools -----------------------------------------------------------------------------------------------
 
     def _use(self, k: int, i: Instrument, signals: Signals) -> None:
-        """Let an instrument change its tool, open, close, or burn."""
+        """Change the tool, move the jaws, or apply the cautery of instrument k, as the signals request."""
         state, robot = self._states[i.robot], i.robot
         i.links.poses(signals.now[i.links.signal])
         T = state.T = i.T_world_tip()
@@ -242,7 +242,7 @@ class Operating(Tissues):
             self._at[k] = T[:3, 3].copy()
 
     def _grasp(self, k: int, state: _State, tool: ToolTable) -> None:
-        """Hold the point of the organ or of a vessel that is nearest to the tip, within half the gap of the jaws."""
+        """Hold the point of organ or vessel nearest to the tip, if its distance is at most half the gap of the jaws."""
         assert tool.open_mm is not None
         tip, reach = state.T[:3, 3], tool.open_mm / 2 * MM
         nodes = self.organs.nodes[self._organ.name]
@@ -275,7 +275,8 @@ class Operating(Tissues):
     def _between(self, state: _State, tool: ToolTable) -> tuple[int, float, float]:
         """Return (index of the vessel between the jaws, position along it in m, fraction of its width in the jaws).
 
-        A vessel is between the jaws if its centre line is at most half of the jaws' gap away from their middle line.
+        A vessel is between the jaws if the distance from the vessel's centre line to the middle line of the jaws is at
+        most half of the gap of the jaws.
         """
         assert tool.open_mm is not None
         tip, z, long = state.T[:3, 3], state.T[:3, 2], tool.jaw_mm * MM
@@ -313,7 +314,7 @@ class Operating(Tissues):
             self._tubes[v].sever(at)
 
     def _burn(self, tip: Array, tool: ToolTable) -> None:
-        """Heat the cell of the bed nearest to the tip; free the cell when its energy reaches that of the procedure."""
+        """Heat the cell of the bed nearest to the tip; free the cell when its energy reaches the procedure's limit."""
         nodes = self.organs.nodes[self._organ.name][self._organ.held]
         far = np.linalg.norm(nodes - tip, axis=1)
         far[self._freed > 0.5] = np.inf

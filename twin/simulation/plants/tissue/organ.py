@@ -18,17 +18,17 @@ from twin.simulation.plants.tissue import bed
 from twin.simulation.plants.tissue.volume import Volume
 
 CELLS = 4
-"""Largest number of cells along an axis of a grid; the time of a step grows with the square of their number."""
+"""Largest number of cells along an axis of a grid; the time of a step grows with the square of the number of cells."""
 
 RADIUS = 0.5 * MM
 """Radius in m by which a surface is thickened for contact."""
 
 SAMPLE = 5 * MM
-"""Distance in m between the sample points of a link, which are tested for being near or inside an organ."""
+"""Distance in m between the sample points of a link; tests whether a link is near or in an organ use these points."""
 
 MOST = 15
-"""Largest number of organs. Bit k of MuJoCo's contact filter: links touch organ k. Bit 15 + k: organ k touches organs
-with a larger number that have this bit too."""
+"""Largest number of organs. In MuJoCo's contact filter, bit k permits contact of links with organ k, and bit 15 + k
+permits contact of organ k with those organs of a larger number that have this bit, too."""
 
 
 @dataclass(frozen=True)
@@ -48,18 +48,18 @@ NOTHING = Touch(-1, np.zeros(3))
 
 
 class Organ:
-    """An organ of a model: its joints move the nodes along the axes of its grid.
+    """An organ in a MuJoCo model; joints of the model move the nodes along the axes of the organ's grid.
 
     Attributes:
         tissue: the organ at rest.
         nodes: (k, 3) nodes of its grid in the World in m.
         touch: contact in the last step.
-        hold: bed and jaws of an organ that can be operated on; None: it cannot be operated on.
+        hold: bed and jaws; None if the organ cannot be operated on.
         within: indices of the links that do not touch the organ because they are inside it.
     """
 
     def __init__(self, tissue: Tissue, index: int, operable: bool) -> None:
-        """Prepare an organ, before its model is compiled; `index` is its number in the model."""
+        """Compute constants of the organ, before the model is compiled; `index`: number of the organ in the model."""
         self.tissue, self._index, self._operable = tissue, index, operable
         self.bit, self.other_bit = 1 << index, 1 << MOST + index
         self.fixed = np.zeros(0, int) if operable else tissue.held
@@ -96,7 +96,7 @@ class Organ:
         )
 
     def constrain(self, spec: mujoco.MjSpec) -> None:
-        """Add the constraints of the bed and the constraint of the volume (linear in the joints of the nodes)."""
+        """Add the constraint of the volume, linear in the joint values of the nodes, and those of bed and jaws."""
         t, self._joints = self.tissue, list[str]()
         tendon = spec.add_tendon(name=f"{t.name}_volume")
         for index in np.setdiff1d(np.arange(len(t.nodes)), self.fixed).tolist():
@@ -158,7 +158,7 @@ class Organ:
 
     @property
     def compression(self) -> float:
-        """Smallest ratio of the local volume at the surface to its volume at rest; below 0, the material is inverted.
+        """Smallest ratio of local volume to local volume at rest, over the surface; below 0, the material is inverted.
 
         The organ keeps its total volume, but MuJoCo's elasticity does not keep the volume of small parts.
         """
@@ -168,7 +168,7 @@ class Organ:
     # -- links ----------------------------------------------------------------------------------------------
 
     def _near(self, points: Array, corners: Array, T: Array) -> Array:
-        """Return the points (k, 3) of a link, in the World, that are within 2 `SAMPLE` of the box around the organ.
+        """Return those points of a link that are within 2 `SAMPLE` of the box around the organ: (k, 3) in the World.
 
         Args:
             points: (n, 3) points of the link in its frame in m.
@@ -183,7 +183,7 @@ class Organ:
         return at[((at > low) & (at < high)).all(axis=1)]
 
     def approached(self, points: Array, corners: Array, T: Array) -> bool:
-        """Return whether a link is near enough to touch the organ, which is at rest."""
+        """Return whether a link is so near that it may touch the organ; valid only for an organ at rest."""
         near = self._near(points, corners, T)
         return len(near) > 0 and float(self._tree.query(near)[0].min()) < self._reach
 
@@ -202,7 +202,7 @@ class Organ:
         return self.may_touch(k)
 
     def mute(self, links: Sequence[int], on: bool) -> None:
-        """Switch off the contact of links with the organ if `on` (jaws hold it now); otherwise switch it on again."""
+        """Switch off contact of links with the organ if `on` (jaws hold the organ); otherwise, switch it on again."""
         (self._muted.update if on else self._muted.difference_update)(links)
 
     def may_touch(self, k: int) -> bool:

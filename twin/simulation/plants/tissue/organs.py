@@ -26,7 +26,7 @@ SLOWEST = 20e-3
 """Longest time in s between two steps for which the organs were tested."""
 
 _LINK_MASS, _LINK_INERTIA = 10.0, 0.1
-"""Mass in kg and moment of inertia in kg m2 of a link, so that contact forces do not move it within a step."""
+"""Mass in kg and moment of inertia in kg m2 of a link, so large that contact forces do not move links within a step."""
 
 _JUMP = 20 * MM
 """Largest distance in m that a link moves in contact within a step; a link that moves farther is set to its new
@@ -36,24 +36,24 @@ _LOOK = 12
 """Number of steps between two tests whether a link is inside an organ."""
 
 _STILL = 5e-6
-"""Organs are at rest if no node is farther than this in m from its rest position, and none moves farther per step.
-This is less than a step of the quantised vertices in the stream."""
+"""Organs are at rest if no node is farther than this distance in m from its rest position, and no node moves farther
+than this distance in a step. The distance is less than a step of the quantised vertices in the stream."""
 
 _ITERATIONS = 400
 """Maximum number of iterations of MuJoCo's solvers. With MuJoCo's default of 100, the solver of the stiffness ended at
 a relative residual of 1.02e-8 instead of 1e-8 for a gallbladder half out of its bed."""
 
 _CROSSED = 3 * RADIUS
-"""Surfaces of two organs cross if a contact is deeper than this in m: both are thickened by `RADIUS`, and contact holds
-them apart within 0.2 mm. If surfaces cross, contact forces would lock the organs together."""
+"""Depth in m of a contact above which the surfaces of two organs cross: each surface is thickened by `RADIUS`, and
+contact keeps the surfaces apart within 0.2 mm. If surfaces cross, contact forces would lock the organs together."""
 
 _PIERCED = 0.3
 """Limit of `Organ.compression` below which a link that touches the organ counts as inside the organ; ASSUMED.
-MuJoCo's elasticity cannot prevent this: a finite force inverts a cell."""
+MuJoCo's elasticity cannot prevent such a compression: a finite force inverts a cell."""
 
 _BEFORE = 0.3
-"""A link is in front of a surface if the mean scalar product of the contact normals and the surface normals is at least
-this. It is 0.5 to 1 if a link presses, and less than 0.1 if the surface has jumped over the link."""
+"""Smallest mean scalar product of contact normals and surface normals at which a link is in front of a surface. The
+mean is 0.5 to 1 if a link presses, and less than 0.1 if the surface has jumped over the link."""
 
 _PREFIX = "link:"
 """Prefix of the names of links in MuJoCo."""
@@ -61,7 +61,7 @@ _PREFIX = "link:"
 
 @dataclass(frozen=True)
 class Tool:
-    """A link that touches organs: the robot's name and its body."""
+    """A link that can touch organs: the name of the robot, and the body of the link."""
 
     robot: str
     body: Body
@@ -73,10 +73,10 @@ class Tool:
 
 
 class Organs:
-    """The organs, stepped for given poses of the links. They touch the links and each other.
+    """Steps organs that touch each other and links; the poses of the links are given.
 
     The organs are not stepped while all of them are at rest and no link moves near an organ. A link that jumps into an
-    organ, by more than 20 mm within a step, does not touch this organ until it is outside again. Two organs whose
+    organ, by more than 20 mm within a step, does not touch this organ until the link is outside again. Two organs whose
     surfaces cross, because an instrument has pressed one through the other, do not touch each other until they are
     apart.
 
@@ -85,7 +85,7 @@ class Organs:
         tools: the links.
         period: time in s between two steps.
         operable: the organ that can be grasped and freed, or None.
-        crossed: pairs of organs whose surfaces cross, by number.
+        crossed: pairs of organs whose surfaces cross, as pairs of their indices.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Organs:
 
         Args:
             tissues: the organs.
-            tools: the links that touch them.
+            tools: the links that can touch the organs.
             poses: T_world_link (4, 4) of each link at the start.
             period: time in s between two steps.
             held: name of the organ that can be grasped, and whose pins can be freed one by one; see `operable`.
@@ -184,7 +184,7 @@ class Organs:
 
     @property
     def within(self) -> dict[str, tuple[str, ...]]:
-        """By organ: names of the links that are inside the organ, and therefore do not touch it."""
+        """For each organ, the names of the links that are inside the organ, and therefore do not touch the organ."""
         return {name: tuple(self.tools[k].name for k in sorted(organ.within)) for name, organ in self._organs.items()}
 
     def vertices(self, name: str) -> Array:
@@ -210,7 +210,7 @@ class Organs:
         self._rests = True
 
     def step(self, poses: Sequence[Array]) -> bool:
-        """Move the links to T_world_link (4, 4), organs by contact and elasticity; return whether an organ moved."""
+        """Set the links to `poses` T_world_link (4, 4), step the organs, and return whether an organ moved."""
         m, d, organs = self._model, self._data, self._organs.values()
         before = self._poses
         jumped, moved = self._place(poses), any(map(_differ, before, poses))
@@ -321,7 +321,7 @@ class Organs:
     # -- links --------------------------------------------------------------------------------------------
 
     def _place(self, poses: Sequence[Array]) -> list[int]:
-        """Store T_world_link (4, 4) as MuJoCo needs them; return the links that jumped."""
+        """Store poses T_world_link (4, 4) in MuJoCo's format; return the indices of the links that jumped."""
         jumped = []
         for k, T in enumerate(poses):
             row = self._wanted[7 * k : 7 * k + 7]
@@ -333,7 +333,7 @@ class Organs:
         return jumped
 
     def _approached(self) -> bool:
-        """Return whether a link is near enough to touch an organ, which is at rest."""
+        """Return whether a link is so near that it may touch an organ; valid only for organs at rest."""
         return any(
             organ.approached(self._samples[k], self._corners[k], self._poses[k])
             for organ in self._organs.values()
@@ -341,13 +341,13 @@ class Organs:
         )
 
     def _look(self, jumped: Sequence[int]) -> None:
-        """Switch off contact of links that jumped into an organ with this organ, until the links are outside."""
+        """Switch off contact between an organ and the links that jumped into it, until these links are outside."""
         for organ in self._organs.values():
             for k in {*jumped, *(organ.within if self._steps % _LOOK == 0 else ())}:
                 self._look_at(organ, k)
 
     def _look_through(self, index: int, organ: Organ, pressed: bool) -> None:
-        """Treat links as inside an organ if the organ is `pressed` too far, or its surface has jumped over links."""
+        """Treat touching links as inside an organ that is compressed too far (`pressed`) or has jumped over them."""
         contact = self._data.contact
         at = np.flatnonzero((contact.flex[:, 1] == index) & (contact.geom[:, 0] >= 0) & (contact.elem[:, 1] >= 0))
         if not len(at):
@@ -371,7 +371,7 @@ class Organs:
         self._let_touch(organ, k)
 
     def mute(self, robot: str, on: bool) -> None:
-        """Switch off contact of a robot's links with the operable organ (`on`), or on again when links are outside."""
+        """Switch off contact of a robot's links with the operable organ (`on`), or switch it on for links outside."""
         organ = self.operable
         assert organ is not None
         links = [k for k, tool in enumerate(self.tools) if tool.robot == robot]

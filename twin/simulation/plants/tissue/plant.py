@@ -18,13 +18,13 @@ from twin.simulation.world import Block, Signals
 
 
 class Links:
-    """The links of a robot that touch organs, with their poses from the joint values."""
+    """Computes the poses of those links of a robot that can touch organs, from the joint values."""
 
     def __init__(self, robot: str, mechanism: Mechanism, T_world_base: Array, bodies: Sequence[str], q: Array) -> None:
         """Solve the mechanism at joint values q (n,) at the start.
 
         Raises:
-            WorldError: the robot has no such body.
+            WorldError: the robot has no body with one of the given names.
             AssemblyError: the loops of the mechanism cannot be closed.
         """
         known = {b.name: b for b in mechanism.bodies}
@@ -37,7 +37,7 @@ class Links:
         self._solve(np.array(q, float))
 
     def poses(self, q: Array | None = None) -> list[Array]:
-        """Return T_world_link (4, 4) of each link at joint values q (n,); None: at the latest ones."""
+        """Return T_world_link (4, 4) of each link at joint values q (n,); None: at the latest joint values."""
         if q is not None and not np.array_equal(q, self._q):
             self._solve(q.copy())
         return [self.pose(tool.body.name) for tool in self.tools]
@@ -56,7 +56,7 @@ class Tissues(Block):
     The joint values alone move the links; the organs deform.
 
     Signals:
-        `<organ>.nodes` (3 k,): nodes of its grid in the World in m; `Tissue.weights` gives the vertices from the nodes.
+        `<organ>.nodes` (3 k,): nodes of the organ's grid in the World in m; the vertices are `Tissue.weights` @ nodes.
         `<organ>.touched`: index of the triangle that is pressed deepest; -1: nothing touches the organ.
         `<organ>.force` (3,): total contact force on the organ in the World in N.
     """

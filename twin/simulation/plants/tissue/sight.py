@@ -10,14 +10,14 @@ from twin.core.spatial import Array, Index
 
 
 class Sight:
-    """The endoscope's view; instruments are ignored, because they are thin and move."""
+    """Computes what the endoscope sees; instruments are ignored, because they are thin and move."""
 
     def __init__(self, camera: Callable[[], Array], view: float) -> None:
-        """Prepare; `camera` returns T_world_camera (4, 4) with z along the view; `view`: angle of view in rad."""
+        """Store `camera`, which returns T_world_camera (4, 4) with z along the view, and the angle of view in rad."""
         self._camera, self._view = camera, view
 
     def seen(self, points: Array, surfaces: Sequence[tuple[Array, Index]]) -> float:
-        """Return the fraction of points (n, 3) in m that surfaces (vertices, triangles) do not hide from the camera."""
+        """Return the visible fraction of points (n, 3) in m; surfaces (vertices, triangles) hide points behind them."""
         T = self._camera()
         local = (points - T[:3, 3]) @ T[:3, :3]
         flat = np.abs(local[:, :2]).max(axis=1)
@@ -32,7 +32,7 @@ class Sight:
 def _blocked(start: Array, rays: Array, vertices: Array, triangles: Index) -> np.ndarray:
     """Return (n,) bool: whether a triangle is between `start` (3,) and the end start + ray of each ray (n, 3).
 
-    The method is that of T. Moeller and B. Trumbore (1997), with quantities that are equal for all rays computed once.
+    The method is that of T. Moeller and B. Trumbore (1997); quantities that are equal for all rays are computed once.
     """
     p, q, r = (vertices[triangles[:, k]] for k in range(3))
     e, g, s = q - p, r - p, start - p

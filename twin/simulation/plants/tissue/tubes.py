@@ -22,7 +22,7 @@ _BEND = 0.02
 """Bending stiffness divided by stretching stiffness; ASSUMED, for a thin wall."""
 
 _SLIDE = 0.5 * MM
-"""Distance in m by which the jaws slide in a step at twice the force limit; proportional to the excess force."""
+"""Distance in m by which jaws slide in a step at twice the force limit; proportional to the force above the limit."""
 
 _STILL = 1e-7
 """A chain is at rest if no node moves further than this distance in m in a step."""
@@ -30,7 +30,7 @@ _STILL = 1e-7
 
 @dataclass
 class Held:
-    """A node of a vessel that jaws hold.
+    """A node of a vessel, held by jaws.
 
     Attributes:
         node: index of the node.
@@ -56,8 +56,8 @@ class Tube:
         cut: (n,) 1: the segment is cut away.
         flat: (n + 1,) fraction by which clips flatten the vessel at its nodes.
         across: (3,) direction in which clips flatten the vessel.
-        held: the nodes in jaws, by number of the jaws.
-        reaction: (3,) force in N that the chain exerts on what holds its first node.
+        held: the nodes that jaws hold; the keys are the numbers of the instruments.
+        reaction: (3,) force in N that the chain exerts on the support of its first node.
     """
 
     def __init__(self, vessel: Vessel, period: float) -> None:
@@ -72,7 +72,7 @@ class Tube:
         self._drag = _DRAG * float(vessel.lengths.mean()) / period
 
     def step(self, first: Array) -> None:
-        """Move the chain with its first node at `first` (3,) in m in the World; a chain at rest is not computed."""
+        """Step the chain, with its first node at `first` (3,) in the World in m; a chain at rest is not computed."""
         if not self._creeps and not self.held and np.abs(first - self.points[0]).max() < _STILL:
             return
         x, n = self.points, self.vessel.segments
@@ -124,7 +124,7 @@ class Tube:
     # -- places along the vessel --------------------------------------------------------------------------
 
     def at(self, s: float) -> Array:
-        """Return the point (3,) in the World at the distance s in m along the vessel at rest."""
+        """Return the point (3,) in the World at arc length s in m; s is measured on the vessel at rest."""
         arc = self.vessel.arc
         k = int(np.clip(np.searchsorted(arc, s) - 1, 0, self.vessel.segments - 1))
         part = (s - arc[k]) / self.vessel.lengths[k]

@@ -8,7 +8,7 @@ from twin.core.spatial import Array, Index
 
 
 class Volume:
-    """The volume of a surface as a polynomial of third degree in the nodes of its grid.
+    """The volume inside a surface, as a polynomial of third degree in the nodes of the organ's grid.
 
     The volume is the sum of det(a, b, c) / 6 over triangles with corners a, b, c; a corner is a weighted sum of nodes.
     """
