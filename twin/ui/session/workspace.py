@@ -32,7 +32,8 @@ class Job:
     Attributes:
         robot, variants, parameters: arguments of `twin.load`.
         limits: limits (n, 2) of the active joints, in rad or m; infinite without a limit.
-        T_base_tool: present tool pose (4, 4): orientation of all poses, and centre of the searched box.
+        T_base_tool: present tool pose (4, 4); all poses have its orientation, and its position is the centre of the
+            searched box.
         reach: half the edge length of the searched box in m.
         count: total number of poses.
         bounds: limits of joints, of motors, and of the distances between two carriages on a rail.
