@@ -31,7 +31,7 @@ class Gate:
     """Access rules of one server.
 
     Attributes:
-        open: whether the server is open to the network; a token or a session is then required.
+        open: whether other machines can reach the server; if so, clients need a token or a session.
         token: the valid one-time token; "" if the server is not open.
     """
 
@@ -68,7 +68,7 @@ class Gate:
 
     @staticmethod
     def same_origin(origin: str | None, host: str | None) -> bool:
-        """Return whether the Origin header names this server (Host header) or is missing.
+        """Return whether the Origin header is missing, or names the same host and port as the Host header.
 
         Browsers always send an Origin header when they request a WebSocket; other programs send none.
         """
