@@ -1,4 +1,4 @@
-"""Pack the link poses of several robots for the frames of a scene; signs of quaternions do not jump between frames."""
+"""Pack link poses of several robots for a scene's frames; quaternions do not flip their sign between frames."""
 
 from __future__ import annotations
 
