@@ -12,7 +12,7 @@ from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
 SESSIONS = 64
-"""Maximum number of sessions; beyond it, the oldest session becomes invalid."""
+"""Maximum number of sessions; if there are more, the oldest session becomes invalid."""
 
 _LOCAL = ("127.0.0.1", "localhost", "::1")
 
@@ -56,7 +56,7 @@ class Gate:
         self._announce(self.token)
 
     def answers_to(self, host: str | None, own: str) -> bool:
-        """Return whether a Host header contains a name of this server or `own`, the connection's local address.
+        """Return whether a Host header contains a name of this server, or the connection's local address `own`.
 
         This check prevents DNS rebinding: an attack in which the host name of another site resolves to this machine.
         """

@@ -1,7 +1,7 @@
 """Receive the motion scale of a console over MQTT, for example from a tablet, and publish the console's current scale.
 
 A message to `<topic>/set` contains the new scale as decimal text, such as 0.25. This client publishes the current
-scale to `<topic>`, and `online` to `<topic>/available` while it is connected; both messages are retained. The console
+scale to `<topic>`, and `online` to `<topic>/available` while connected; both messages are retained. The console
 of the SILS paper receives its scale from a tablet over MQTT; the paper states neither the topic nor the format.
 """
 

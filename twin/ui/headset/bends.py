@@ -26,7 +26,7 @@ class Bends:
     """
 
     def __init__(self, feed: Feed | None) -> None:
-        """Pack the vertices at the start."""
+        """Set the source of the vertices, and pack the vertices at time 0."""
         self.feed, self.packed, self._broken = feed, (), ""
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self.at(0.0)

@@ -59,7 +59,7 @@ class Client:
         heard: time in s of the client's last message.
         documents: queued documents: (kind, text).
         behind: whether the newest frame must still be sent to the client.
-        stalled: time in s since which the connection has accepted no data; None if the connection accepts data.
+        stalled: time in s at which the connection stopped accepting data; None while the connection accepts data.
         told_rate: time in s at which the client was last warned that it sends too many messages.
     """
 

@@ -48,7 +48,7 @@ DEVIATIONS = RATE / 20
 
 
 class Operation(LiveConsole):
-    """Source of a stream: the robots of a scene, controlled by its console.
+    """Source of a stream: the robots of a scene, controlled by the scene's console.
 
     Attributes:
         device: the input device, which receives the hand states of a client or of UDP packets.

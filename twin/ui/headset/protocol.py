@@ -23,7 +23,7 @@ from twin.core.spatial import Array
 from twin.schema import first_mistake
 
 ALONE, VERSION = 1, 2
-"""Protocol version in `hello`: 1 for one robot; 2 for several robots, or with deformables (fields)."""
+"""Protocol version in `hello`: 1 for one robot; 2 for a scene, several robots, or deformables (fields)."""
 
 MAGIC = 0x314E5754
 """First four bytes of a frame: "TWN1"."""

@@ -64,7 +64,7 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
-    """Return the residuals of a quantity, in this unit ("": any) and for this pair of models such as "A-B" ("": any)."""
+    """Return the residuals of a quantity, in this unit ("": any) and for this pair of models, as "A-B" ("": any)."""
     return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
 
 

@@ -63,7 +63,7 @@ class HeldError(TwinError):
 
 
 class LiveConsole:
-    """The robots of a scene, controlled by its console in real time.
+    """The robots of a scene, controlled by the scene's console in real time.
 
     Attributes:
         scene: the scene.
@@ -477,7 +477,7 @@ class LiveConsole:
 
     @property
     def camera_at(self) -> Array:
-        """Present pan, tilt, depth and roll (4,) of the camera, in rad and m."""
+        """Present pan, tilt, depth and roll (4,) of the camera; the depth is in m, the angles are in rad."""
         return self.world.signals[f"{self._camera}.at"]
 
     def _read(self) -> dict[str, Any]:

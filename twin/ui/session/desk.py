@@ -29,7 +29,7 @@ from twin.reference.states import Assembly
 from twin.ui.session.hand import Hand
 
 ENDOSCOPE = "endoscope_tip"
-"""Name of the frame of a robot's endoscope camera, which looks along z."""
+"""Name of the frame of a robot's endoscope camera; the camera looks along the z axis of this frame."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 MakeReport = Callable[[str, str], bytes]
 """Function that takes the paths of session file and scene file, and returns the HTML page of the report.
 
-It must be at the top level of a module, because it runs in another process.
+The function must be at the top level of a module, because it runs in another process.
 """
 
 

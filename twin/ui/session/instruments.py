@@ -167,9 +167,10 @@ def _residual(
     """Return (residual, scope), the values of these attributes of `Reading`.
 
     Joint values, named points and tool are compared. The same tool pose may be reached in several assembly modes.
-    Equations for one mode cannot be compared with a mechanism in another mode; but they are correct if the mechanism,
-    moved to the joint values that they compute, has the same tool pose. This case is tested only if the equations are
-    for the assembly mode of the home state: they must compute the home joint values from the home tool pose.
+    Equations for one mode cannot be compared with a mechanism in another mode. Such equations are nevertheless correct
+    if the mechanism, moved to the joint values that they compute, has the same tool pose. This is tested only if the
+    equations are for the assembly mode of the home state: from the home tool pose, the equations must compute the home
+    joint values.
     """
     kin, q, T = desk.kin, now.q, now.T_base_tool
     assert kin is not None

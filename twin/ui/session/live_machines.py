@@ -47,7 +47,7 @@ class LiveMachines:
         self._machines.close()
 
     def ask(self, mode: Mode) -> None:
-        """Request a mode of the trainer: teleoperation, rehearsal, check of the rehearsed motion, or its replay."""
+        """Request a mode of the trainer: teleoperation, rehearsal, check of the rehearsed motion, or replay."""
         self._asked += 1
         self._device.set(MODE, asked(mode, self._asked))
 

@@ -1,4 +1,4 @@
-"""Two handles that a page moves by gizmos and sliders; a `LiveConsole` uses them as its hands.
+"""Two handles that a page moves by gizmos and sliders; a `LiveConsole` uses the handles as hands.
 
 The pose of a handle is in {H}, the axes of the endoscope's picture. A page requests a displacement of the tool, an
 opening of the gripper, or a position of the camera. This module converts these requests to handle motions that the
@@ -180,7 +180,7 @@ class Pens:
         pen.used, pen.grip = True, Grip().travel * float(np.clip(part, 0, 1))
 
     def aim(self, client: str, coordinate: int, value: float) -> None:
-        """Move one coordinate of the camera by both hands; its other coordinates do not change.
+        """Move one coordinate of the camera by both hands; the other coordinates do not change.
 
         `coordinate` is 0 pan, 1 tilt, 2 depth or 3 roll; `value` is in rad or m and is clipped to the limits.
 
@@ -241,7 +241,7 @@ class Pens:
             self.release()
 
     def settle(self, hand: str) -> None:
-        """If a tool could not reach its goal, move its handle back to it, so that the tool follows the next motion.
+        """If a tool could not reach its goal, move the handle back to the tool; the tool then follows the next motion.
 
         In planning mode, the handle is not moved, because the arm is at rest.
         """

@@ -302,7 +302,7 @@ class PlanMode:
             self.changes += 1
 
     def _follow(self) -> None:
-        """Compute the ghost at the target; test the target or, once it is at rest, begin the search."""
+        """Move the ghost to the target. Test a new target; if the target is at rest and free, begin the search."""
         target = self._world().signals[f"{self.robot}.target"][1:].reshape(4, 4)
         if self.plans.state != OFF and not _near(target, self._seen, *_NEAR):
             first = not len(self._seen)
@@ -384,7 +384,7 @@ class PlanMode:
         return signals[f"{robot}.encoder" if f"{robot}.encoder" in signals else f"{robot}.q"]
 
     def _enter(self) -> None:
-        """Store the joints of the other robots; if one has moved since the last plan, the geometry is loaded again."""
+        """Store the joints of the other robots; if a robot has moved since the last plan, load the geometry again."""
         signals, names = self._world().signals, [p.name for p in self._scene.places if p.name != self.robot]
         others = {n: signals[f"{n}.q"] for n in names if f"{n}.q" in signals}
         same = self._room is not None and self._room.robot == self.robot and others.keys() == self._stands.keys()
@@ -400,7 +400,7 @@ class PlanMode:
         return self._room
 
     def _limits(self) -> tuple[float, float]:
-        """Return the largest speed in m/s and rad/s of the tool on a planned motion."""
+        """Return the largest speeds of the tool in a planned motion, in m/s and rad/s."""
         if (t := self._scene.trainer) is None or self.robot not in self._machines:
             return _SPEED, _TURN
         return min(_SPEED, _SHARE * t.speed_mm_s * MM), min(_TURN, _SHARE * t.turn_deg_s * DEG)

@@ -1,4 +1,4 @@
-"""Jobs of planning mode in another process: test the target, plan and time a motion, compute its clearance.
+"""Jobs of planning mode in another process: test the target, plan and time a motion, compute the motion's clearance.
 
 For each robot, the process keeps the obstacles of the last job in memory, so that a test takes milliseconds. A motion
 is planned in a thread, while the generator `work` yields the progress. If the generator is closed, the search ends at

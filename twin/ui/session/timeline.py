@@ -115,7 +115,7 @@ class Clock:
         self.loop, self.playing = True, False
 
     def play(self) -> None:
-        """Start the clock; if it is at the end of the playback, it starts from 0."""
+        """Start the clock at the present time, or at 0 if the present time is the end of the playback."""
         if self.time >= self.duration:
             self.time = 0.0
         self.playing = self.duration > 0

@@ -29,7 +29,7 @@ def of_arm(member: Member, q: Array, goal: Array) -> str | None:
 
 
 def of_camera(at: Array, drag: Drag) -> str | None:
-    """Return a text on the limit that the camera has reached, or None; `at` (4,): pan, tilt, depth, roll in rad, m."""
+    """Return a text on the limit that the camera has reached, or None; `at` (4,): see `LiveConsole.camera_at`."""
     names, units = ("pan", "tilt", "depth", "roll"), (DEG, DEG, MM, DEG)
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         if at[k] - drag.lower[k] < 1e-9 or drag.upper[k] - at[k] < 1e-9:

@@ -1,6 +1,6 @@
 """Compute, in a separate process, the tool positions that a robot can reach with the present tool orientation.
 
-A process of low priority does not slow down dragging; a thread would, because it would share the interpreter.
+A process of low priority does not slow down dragging; a thread would, because threads share the interpreter.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from twin.kinematics import Kinematics
 
 CHUNK = 20_000
-"""Number of poses between two checks for cancellation; they are computed in less than half a second."""
+"""Number of poses between two checks for cancellation; this number is computed in less than half a second."""
 
 
 @dataclass(frozen=True, eq=False)

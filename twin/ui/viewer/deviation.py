@@ -12,7 +12,7 @@ from twin.core.units import DEG, MM
 from twin.model.joint import Joint
 
 _SECONDS, _EVERY = 12.0, 0.1
-"""Time span in s that the curve shows, and time in s between two of its points."""
+"""Time span in s that the curve shows; time in s between two points of the curve."""
 
 _COLORS = ("#0a66c2", "#c7741b")
 

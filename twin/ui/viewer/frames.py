@@ -60,7 +60,7 @@ class FrameWriter:
         self._nodes = [_Node(handle) for handle in handles]
 
     def write(self, positions: Array, wxyzs: Array) -> None:
-        """Send positions (n, 3) in m and unit quaternions (n, 4), w first, in the frames of the parent nodes.
+        """Send positions (n, 3) in m and unit quaternions (n, 4), w first; both are in the frames of the parent nodes.
 
         A position or quaternion that is bit-identical to the last one of the same node is not sent again.
         """

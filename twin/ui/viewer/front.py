@@ -226,7 +226,7 @@ class Front(Loop):
         self._stale = True
 
     def rebuilt(self, a: Actor) -> None:
-        """Remove a robot's ghost, because its mechanism has changed."""
+        """Remove a robot's ghost, because the robot's mechanism has changed."""
         ghost = self.ghosts.pop(a.name, None)
         if ghost is not None:
             ghost.remove()

@@ -25,7 +25,7 @@ AGAIN = 3.0
 
 
 class Loop(ABC):
-    """Base class of a page of the viewer; one thread solves and draws its frames.
+    """Base class of a page of the viewer; one thread handles all requests and draws all frames.
 
     Attributes:
         stopping: event that ends the loop when it is set.

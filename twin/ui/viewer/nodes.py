@@ -155,8 +155,8 @@ class RobotNodes:
         If no body has two points, nothing is drawn.
 
         Args:
-            points: positions (3,) in m in the base frame by name, computed by the equations.
-            actual: positions (3,) in m in the base frame by name, computed by the mechanism.
+            points: positions (3,) by point name, computed by the equations, in m in the base frame.
+            actual: the same positions, computed by the mechanism.
             agrees: whether equations and mechanism agree; the lines are then green, otherwise red.
             exaggerated: factor by which the differences between `points` and `actual` are drawn larger.
         """
