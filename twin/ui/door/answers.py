@@ -54,7 +54,7 @@ class File:
 
 
 def answer(file: File, headers: Headers, head_only: bool, cookie: str | None = None) -> Response:
-    """Return the response to a request for a file; `cookie` is the value of its Set-Cookie header, None: no header."""
+    """Return the response to a request for a file; `cookie` is the value of the Set-Cookie header, None: no header."""
     packed = file.gzipped if "gzip" in _all(headers, "Accept-Encoding").lower() else None
     fields = _fields(file.type, file.policy)
     fields["ETag"] = file.etag

@@ -1,7 +1,7 @@
 """A TCP connection with limits that the library `websockets` does not enforce.
 
-The connection reads the head of the HTTP request with limits on methods, lengths and time. It then counts received
-bytes and frames. A server sends a frame only if no bytes are queued (`waiting`), so that at most one frame is queued.
+The connection reads the head of the HTTP request, with limits on method, length and time. Then it counts received bytes
+and frames. A server sends a frame only if no bytes are queued (`waiting`), so that at most one frame is queued.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ HEAD_SECONDS = 5.0
 
 _HEAD_BYTES, _TARGET_BYTES = 16_384, 2048
 _SLICE = 1024
-"""Maximum number of bytes parsed between two counts of frames; a single read may contain ten thousand small frames."""
+"""Maximum number of bytes parsed before frames are counted again; one read may contain ten thousand small frames."""
 
 _UNSENT = 4096
 """Maximum number of bytes queued in the kernel for sending, so that old frames do not delay the newest frame."""
@@ -34,7 +34,7 @@ _REQUEST = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
 
 
 class Connection(ServerConnection):
-    """A connection with limits; a server uses a subclass that sets `doorman` and may set `bytes` and `frames`.
+    """A connection with limits. A server uses a subclass that sets `doorman`, and optionally `bytes` and `frames`.
 
     Attributes:
         doorman: counter of connections.

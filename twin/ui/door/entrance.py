@@ -62,7 +62,7 @@ def visit(gate: Gate, connection: ServerConnection, request: Request) -> Visit |
 
 
 def page(gate: Gate, seen: Visit, files: Mapping[str, File]) -> Response:
-    """Return the response to a request for the file at an exact path.
+    """Return the response to a request for a file; the requested path must be a key of `files`.
 
     A client without a session must send the token with its request for "/"; the response then sets a session cookie.
     """
@@ -105,7 +105,7 @@ def listen(
         handler: called with each accepted WebSocket.
         host: address to listen on.
         port: port to listen on.
-        request: function that calls `visit` and returns the response to a request, or None to accept a WebSocket.
+        request: function that checks a request with `visit` and returns the response, or None to accept a WebSocket.
         doorman: counter of connections and WebSockets.
         kind: class of the connections.
         longest: maximum length of a message in bytes.

@@ -12,7 +12,7 @@ from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
 SESSIONS = 64
-"""Maximum number of sessions; beyond it, the oldest session becomes invalid."""
+"""Maximum number of sessions; if there are more, the oldest session becomes invalid."""
 
 _LOCAL = ("127.0.0.1", "localhost", "::1")
 
@@ -31,7 +31,7 @@ class Gate:
     """Access rules of one server.
 
     Attributes:
-        open: whether the server is open to the network; a token or a session is then required.
+        open: whether other machines can reach the server; if so, clients need a token or a session.
         token: the valid one-time token; "" if the server is not open.
     """
 
@@ -56,7 +56,7 @@ class Gate:
         self._announce(self.token)
 
     def answers_to(self, host: str | None, own: str) -> bool:
-        """Return whether a Host header contains a name of this server or `own`, the connection's local address.
+        """Return whether a Host header contains a name of this server, or the connection's local address `own`.
 
         This check prevents DNS rebinding: an attack in which the host name of another site resolves to this machine.
         """
@@ -68,7 +68,7 @@ class Gate:
 
     @staticmethod
     def same_origin(origin: str | None, host: str | None) -> bool:
-        """Return whether the Origin header names this server (Host header) or is missing.
+        """Return whether the Origin header is missing, or names the same host and port as the Host header.
 
         Browsers always send an Origin header when they request a WebSocket; other programs send none.
         """

@@ -12,7 +12,7 @@ CLIENTS, CLIENTS_OF_ONE = 48, 32
 """Maximum number of simultaneous WebSockets: in total, and from one address."""
 
 OPENINGS = (40.0, 160.0)
-"""Limit of new connections from one address: (per second, burst); a page needs few, because it has few files."""
+"""Limit of new connections from one address: (per second, burst); a page needs few connections, as it has few files."""
 
 MESSAGES = (200.0, 400.0)
 """Limit of messages from one client: (per second, burst); dragging sends 60 to 120 messages per second."""
@@ -31,7 +31,7 @@ ADDRESSES = 4096
 
 
 class Bucket:
-    """Token bucket with a capacity of `size` tokens and `rate` new tokens per second; full at the time `now` in s."""
+    """Token bucket for `size` tokens, with `rate` new tokens per second; it is full at the initial time `now` in s."""
 
     def __init__(self, rate: float, size: float, now: float) -> None:
         self.rate, self.size, self.level, self.last = rate, size, size, now

@@ -1,7 +1,7 @@
-"""Receive the motion scale of a console over MQTT, for example from a tablet, and publish the current scale.
+"""Receive the motion scale of a console over MQTT, for example from a tablet, and publish the console's current scale.
 
 A message to `<topic>/set` contains the new scale as decimal text, such as 0.25. This client publishes the current
-scale to `<topic>`, and `online` to `<topic>/available` while it is connected; both messages are retained. The console
+scale to `<topic>`, and `online` to `<topic>/available` while connected; both messages are retained. The console
 of the SILS paper receives its scale from a tablet over MQTT; the paper states neither the topic nor the format.
 """
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 _RETRY, _TIMEOUT, _KEEPALIVE = 2.0, 5.0, 10
-"""Times in s: pause between two attempts to connect, maximum wait for an answer of the broker, keep-alive interval."""
+"""Times in s: pause between two attempts to connect; maximum time until the broker answers; keep-alive interval."""
 
 _AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
 """Socket option to send small messages at once; without it, TCP can delay a message by 40 ms."""
 
 _QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
-"""Minimum time in s between two invalid payloads for the second to be reported; maximum number of bytes of a payload in
-a report; maximum number of characters of a topic."""
+"""Time in s after an invalid payload during which further ones are not reported; maximum number of bytes of a payload
+that a report shows; maximum number of characters of a topic."""
 
 
 class ScaleTopic:

@@ -18,7 +18,7 @@ _MOST = 256
 """Maximum number of waiting packets; a flood of packets then does not delay the ticks."""
 
 _QUIET = 5.0
-"""Minimum time in s between two problems of the same kind for the second to be reported."""
+"""Time in s after a problem during which further problems of the same kind are not reported."""
 
 Address = tuple[str, int]
 
@@ -34,8 +34,8 @@ class PacketDoor:
         port: port on which the socket listens.
         holder: name of another device that controls the hands; None: no other device. While a name is set, all packets
             are refused.
-        refused: number of well-formed packets that were refused because another address or device controls the hand,
-            or because the camera pedal was pressed in a hand's first packet.
+        refused: number of well-formed packets that were refused. A packet is refused if another address or device
+            controls the hand, or if it is the first packet for a hand and its camera pedal is pressed.
         reports: reporter of refused and malformed packets.
     """
 
@@ -65,8 +65,8 @@ class PacketDoor:
     def pump(self, t: float, parts: int = 1) -> int:
         """Pass received packets to the device before the tick at time t in s; return the number of accepted packets.
 
-        The ticks of a frame may be computed in several groups; `parts` is the number of remaining groups, this one
-        included. Each call passes 1 / `parts` of the waiting packets, so that the hands move in every group.
+        The ticks of a frame may be computed in several groups; `parts` is the number of remaining groups, including
+        this one. Each call passes 1 / `parts` of the waiting packets, so that the hands move in every group.
         """
         while len(self._waiting) < _MOST:
             try:

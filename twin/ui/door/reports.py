@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 
 class Reports:
-    """Reporter of problems; it skips a problem that follows within `quiet` s after a problem of the same kind.
+    """Reporter of problems; a problem is not reported if a problem of the same kind occurred in the last `quiet` s.
 
     Attributes:
-        quiet: minimum time in s between a reported problem and the problem of the same kind before it.
+        quiet: time in s after a problem during which further problems of the same kind are not reported.
         tell: function that receives the text of each reported problem.
     """
 

@@ -1,4 +1,4 @@
-"""Pack the vertices of a scene's deformables for the frames of a stream, and report the first error in them."""
+"""Pack the vertices of a scene's deformables for the frames of a stream, and report the first error in a deformable."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Bends:
     """
 
     def __init__(self, feed: Feed | None) -> None:
-        """Pack the vertices at the start."""
+        """Set the source of the vertices, and pack the vertices at time 0."""
         self.feed, self.packed, self._broken = feed, (), ""
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
         self.at(0.0)
@@ -39,7 +39,7 @@ class Bends:
         return self.feed.touching if isinstance(self.feed, Follower) and not self._broken else {}
 
     def follow(self, links: Callable[[], Mapping[str, Mapping[str, Array]]], passed: float, t: float) -> None:
-        """Deform the deformables that follow links, according to the present link poses.
+        """Deform, according to the present link poses, the deformables that follow links.
 
         Args:
             links: function that returns poses T_world_link (4, 4), by robot and link, at least of the links in `needs`.
@@ -57,7 +57,7 @@ class Bends:
             self.at(t)
 
     def at(self, t: float) -> None:
-        """Pack the deformables at a time in s; a field with an error has no vertices; the first error is reported."""
+        """Pack the deformables at a time in s. A field with an error gets no vertices; the first error is reported."""
         if self.feed is None:
             return
         fields = dict.fromkeys(self.feed.surfaces, _NOTHING)

@@ -17,10 +17,10 @@ STALL = 10.0
 """Time in s after which a client that receives no data is disconnected."""
 
 _NEWEST = ("state", "target")
-"""Kinds of documents of which at most one, the newest, is queued for a client."""
+"""Kinds of documents for which only the newest document is queued for a client."""
 
 WAITING = 64
-"""Maximum number of queued documents for one client; a client with more is disconnected."""
+"""Maximum number of documents queued for one client; the client is disconnected if there are more."""
 
 
 class Source(Protocol):
@@ -58,9 +58,9 @@ class Client:
         garbage: rate limit of the client's malformed messages.
         heard: time in s of the client's last message.
         documents: queued documents: (kind, text).
-        behind: whether the newest frame has not been sent to the client yet.
-        stalled: time in s since which the connection has accepted no data; None if the connection accepts data.
-        told_rate: time in s at which the client was last told that it sends too many messages.
+        behind: whether the newest frame must still be sent to the client.
+        stalled: time in s at which the connection stopped accepting data; None while the connection accepts data.
+        told_rate: time in s at which the client was last warned that it sends too many messages.
     """
 
     id: str

@@ -96,7 +96,7 @@ def _title(robot: Robot, protocol: str) -> str:
 
 
 def _variants(desk: Desk) -> list[str]:
-    """Return the values that the message `variant` accepts: "name" and "equation=name" for each variant not in use."""
+    """Return the values that the message `variant` accepts: for each variant not in use, "name" and "equation=name"."""
     if desk.kin is None:
         return []
     own = desk.kin.variants
@@ -119,7 +119,7 @@ def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[
 
 
 def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> dict[str, Any]:
-    """Return the height of the floor in m and, for each protocol, its patient or why there is no patient."""
+    """Return the floor's height in m and, for each protocol, its patient or the reason why it has no patient."""
     none = {}
     for name, source in protocols.items():
         with contextlib.suppress(TwinError):

@@ -38,7 +38,7 @@ def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
 
     Args:
         folder: folder of the page; if it is missing or empty, the result is empty.
-        preload: paths of files that a browser loads in parallel with the script of index.html.
+        preload: paths of the files that a browser is told to load in parallel with the script of index.html.
     """
     out = {}
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):

@@ -16,7 +16,7 @@ _CHUNK = 8
 """Number of samples that one job of the worker solves."""
 
 _PATIENCE = 10
-"""Pause after a pose without a solution, as a multiple of the time spent on this pose; drags have priority."""
+"""Pause after a pose without a solution, as a multiple of the time spent on this pose; drags can run meanwhile."""
 
 
 class Ghost:
@@ -56,7 +56,7 @@ class Ghost:
         return ""
 
     def follow(self, playback: Playback) -> None:
-        """Set the protocol at whose samples `more` computes the ghost; the desk must have this protocol's trocars."""
+        """Set the protocol; `more` computes the ghost at its samples. The desk must have the protocol's trocars."""
         self._playback = playback
         if self._chosen is not None:
             self.choose(self._chosen)
@@ -75,8 +75,8 @@ class Ghost:
     def more(self) -> bool:
         """Process the next samples of the protocol; return False if all samples were already processed.
 
-        A sample without a solution takes a hundred times as long as a sample with a solution. Therefore, after a
-        failure some samples are skipped; each further failure in succession increases the number of skipped samples.
+        A sample without a solution takes a hundred times as long as a sample with a solution. Therefore, some samples
+        are skipped after a sample without a solution, and more samples after each further one in succession.
         """
         track, playback, kin = self._track, self._playback, self._kin
         if track is None or playback is None or kin is None or self._solved >= len(track):

@@ -15,7 +15,7 @@ from twin.ui.session.desk import Desk, Moved
 
 @dataclass(frozen=True)
 class Hold:
-    """A grab by a client.
+    """The part of a robot that a client has grabbed.
 
     Attributes:
         client: identifier of the client.
@@ -33,7 +33,7 @@ class Hold:
 
 
 def hold_of(client: str, message: wire.Grab, desk: Desk) -> Hold:
-    """Return the grab requested by a client's message.
+    """Return the `Hold` that a client's message requests.
 
     Raises:
         RefusedError: the joint or link does not exist, or cannot be moved.

@@ -19,8 +19,8 @@ from twin.ui.session.timeline import HEARTBEAT, RATE, Clock
 class Live:
     """Source of a stream: robots that all clients can play and move.
 
-    A single robot is sent in version 1 of the stream protocol; several robots, a scene or a feed of deformables in
-    version 2.
+    A single robot without a scene and without deformables is sent in version 1 of the stream protocol, everything else
+    in version 2.
 
     Attributes:
         twins: the robots by name, in the order of their parts in a frame.
@@ -51,12 +51,12 @@ class Live:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of all links: "<link>" for a single robot, "<robot>/<link>" for several robots."""
+        """Names of all links: "<link>" in version 1 of the stream protocol, "<robot>/<link>" in version 2."""
         return self._names({n: t.links for n, t in self.twins.items()})
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of all active joints: "<joint>" for a single robot, "<robot>/<joint>" for several robots."""
+        """Names of all active joints: "<joint>" in version 1 of the stream protocol, "<robot>/<joint>" in version 2."""
         return self._names({n: t.robot.joints for n, t in self.twins.items()})
 
     def _names(self, of: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
@@ -157,7 +157,8 @@ class Live:
     def _of(self, client: str, message: wire.OfRobot) -> Twin:
         """Return the robot to which a request applies.
 
-        A request without a robot's name applies to the only robot, a drag to the only robot that the client holds.
+        Without a robot's name, a drag applies to the only robot that the client holds; other requests need the name if
+        there are several robots.
         """
         if message.robot is not None:
             if message.robot not in self.twins:

@@ -1,7 +1,7 @@
 """Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a client or by UDP packets.
 
-`LiveConsole` steps the World. This module converts messages or packets of one owner at a time to states of the input
-device `Packets`, and link poses to frames.
+`LiveConsole` steps the World. One owner at a time, a client or UDP, controls the hands. This module converts the
+owner's messages or packets to states of the input device `Packets`, and link poses to frames.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ DEVIATIONS = RATE / 20
 
 
 class Operation(LiveConsole):
-    """Source of a stream: the robots of a scene, controlled by its console.
+    """Source of a stream: the robots of a scene, controlled by the scene's console.
 
     Attributes:
         device: the input device, which receives the hand states of a client or of UDP packets.
@@ -121,7 +121,7 @@ class Operation(LiveConsole):
         }
 
     def _has_jaw(self, hand: str) -> bool:
-        """Return whether the gripper of a hand moves something: a joint of an arm, or the jaws of a tool."""
+        """Return whether the gripper of a hand moves a joint of an arm or the jaws of a tool."""
         if self.task is not None and self.task.procedure is not None:
             return True
         return any(self.members[n].kin.auxiliary.any() for n in getattr(self.table, hand))
@@ -199,7 +199,7 @@ class Operation(LiveConsole):
         return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, self._bends.packed)
 
     def _send_forces(self) -> None:
-        """Send the forces on the hands to all clients while a force is not zero, and once after that."""
+        """Send the forces on the hands to all clients if a force has changed."""
         forces = {hand: [round(float(x), 3) + 0.0 for x in force] for hand, force in self.forces().items()}
         if forces != self._forces:
             self._forces = forces
@@ -303,7 +303,7 @@ class Operation(LiveConsole):
     # -- documents ------------------------------------------------------------------------------------
 
     def welcome(self) -> list[dict[str, Any]]:
-        """Return the documents of the planned motion, if there is one."""
+        """Return the documents of planning mode; none while planning mode is off."""
         return self._plans.all()
 
     def state(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Hands that are moved by UDP packets instead of a client of the running console; forces are sent back."""
+"""Hands of a console that are moved by UDP packets instead of a client; the senders receive the forces."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class PacketHands:
             self.door.answer(hand, force, t)
 
     def state(self, t: float, signals: Signals) -> dict[str, Any]:
-        """Return port, senders at time t in s, and numbers of lost and ignored packets, for the document `state`."""
+        """Return port, senders at time t in s, and numbers of lost and ignored packets, as an entry of `state`."""
         device = self.door.device
         senders = [self.door.sender(hand, t) for hand in range(len(device.hands))]
         return {

@@ -16,7 +16,7 @@ class PlanDocuments:
     """Maker of the documents `target` (ghost), `plan` (planned motion) and `clearance` from the planning mode."""
 
     def __init__(self, mode: PlanMode, bodies: Mapping[str, Sequence[str]]) -> None:
-        """Make documents of `mode`; `bodies`: names of the bodies of each arm, in the order of the links in a frame."""
+        """Set the planning mode; `bodies`: names of the bodies, by arm, in the order of the links in a frame."""
         self._mode, self._bodies = mode, bodies
         self._seen, self._parts = mode.changes, 0
         self._ghost: Mapping[str, np.ndarray] = mode.ghost

@@ -1,4 +1,4 @@
-"""Pack the link poses of several robots for the frames of a scene; signs of quaternions do not jump between frames."""
+"""Pack link poses of several robots for a scene's frames; quaternions do not flip their sign between frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Posed:
     """
 
     def __init__(self, bodies: Mapping[str, Sequence[str]], bases: Mapping[str, Array]) -> None:
-        """Set the links and the base poses T_world_base (4, 4) of the robots, both by robot."""
+        """Set link names and base pose T_world_base (4, 4) of each robot; both mappings are by robot."""
         self.bodies = {n: tuple(names) for n, names in bodies.items()}
         self._T_base_world = {n: spatial.inverse(bases[n]) for n in bodies}
         self._sevens: dict[str, Array] = {}

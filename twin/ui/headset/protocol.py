@@ -23,7 +23,7 @@ from twin.core.spatial import Array
 from twin.schema import first_mistake
 
 ALONE, VERSION = 1, 2
-"""Protocol version in `hello`: 1 for one robot; 2 for several robots, or with deformables (fields)."""
+"""Protocol version in `hello`: 1 for one robot; 2 for a scene, several robots, or deformables (fields)."""
 
 MAGIC = 0x314E5754
 """First four bytes of a frame: "TWN1"."""
@@ -94,7 +94,7 @@ def pack_body(poses: np.ndarray, q: np.ndarray, ghost: np.ndarray | None) -> byt
 
 
 def size_of(data: bytes) -> int:
-    """Return the length in bytes, according to its header, of the frame at the start of the data.
+    """Return the length in bytes of the frame at the start of the data, as stated in the frame's header.
 
     Raises:
         TwinError: the data do not begin with a frame.
@@ -137,9 +137,9 @@ def pose_of(seven: Any) -> Array:
 
 
 def near_signs(sevens: Array, last: Array | None) -> Array:
-    """Return poses (n, 7) with the sign of each quaternion chosen nearest to the same pose in `last` (n, 7).
+    """Return poses (n, 7) in which the sign of each quaternion is chosen so that it is near to the previous quaternion.
 
-    `last` are the previous poses. If `last` is None or has a different number of poses, no sign changes.
+    `last` (n, 7) are the previous poses. If `last` is None or has a different number of poses, no sign changes.
     """
     if last is None or len(last) != len(sevens):
         return sevens
@@ -372,7 +372,7 @@ class Tool(_Message):
 
 
 class Ping(_Message):
-    """Request a `pong` with the same t and the server's time; while a client sends pings, its grab is not released."""
+    """Request a `pong` with the same t and the server's time; a grab is not released while its client sends pings."""
 
     type: Literal["ping"]
     t: Annotated[float, Field(ge=-1e15, le=1e15)]
@@ -427,8 +427,8 @@ def parse(text: str | bytes) -> Message:
     """Return the client message in a JSON text of at most `LONGEST` bytes.
 
     Raises:
-        RefusedError: the message is invalid (code "invalid"). The error, of at most 300 characters, names the field
-            and the rule. It may repeat an unknown type or key of the message, but no value of a field.
+        RefusedError: the message is invalid (code "invalid"). The error text, of at most 300 characters, names the
+            field and the rule. The text may repeat an unknown type or key of the message, but no value of a field.
     """
     if isinstance(text, bytes):
         raise RefusedError("invalid", "clients send JSON text, not binary messages")

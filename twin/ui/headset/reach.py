@@ -1,4 +1,4 @@
-"""Compute the reachable tool positions in a separate process, and send them in several documents."""
+"""Compute the reachable tool positions in a separate process, and make documents with these positions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MOST = 4000
 
 
 class Reach:
-    """Computation of the workspace of a robot at its present orientation.
+    """Computation of the tool positions that a robot can reach with the present tool orientation.
 
     Attributes:
         on: whether the workspace is shown.
@@ -63,7 +63,7 @@ class Reach:
         )
 
     def poll(self) -> list[dict[str, Any]]:
-        """Return documents with new points."""
+        """Return the documents that are new since the last call: points, or an error."""
         if self._new:
             new, self._new = self._new, []
             return new

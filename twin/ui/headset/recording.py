@@ -25,7 +25,7 @@ from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.timeline import RATE
 
 LONGEST = 30 * 60
-"""Maximum duration in s of a recording, at 60 frames of about 1 kB per second."""
+"""Maximum duration in s of a recording; one second has up to 60 frames of about 1 kB each."""
 
 LARGEST = 200_000_000
 """Maximum total size in bytes of the frames, documents and requests of a recording."""
@@ -42,8 +42,8 @@ class Recording:
 
     Attributes:
         running: whether a recording is in progress.
-        path: file of the present recording or, between two recordings, of the next recording. The name of a server's
-            second file ends with -2.
+        path: file of the present recording; between two recordings, file of the next one. The name of a server's second
+            file ends with -2.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Recording:
         joints: tuple[str, ...],
         version: int = wire.ALONE,
     ) -> None:
-        """Begin the first recording; in version `wire.VERSION`, `robot` is the scene and `links` are its links."""
+        """Begin the first recording; in version `wire.VERSION`, `robot` is the scene's name, `links` are its links."""
         self.path, self._stem, self._saved, self._written = Path(path), Path(path).stem, 0, 0
         self._version = version
         self._of = {"robot": robot, "model_hash": model_hash, "links": list(links), "joints": list(joints)}
@@ -94,7 +94,7 @@ class Recording:
         return self.running and (tick - self._first > LONGEST * RATE or self._size > LARGEST)
 
     def add_document(self, tick: int, document: dict[str, Any]) -> None:
-        """Add a document sent to all clients; as in the sent text, numbers that are not finite are null."""
+        """Add a document sent to all clients; infinite and NaN numbers are stored as null, as they are sent."""
         if self.running:
             text = to_json(document, inf_nan_mode="null")
             self._size += len(text) + _ENTRY
@@ -199,7 +199,7 @@ class Replay:
         self._others: dict[tuple[str, str], dict[str, Any]] = {}
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
-        """Return the frame of the next recorded tick, with its recorded time; None without a frame, or in a pause."""
+        """Play the next recorded tick, and return its frame with the recorded time; None if paused or without frame."""
         if self._at >= self.last:
             self._running = False
         if not self._running:
@@ -209,7 +209,7 @@ class Replay:
         return self._frames.get(self._at)
 
     def _play(self, tick: int) -> None:
-        """Store the documents of a recorded tick as the last played documents."""
+        """Play the documents of a recorded tick: store them as the last played documents of their kinds."""
         for document in self._documents.get(tick, ()):
             if document.get("type") == "state":
                 self._state = document

@@ -1,6 +1,6 @@
 """Frame of a scene: the frames of its robots, followed by the vertices of its deformables (fields).
 
-For each robot, it contains a complete frame of the module `protocol`, so that clients can reuse their code for a single
+The frame of each robot is a complete frame of the module `protocol`, so that clients can reuse their code for a single
 robot. Vertices are stored as 16-bit fractions of the field's bounding box; the resolution is 16 µm for a box of 1 m.
 """
 
@@ -38,8 +38,8 @@ class SceneFrame:
         time: time of the scene's clock in s.
         flags: `wire.PLAYING`, and `wire.HELD` if a client holds a robot.
         robots: frames of the robots, in the order of the scene.
-        fields: vertices (n, 3) of each field, float32, in m in the world frame, in the order of the scene; n = 0 if
-            the vertices are unknown at this time.
+        fields: vertices (n, 3) of each field, float32, in m in the world frame; n = 0 if the vertices are unknown at
+            this time. The fields are in the order of the scene.
     """
 
     seq: int
@@ -59,7 +59,7 @@ def pack_scene(
 
 
 def pack_field(vertices: Array) -> bytes:
-    """Return vertices (n, 3) in m as bytes; the error is at most half a quantisation step of the box, plus rounding.
+    """Return vertices (n, 3) in m as bytes; the error is at most half a quantisation step, plus the rounding error.
 
     Raises:
         TwinError: there are too many vertices.

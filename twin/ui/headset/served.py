@@ -145,7 +145,7 @@ def of_console(
 
 
 def of_mirror(mirror: Mirror) -> Served:
-    """Return the content for a mirrored machine: a solid robot (measured joint values) and a ghost (desired ones)."""
+    """Return the content for a mirrored machine: solid robot (measured joint values), ghost (desired joint values)."""
     from twin.exchange.write.glb import glb_bytes
     from twin.ui.headset.mirrored import Mirrored
 

@@ -34,7 +34,7 @@ GAP = 0.004
 """Minimum time in s between two frames; after a message `hands`, a frame may also be sent between two ticks."""
 
 SILENCE, GRACE = 5.0, 3.0
-"""Times in s after which a grab is released: since the last message of its client, and since its disconnection."""
+"""Times in s after which a grab is released: since the last message of the client; since the client disconnected."""
 
 REMEMBERED = 256
 """Maximum number of disconnected clients whose identity is stored, so that they can reconnect."""
@@ -117,10 +117,9 @@ class StreamServer:
     # -- the stream -----------------------------------------------------------------------------------
 
     def _due(self, now: int) -> int:
-        """Return the tick to send at tick `now`: tick `now` - 1 if this is the only missed tick, otherwise `now`.
+        """Return the tick to send at tick `now`: `now` - 1 if this is the only tick that was missed, otherwise `now`.
 
-        Directly after a tick that was made up for, a missed tick is skipped; otherwise, all frames would be late on a
-        slow machine.
+        A missed tick is not made up for twice in succession: on a slow machine, all frames would then be late.
         """
         made_up = now - self._tick == 2 and self._at <= now - 1 and not self._made_up
         self._made_up = made_up
@@ -154,9 +153,8 @@ class StreamServer:
     def _respond(self, now: float) -> None:
         """Send the effect of a message `hands` as soon as `GAP` allows, instead of at the next tick.
 
-        The pause before a frame is as long as the computation of the last frame, at least `GAP` and at most a tick.
-        Without the pause, messages on a slow machine would wait for more and more frames, and the delay would grow
-        without limit.
+        The pause before a frame is as long as the computation of the last frame, but at least `GAP` and at most a tick.
+        Without the pause, more and more messages would wait on a slow machine, and the delay would grow without limit.
         """
         self._response = None
         if (wait := self._pause - (now - self._framed)) > 0:

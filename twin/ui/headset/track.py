@@ -59,7 +59,7 @@ def number(value: float | None) -> float | None:
 
 
 def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str, Any]]:
-    """Return the entry `trocars` of the document `state`: for each trocar its name and, in m, position, error, depth.
+    """Return the entry `trocars` of the document `state`: for each trocar, its name, position, error and depth (in m).
 
     The error is the distance from the trocar to the shaft axis. The depth is the insertion depth of the tip.
     """
@@ -86,8 +86,8 @@ def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> floa
 def measured(reading: Reading | None, ghost: float | None) -> dict[str, Any]:
     """Return the readings for the document `state`; `ghost`: distance in m between ghost and tool, None: no ghost.
 
-    With a ghost, the residual is this distance; without a ghost, it is the largest difference (a length or an angle)
-    between equations and mechanism.
+    With a ghost, the residual in the document is `ghost`. Without a ghost, the residual is the largest difference, a
+    length or an angle, between equations and mechanism.
     """
     residual = None if reading is None or ghost is not None else reading.residual
     length = ghost if residual is None or residual.is_angle else residual.size

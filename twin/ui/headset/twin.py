@@ -1,7 +1,7 @@
 """A live robot: playback, dragging, readings; only completely solved states are sent.
 
-All data are in the base frame of the robot. The module `live` owns the clock and advances time. All methods run in the
-event loop. Jobs run one at a time in the worker thread; their results are applied between two ticks.
+All data are in the base frame of the robot. The module `live` owns the clock and advances its time. All methods are
+called in the event loop. Jobs run one at a time in the worker thread; their results are applied between two ticks.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LOOK = 6
 
 
 class Twin:
-    """A robot that plays protocols and that clients can move; see `ask`, `poll` and `state`.
+    """A robot that plays protocols and is moved by clients; see `ask`, `poll` and `state`.
 
     Attributes:
         desk: state of the robot while it does not play; only jobs of the worker thread change it.
@@ -65,8 +65,8 @@ class Twin:
             protocol: the initial protocol; None: the robot's default protocol.
             plans: whether the robot plans and plays protocols.
             clock: clock of the playback; None: a new clock.
-            place: the robot's place in a scene, which has its own surroundings; None: no scene, the patients of the
-                robot's protocols can be shown.
+            place: the robot's place in a scene, which has its own surroundings. None: there is no scene, and the
+                patients of the robot's protocols can be shown.
         """
         self.robot, self.source, self.place = robot, source, place
         self.send: Callable[[dict[str, Any]], object] = lambda document: None
@@ -128,7 +128,7 @@ class Twin:
 
     @property
     def content_key(self) -> tuple[Any, ...]:
-        """Key of the frame's content; two frames with equal keys have the same poses, flags and protocol time."""
+        """Key of the present frame's content; frames with equal keys have the same poses, flags and protocol time."""
         return self._shown, self.flags, self.clip_time
 
     def frame(self, seq: int, server_time: float) -> bytes:

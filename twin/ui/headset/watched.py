@@ -24,7 +24,7 @@ _AGAIN, _PATIENCE = 1.0, 10.0
 
 
 class Watched:
-    """The stream of a running server, read by a thread. After a reconnection, the server must show the same data.
+    """The stream of a running server, read by a thread. The server must show the same scene and task throughout.
 
     Attributes:
         surfaces: triangles and colours of the deformables, by name.

@@ -12,8 +12,8 @@ from typing import Any
 class Worker:
     """Worker thread with a queue of jobs; a new job replaces a waiting job of the same kind, so that delays are short.
 
-    All methods must be called in the event loop. When a job ends, its function `done` is called in the event loop with
-    the job's result.
+    All methods must be called in the event loop. After the end of a job, the event loop calls the function `done` of
+    this job with the job's result.
     """
 
     def __init__(self, broken: Callable[[Exception], object]) -> None:
@@ -27,7 +27,7 @@ class Worker:
         self._thread.start()
 
     def ask(self, kind: str, job: Callable[[], Any], done: Callable[[Any], object]) -> None:
-        """Queue a job, whose result `done` receives; remove a waiting job of the same kind."""
+        """Queue a job, and remove a waiting job of the same kind; `done` is called with the result of the job."""
         with self._condition:
             self._jobs.pop(kind, None)
             self._jobs[kind] = (job, done)

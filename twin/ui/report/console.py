@@ -1,4 +1,4 @@
-"""Draw the results of a console check: each requirement (clause), and the tool's drift in a closed hand motion."""
+"""Draw the results of a console check: the requirements (clauses), and the tool's drift during a closed hand motion."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @styled()
 def figure(found: Contract) -> Figure:
-    """Return a figure with two panels: clauses of each equation, and distance of the tool from its start.
+    """Return a figure with two panels: clauses of each equation, and distance of the tool from its start position.
 
-    Satisfied clauses are green, unsatisfied clauses red. The distance is drawn for a hand motion that ends where it
-    began.
+    Satisfied clauses are green, unsatisfied clauses red. The distance is drawn over a hand motion that returns to its
+    start.
     """
     names = sorted({c.equation for c in found.clauses})
     readings = ", ".join(f"{n}={found.variants.get(n, '?')}" for n in names)

@@ -1,4 +1,4 @@
-"""Data for the plots of a report: limits, and curves reduced to fewer samples without losing peaks."""
+"""Data for the plots of a report: limits, and curves with fewer samples that still have all peaks."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ POINTS = 2000
 def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     """Return at most `points` samples (t, y) of a curve, chosen so that the plot of the curve looks the same.
 
-    The samples are divided into equally long intervals. The minimum, the maximum and the first gap (NaN) of each
-    interval are kept, and the first and the last sample of the curve. t (k,) are increasing times; y (k,) is NaN where
-    the curve has a gap. `points` is at least 16.
+    The samples are divided into equally long intervals. The result has the minimum, the maximum and the first NaN of
+    each interval, and the first and the last sample of the curve. t (k,) are increasing times; y (k,) is NaN where the
+    curve has a gap. `points` is at least 16.
     """
     k = len(y)
     if k <= points:
@@ -42,7 +42,8 @@ def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
 def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | None:
     """Return (t, values): the series `times` and the series `key`.
 
-    None if one of the series is missing or has fewer than two samples, if no value is finite, or if the lengths differ.
+    The result is None if a series is missing or has fewer than two samples, if the lengths of the two series differ, or
+    if no value is finite.
     """
     t, y = report.series.get(times), report.series.get(key)
     if t is None or y is None:
@@ -63,7 +64,7 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
-    """Return the residuals of a quantity in a unit ("": any unit) and for a pair of models such as "A-B" ("": any)."""
+    """Return the residuals of a quantity, in this unit ("": any) and for this pair of models, as "A-B" ("": any)."""
     return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
 
 
@@ -78,7 +79,7 @@ def joint_unit(report: Report, joint: str) -> str:
 
 
 def alarms(report: Report) -> dict[str, float]:
-    """Return the alarm value of each singularity measure by name, from the findings."""
+    """Return the alarm value of each singularity measure, by name of the measure, as the findings state it."""
     codes = ("singularity.", "margin.singularity")
     return {f.where: f.limit for f in report.findings if f.code.startswith(codes) and f.limit}
 
@@ -86,8 +87,9 @@ def alarms(report: Report) -> dict[str, float]:
 def rcm_tolerance(report: Report) -> float | None:
     """Return the maximum RCM error in m that the protocol allows; None if the report does not state it.
 
-    The limits of RCM findings are used if there are any, otherwise the tolerances of RCM residuals. Where the RCM is
-    enforced, the tolerance of a residual is not the protocol's limit, but the tolerance for agreement of the models.
+    If the report has RCM findings, their limits are used, otherwise the tolerances of RCM residuals. If the RCM is
+    enforced, however, the tolerance of an RCM residual is not the protocol's limit, but the tolerance for agreement
+    of the models.
     """
     scale = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
     limits = [

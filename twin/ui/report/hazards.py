@@ -19,14 +19,14 @@ _LEAST = 1e-2
 """Smallest drawn deviation in mm; smaller deviations are drawn at this value."""
 
 _MANY = 300
-"""Number of sessions above which points are small, so that they do not cover each other."""
+"""Number of sessions above which the points are drawn smaller, so that they do not cover each other."""
 
 
 def figure(found: Hazards) -> Figure:
     """Return a figure of peak deviations (one row for each class of faults), ROC curves and reaction times.
 
-    Each point of a row is a session. The ROC curves show the detection of dangerous sessions. The reaction times are
-    those of the trainee.
+    A row has a point for each session. The ROC curves show the detection of dangerous sessions. The reaction times
+    are those of the trainee.
     """
     with styled():
         n = len(found.by_class)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 VERDICTS = {"agree": "Equations (A), CAD (B) and USD (C) agree", "disagree": "", "unchecked": "Could not check"}
-"""Headline of the report for each verdict; "": `word` computes the headline."""
+"""Headline of the report for each verdict; "": the function `word` makes the headline."""
 
 CAPTIONS = {
     "residual_matrix": "Worst residual of every compared quantity over all samples. Read a row from left to right: the "
@@ -113,7 +113,7 @@ def reason(report: Report) -> str:
 def key_figures(report: Report) -> list[dict[str, str]]:
     """Return the key numbers of the report, each with the entries label, value, note, state and optionally link.
 
-    The state is "good", "near", "bad" or "none". If the models disagree, the first number belongs to the first cause.
+    The state is "good", "near", "bad" or "none". If the models disagree, the first number is that of the first cause.
     """
 
     def worst(name: str, rows: list[Residual]) -> dict[str, str]:
@@ -171,7 +171,7 @@ def _sentence(finding: Finding) -> str:
 
 
 def _headline_figure(report: Report) -> list[dict[str, str]]:
-    """Return the key number of the first cause, which `reason` also states; [] without a cause or its value."""
+    """Return the first cause's key number, a value that `reason` also states; [] without cause or without value."""
     if report.verdict != "disagree" or report.causes[0].head.size is None:
         return []
     cause = report.causes[0]
@@ -182,7 +182,7 @@ def _headline_figure(report: Report) -> list[dict[str, str]]:
 
 
 def _rcm_figure(report: Report) -> dict[str, str]:
-    """Return the RCM error and its limit from the protocol; error of the mechanism or, if unknown, of the plan."""
+    """Return the mechanism's RCM error (if unknown, the planned RCM error), with the limit from the protocol."""
     rows, planned = curves.rows(report, "rcm", "m"), curves.pair(report, "rcm_error")
     if not rows and planned is None:
         return {"label": "RCM error", "value": fmt.NONE, "note": "no RCM registered", "state": "none"}
@@ -211,7 +211,7 @@ def _clearance_figure(report: Report) -> dict[str, str]:
 
 
 def _counts(report: Report) -> list[str]:
-    """Return texts with the numbers of causes, of their consequences, and of other findings."""
+    """Return texts that state the numbers of causes, of findings that follow from the causes, and of other findings."""
     causes = report.causes
     told = {id(f) for c in causes for f in c.findings}
     out = [fmt.count(len(causes), "cause")] if causes else []
@@ -225,7 +225,7 @@ def _counts(report: Report) -> list[str]:
 
 
 def _groups(report: Report) -> list[dict[str, Any]]:
-    """Return the residuals grouped by pair of models; failing ones first, consequences directly after their cause."""
+    """Return the residuals by pair of models: failing residuals first, consequences directly after their cause."""
     out = []
     for pair in pair_names(report):
         rows = [r for r in report.residuals if r.pair == pair]
@@ -255,7 +255,7 @@ def _aliases(row: Residual) -> set[str]:
 
 
 def _parameters(report: Report) -> list[tuple[str, list[Parameter]]]:
-    """Return (title, parameters) of two groups, equations with motion and CAD, each with assumed parameters first."""
+    """Return (title, parameters) of two groups: CAD, and all others. Assumed parameters are first in each group."""
     ordered = sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance))
     drawn = [p for p in ordered if p.name.startswith("drawing.")]
     return [

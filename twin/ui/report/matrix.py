@@ -24,8 +24,8 @@ PAIRS = {
 _MOST_ROWS = 48
 _LONGEST = 28
 _DECADES = 6.0
-"""Orders of magnitude below the tolerance at which a green cell is darkest; a red cell is darkest at half as many
-orders of magnitude above the tolerance."""
+"""A green cell is darkest at this number of orders of magnitude below the tolerance, a red cell at half this number
+above the tolerance."""
 
 
 def pair_names(report: Report) -> list[str]:
@@ -63,7 +63,8 @@ def decades(row: Residual) -> float | None:
 def residual_matrix(report: Report) -> Figure | None:
     """Draw the residual matrix; None if the report has fewer than two residuals.
 
-    Green cells are within their tolerance, red cells beyond; a cell is darker the further it is from its tolerance.
+    A cell is green if the residual is within its tolerance, else red; the further it is from the tolerance, the darker
+    the cell.
     """
     if len(report.residuals) < 2:
         return None
@@ -117,7 +118,7 @@ def residual_matrix(report: Report) -> Figure | None:
 
 
 def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
-    """Return the names of at most `_MOST_ROWS` rows in unchanged order; omit those furthest below the tolerance."""
+    """Return the names of at most `_MOST_ROWS` rows in unchanged order; omit the rows furthest below the tolerance."""
     if len(table) <= _MOST_ROWS:
         return list(table)
 

@@ -27,7 +27,7 @@ _SHOWN = 4
 def figure(found: Operated) -> Figure:
     """Return a figure with a panel for each of the first `_SHOWN` trials: distance to the goal over time.
 
-    Insertions are shaded; the name of an insertion that misses its goal is red. A bar shows when the pedal is up.
+    Insertions are shaded; if an insertion misses its goal, its name is red. A bar shows when the pedal is up.
     """
     shown = found.trials[:_SHOWN]
     height = 1.0 + 2.2 * len(shown)

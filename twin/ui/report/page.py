@@ -37,9 +37,9 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
 
 
 def headed(parts: Sequence[str | Table]) -> Iterator[tuple[Literal["heading", "text", "table"], str | Table]]:
-    """Yield (kind, part) for each part; the last line of a text is the heading of a table directly below it.
+    """Yield tables, texts and headings as (kind, part); a heading is the last line of a text directly before a table.
 
-    A line that is indented, or that belongs to a paragraph, is not a heading.
+    If this line is indented or belongs to a paragraph, it is not a heading.
     """
     for part, after in zip(parts, [*parts[1:], None], strict=True):
         if isinstance(part, Table):
@@ -56,7 +56,7 @@ def headed(parts: Sequence[str | Table]) -> Iterator[tuple[Literal["heading", "t
 
 
 def merged(parts: Iterable[Part]) -> Iterator[str | Table]:
-    """Yield each table, and the lines between two tables as one block of text; findings are omitted."""
+    """Yield each table, and all lines between two tables as one block of text; findings are omitted."""
     block: list[str] = []
     for part in parts:
         if isinstance(part, Table):

@@ -74,7 +74,7 @@ def active_joints(report: Report) -> Figure | None:
 
 
 def tool_motion(report: Report) -> Figure | None:
-    """Draw displacement, speed and acceleration of the tool's origin and angles, as in Fig. 10 of the SILS paper.
+    """Draw displacement, speed and acceleration of the tool (origin and angles), as in Fig. 10 of the SILS paper.
 
     Black dashed lines show the motion of the independent model, if the report contains it.
     """
@@ -153,7 +153,7 @@ def rcm(report: Report) -> Figure | None:
 
 
 def fulcrum(report: Report) -> Figure | None:
-    """Draw the sideways displacements of the tip and of a point of the outer shaft, which have opposite signs."""
+    """Draw the sideways displacements of the tip and of a point of the outer shaft; the two have opposite signs."""
     found = curves.pair(report, "fulcrum")
     if found is None or found[1].ndim != 2 or np.nanmax(found[1][:, 0]) - np.nanmin(found[1][:, 0]) < MM:
         return None  # the tip moves sideways by less than 1 mm
@@ -279,7 +279,7 @@ def _draw_xyz(
 
 
 def _draw_measures(ax: Axes, lines: list[tuple[str, Array, Array]], alarms: dict[str, float]) -> None:
-    """Draw absolute values of measures divided by their alarms; the five smallest are coloured, the others are grey."""
+    """Draw the absolute value of each measure, divided by its alarm value; all but the five smallest are grey."""
     known = [(name, t, np.abs(y) / alarms.get(name, 1.0)) for name, t, y in lines]
     known.sort(key=lambda line: float(np.nanmin(line[2])))
     for i, (name, t, y) in enumerate(known):
@@ -301,7 +301,7 @@ def _draw_measures(ax: Axes, lines: list[tuple[str, Array, Array]], alarms: dict
 
 
 def _zero_based(ax: Axes, values: list[Array]) -> None:
-    """Set the start of the y axis to zero, or below zero if a margin is negative."""
+    """Begin the y axis at zero, or below zero if a value is negative."""
     low = min(float(np.nanmin(v)) for v in values)
     high = max(float(np.nanmax(v)) for v in values)
     ax.set_ylim(min(0.0, 1.15 * low), max(high, 0.0) * 1.12 or 1.0)

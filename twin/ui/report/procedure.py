@@ -33,7 +33,7 @@ def figure(found: ProcedureSession) -> Figure:
     middle = np.einsum("j,tjk->tk", found.organ.weights.mean(axis=0), nodes)
     pulls = np.max([np.linalg.norm(kept[f"{n}.pull"], axis=1) for n in found.measures.paths], axis=0)
     depth = np.max([kept[f"{n}.depth"][:, 0] for n in p.spare], axis=0)
-    # name, values, limit, minimum of the upper end of the axis: with it, small noise is drawn as a straight line
+    # name, values, limit, minimum for the upper end of the axis (so that small noise looks like a straight line)
     rows = (
         (f"{spoken(p.organ)} raised [mm]", (middle[:, 2] - middle[0, 2]) / MM, None, p.lift_mm),
         ("pull [N]", pulls, None, 1.0),

@@ -22,12 +22,12 @@ _SIDE = 2.3
 
 @styled()
 def figure(title: str, searches: Mapping[str, Rounds]) -> Figure:
-    """Return a figure of the path cost after each round of the searches; `searches` has the searches by phase name.
+    """Return a figure of the path cost after each round of each search; `searches` are by phase name.
 
     The x axis is the number of samples. Unlike processor time, this number is the same in each run; thus the bytes of
     the picture are the same, too. Each kind of cost has its own axes, each search its own colour. The dashed line is
-    the cost of the path in the search tree. The solid line is the cost of the best path with shortcuts; a ring is at
-    its end. Rounds without a path are crosses on the x axis.
+    the cost of the path in the search tree. The solid line, with a ring at its end, is the cost of the best path with
+    shortcuts. Rounds without a path are crosses on the x axis.
     """
     kinds = list(dict.fromkeys((s.cost, s.unit) for s in searches.values()))
     out, axes = panels(title, [2.1] * len(kinds), 1, _SIDE, 0.5, 0.3)

@@ -20,7 +20,7 @@ LEAST = 0.1
 """Smallest drawn distance in mm; smaller distances are drawn at this value."""
 
 _STYLES = ("-", ":", "-.")
-"""Line styles; each time all colours have been used, the next style follows."""
+"""Line styles; the next style is used when all colours have been used with the present style."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Row:
 
 @styled()
 def figure(played: Played) -> Figure:
-    """Return a figure with two panels: distance of each pair of robots or props over time, and phases of each robot."""
+    """Return a figure with two panels: distance over time of each pair of robots or props; phases of each robot."""
     rows = [Row(a.place.name, [(p.t0, p.t1) for p in a.trajectory.phases]) for a in played.actors]
     pairs = {pair: found.distance for pair, found in played.by_pair.items()}
     return distances(f"{played.scene.title}: minimum clearances", played.t, pairs, played.scene.clearance, rows)

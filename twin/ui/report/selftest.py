@@ -17,8 +17,8 @@ def with_selftest(report: Report, path: Path) -> Report:
 
     Args:
         report: the report.
-        path: the file. The report is returned unchanged if the file is missing or malformed, or if its score belongs to
-            another robot or to other input files.
+        path: the file. If the file is missing or malformed, or if its score belongs to another robot or to other input
+            files, the report is returned unchanged.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

@@ -78,7 +78,7 @@ def figure(found: ConsoleSession) -> Figure:
 
 
 def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
-    """Draw the target line, and the rectangle's upper side at the start and at the end, as seen in the picture."""
+    """Draw, as seen in the picture, the target line, and the rectangle's upper side at the start and at the end."""
     line = goal.line
     ax.plot([-line, line], [0, 0], color=INK, lw=3, alpha=0.35)
     for ends, style in ((aligned.course[0], "--"), (aligned.course[-1], "-")):
@@ -90,7 +90,7 @@ def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alig
 
 
 def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
-    """Draw over time the angle in the picture from the target line to the rectangle's upper side, and its tolerance."""
+    """Draw, over time, the angle in the picture from target line to upper side of the rectangle; mark the tolerance."""
     way = aligned.course[:, 1] - aligned.course[:, 0]
     ax.plot(*thin(found.t, np.arctan2(way[:, 1], way[:, 0]) / DEG, _POINTS), color=PALETTE[2], lw=1.0)
     ax.axhspan(-goal.tolerance / DEG, goal.tolerance / DEG, color=NEAR, alpha=0.4, lw=0)
@@ -99,7 +99,7 @@ def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignm
 
 
 def _deviation(ax: Axes, found: ConsoleSession) -> None:
-    """Draw the deviation of the machines from their models over time, the limit of the cue, rehearsals and replays."""
+    """Draw the machines' deviation from their models over time, the cue's limit, and times of rehearsal and replay."""
     for k, machine in enumerate(found.training):
         times, shown = thin(machine.t, machine.deviation / MM, _POINTS)
         ax.plot(times, shown, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LEAST = 1e-9
-"""Lower end of the axis in µm; smaller differences are rounding errors and are drawn at this end."""
+"""Lower end of the axis in µm; smaller position errors are rounding errors and are drawn at this end."""
 
 _UNITS = {-9: "1 fm", -6: "1 pm", -3: "1 nm", 0: "1 µm", 3: "1 mm"}
 """Axis label of a position error of 10**k µm, by exponent k."""

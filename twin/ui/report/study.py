@@ -20,9 +20,9 @@ _ROW = 2.1
 
 @styled()
 def figure(found: Ranks) -> Figure:
-    """Return a figure with a row for each measure: box plots of the groups and, for several sessions, their medians.
+    """Return a figure with a row for each measure: box plots of the groups; for several sessions, also group medians.
 
-    The values themselves are drawn, too. A measure with the same value for all users has no row; it is named below the
+    The values themselves are drawn, too. A measure with the same value for all users has no row, but is named below the
     title.
     """
     users = found.users

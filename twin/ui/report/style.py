@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK, GRID, BAND = "#1c2733", "#d5dbe1", "#eef2f5"
-"""Colours of text and axes, of the grid, and of every second phase; the page replaces them by CSS variables."""
+"""Colours of text and axes, of the grid, and of every second phase; the page replaces the colours by CSS variables."""
 FIT, UNFIT, NEAR = "#00795c", "#c4420a", "#d99100"
 """Colours of values within tolerance, beyond tolerance, near an alarm; green and red also differ in lightness."""
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C8C8C")
@@ -171,7 +171,7 @@ def panels(
 def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> None:
     """Shade every second phase; write the name of each phase above the first row.
 
-    Where a name does not fit, it is shortened, or the number of the phase is written instead.
+    A name that does not fit is shortened, or replaced by the number of the phase.
     """
     if not phases:
         return
@@ -213,7 +213,7 @@ def legend_beside(ax: Axes) -> None:
 
 
 _LEAST = 1e-16
-"""Smallest lower end of a logarithmic axis, in m or degrees."""
+"""Minimum for the lower end of a logarithmic axis, in m or degrees."""
 
 
 def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float]) -> None:
@@ -252,7 +252,8 @@ def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) ->
 def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
     """Mark the sample (t, value) with a ring, and write `text` beside the ring.
 
-    The text is above the ring or, if `below` is true, below the ring; if there is no space, on the opposite side.
+    The text is above the ring or, if `below` is true, below the ring. Without space there, the text is on the opposite
+    side.
     """
     ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
     left, right = ax.get_xlim()
@@ -278,7 +279,7 @@ def headline(what: str, report: Report) -> str:
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as PNG with white background, reproducible byte by byte."""
+    """Return a figure as PNG with white background; the same figure always gives the same bytes."""
     buffer = io.BytesIO()
     with styled():
         figure.savefig(

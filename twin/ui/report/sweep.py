@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def figure(found: Sweep) -> Figure:
     """Return a figure with the trade-off of the first two objectives, and a panel for each objective and factor.
 
-    Such a panel shows the objective over the factor. Each point is a design; a star is the design of the CAD.
+    The panel of an objective and a factor shows the objective over the factor. A point is a design, a star the design
+    of the CAD.
     """
     robot, judged, best, names = found.robot, found.judged, found.best, list(found.rows[0])[1:-1]
     scales = np.array([f.scale for f in found.work.factors])

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SHOWN = 14
-"""Maximum number of contributions with a bar of their own; one more bar is the sum of the remaining contributions."""
+"""Maximum number of contributions that have their own bar; a further bar is the sum of all other contributions."""
 
 
 @styled()

@@ -72,7 +72,7 @@ def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:
 
 
 def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
-    """Draw the running mean of the efforts and, in pale colours, the efforts of every tick (with encoder noise)."""
+    """Draw the running mean of the efforts and, in pale colours, the efforts at every tick, with encoder noise."""
     largest = 0.0
     for i, row in enumerate(result.efforts):
         whole = row.limit or row.peak or 1.0  # without a stated limit, percent of the peak
@@ -105,7 +105,7 @@ def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
 
 
 def _up_to(ax: Axes, largest: float) -> None:
-    """Set the y axis from 0 to above `largest` (m); include the paper's 1 mm if `largest` exceeds 0.4 mm."""
+    """Set the y axis from 0 to above `largest` (m); if `largest` exceeds 0.4 mm, at least to above the paper's 1 mm."""
     near = largest > 0.4 * TIP_LIMIT
     if near:
         limit_line(ax, TIP_LIMIT / UM, "1 mm, as the paper reports")

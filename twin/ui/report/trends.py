@@ -22,9 +22,10 @@ _LEAST = 1e-2
 
 
 def figure(found: Trends) -> Figure:
-    """Return a figure with the deviation at each motion scale, simulated and published, and at stuck motor commands.
+    """Return a figure with a panel for the motion scales, and a panel for each stuck motor command.
 
-    For each stuck motor command, a panel shows the deviation of the tip in mm over time.
+    The first panel shows the simulated and the published deviation at each motion scale. The panel of a stuck motor
+    command shows the deviation of the tip in mm over time.
     """
     with styled():
         n = len(found.stuck)

@@ -65,7 +65,7 @@ def figure(found: Workspace) -> Figure:
 
 
 def _flat(axes: tuple[int, ...]) -> tuple[int, int, int]:
-    """Return the section that contains all positions, for positions that differ only along these axes."""
+    """Return the section that contains all positions, if the positions differ only along `axes`."""
     return next(s for s in _SECTIONS if set(axes) <= set(s[:2]))
 
 
@@ -78,7 +78,7 @@ def _around(summary: Mapping[str, Any]) -> str:
 
 
 def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
-    """Return the indices (3,) of the cell in which the sections intersect: the most central of the best 10 % cells."""
+    """Return the indices (3,) of the cell in which the sections intersect: the most central of the best 10 %."""
     if not reached.any():
         return (0, 0, 0)
     good = np.argwhere(reached & (np.nan_to_num(shown) >= np.nanquantile(shown, 0.9)))
@@ -88,7 +88,7 @@ def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
 
 
 def _sizes(ax: Axes, shown: np.ndarray, values: np.ndarray, found: Workspace, label: str) -> None:
-    """Draw the total size of the cells with at least a minimum conditioning, as a function of this minimum."""
+    """Draw the total size of the cells whose conditioning is at least a minimum, as a function of this minimum."""
     m = found.measure
     cell = m.cell(found.grid.step) if m is not None else 1
     share = values[:, 0].astype(float)

@@ -1,7 +1,7 @@
 """Control a scene from its console: step the World in real time, give one client control of the hands, make reports.
 
-The hands of a client become states of the input device `GivenHands`. Silence, jumps and limits are reported in the
-state and in the log. Web page and viewer both use `LiveConsole`, each with its own source of hand states and display.
+The hand states of a client are passed to the input device `GivenHands`. Silence, jumps and limits are reported in the
+state and in the log. Web page and viewer both use `LiveConsole`; each has its own display and source of hand states.
 """
 
 from __future__ import annotations
@@ -46,10 +46,11 @@ from twin.ui.session.recorder import Recorder
 from twin.ui.session.world_feed import WorldFeed
 
 _BUDGET, _CHUNK = 0.012, 4
-"""Maximum real time in s that a call of `advance` steps the World; number of steps between two checks of this time."""
+"""Real time in s after which a call of `advance` stops stepping the World; number of steps between two checks of the
+time."""
 
 _OWED = 0.1
-"""Maximum delay in s that the World makes up for; with a longer delay, the World falls behind real time."""
+"""Maximum delay in s that the World makes up for by later steps; the rest of a longer delay is never made up for."""
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report; its lower priority keeps the World in real time."""
@@ -62,21 +63,21 @@ class HeldError(TwinError):
 
 
 class LiveConsole:
-    """The robots of a scene, controlled by its console in real time.
+    """The robots of a scene, controlled by the scene's console in real time.
 
     Attributes:
         scene: the scene.
         world: the World.
         device: the input device, which receives the hand states of a client.
         owner: identifier of the client whose hands control the robots; None: no client.
-        members: mechanism and equations of each robot, by the name of its place.
+        members: mechanism and equations of each robot, by name of the robot's place.
         task: the task; None: no task.
         objects: the movable objects of the World.
         referee: judge of a task with rings or a wire, of the camera task or of a procedure; None for other tasks.
         feed: source of the deformables: in a procedure the World, otherwise the loaded scene; None: no deformables.
         machines: connections to machines; None: there are none.
         planning: planning mode of the arms.
-        shown: mechanism and equations of all displayed robots: those of `members`, and the models of machines.
+        shown: mechanism and equations of each displayed robot; contains `members` and the models of the machines.
         attempt: number of the present attempt, from 1.
         condition: condition of the experiment, which is stored in the session file.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
@@ -179,7 +180,7 @@ class LiveConsole:
         self.reading = self._read()
 
     def end(self, client: str) -> None:
-        """End the present attempt; nothing moves until the next one.
+        """End the present attempt; nothing moves until the next attempt begins.
 
         Raises:
             HeldError: another client controls the hands.
@@ -239,7 +240,7 @@ class LiveConsole:
     # -- time -----------------------------------------------------------------------------------------
 
     def advance(self, passed: float) -> list[str]:
-        """Step the World by the real time in s that has passed; return messages for all clients, which are also logged.
+        """Step the World by the elapsed real time `passed` in s; log changes, and return messages for all clients.
 
         If this computer is too slow, the World runs slower than real time. After an error, the World remains stopped.
         """
@@ -285,13 +286,13 @@ class LiveConsole:
         return _CHUNK
 
     def _before_steps(self, parts: int) -> None:
-        """Prepare a group of steps of the World; `parts` is the number of remaining groups, this one included."""
+        """Prepare a group of steps of the World; `parts` is the number of remaining groups, including this one."""
         if self.machines is not None:
             self.machines.exchange.send()
             self.machines.exchange.receive()
 
     def _after_steps(self, behind: bool) -> None:
-        """Finish a call of `advance`; `behind`: whether this computer was too slow for all steps."""
+        """Do the work after the steps of a call of `advance`; `behind`: whether time was too short for all steps."""
         if self.machines is not None:
             self.machines.exchange.send()
         if self.recorder is not None:
@@ -471,12 +472,12 @@ class LiveConsole:
         return self.world.signals[f"{self._camera}.view"].reshape(4, 4)
 
     def forces(self) -> dict[str, Array]:
-        """Return the largest force (3,) in N on each hand since the last call, in the axes of the picture {H}."""
+        """Return, for each hand, the largest force (3,) in N since the last call, in {H}, the axes of the picture."""
         return self._peaks.take()
 
     @property
     def camera_at(self) -> Array:
-        """Present pan, tilt, depth and roll (4,) of the camera, in rad and m."""
+        """Present pan, tilt, depth and roll (4,) of the camera; the depth is in m, the angles are in rad."""
         return self.world.signals[f"{self._camera}.at"]
 
     def _read(self) -> dict[str, Any]:

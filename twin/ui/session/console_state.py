@@ -1,4 +1,4 @@
-"""Read the state of a console as plain data from the signals of its World, and log what is new in the state."""
+"""Read the state of a console, as plain data, from the signals of its World; log new problems in the state."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ConsoleState:
     """Reader of the state of pedals, hands and camera in a World with a console."""
 
     def __init__(self, setup: Setup, world: World) -> None:
-        """Set the World whose state `read` returns; the World must be at its start."""
+        """Set the World whose state `read` returns; the World must not have been stepped yet."""
         self._scene, self._members, self._procedure = setup.scene, setup.members, setup.procedure
         self._table = console_scene.console_of(setup.scene)
         self._world, self._pressed = world, 0.0
@@ -58,7 +58,7 @@ class ConsoleState:
         return {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps, **tools}
 
     def _tools(self, arm: str) -> dict[str, Any]:
-        """Return the chosen tool of an arm; in a procedure also the mounted tool, and why the two still differ."""
+        """Return an arm's chosen tool; in a procedure also the mounted tool, and why the two tools still differ."""
         signals, names = self._world.signals, [*self._scene.tools]
         tool = names[int(signals[f"{arm}.tool"][0])]
         if f"{arm}.carries" not in signals or self._procedure is None:
@@ -77,7 +77,7 @@ class ConsoleState:
 
 
 def log_changes(old: Mapping[str, Any], new: Mapping[str, Any], patience: float) -> list[str]:
-    """Log what is in the state `new` but not in the state `old`: silence, a stuck pedal, jumps and limits.
+    """Log silence, a stuck pedal, jumps and limits that are in the state `new` but not yet in the state `old`.
 
     Return the messages about jumps, because the pages do not show jumps otherwise. `patience` is the time in s after
     which hands whose states are no longer received count as silent.

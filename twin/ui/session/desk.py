@@ -29,7 +29,7 @@ from twin.reference.states import Assembly
 from twin.ui.session.hand import Hand
 
 ENDOSCOPE = "endoscope_tip"
-"""Name of the frame of a robot's endoscope camera, which looks along z."""
+"""Name of the frame of a robot's endoscope camera; the camera looks along the z axis of this frame."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,12 @@ class Desk:
 
     Attributes:
         robot: the robot as it was loaded.
-        mechanism, model: mechanism and its independent model; after `redesign`, those of the modified design.
+        mechanism, model: the mechanism and its independent model; after `redesign`, both are those of the new design.
         kin: equations of the robot; None for a robot without equations.
         assembly: the present state.
         asked: the last requested tool pose (4, 4); None after a different kind of move.
-        lock: lock that is held during a move; readers do not need it, because `assembly` is replaced in one step.
+        lock: lock that is held during a move; reading `assembly` does not require the lock, because
+            a move replaces `assembly` in one step.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -99,8 +100,8 @@ class Desk:
     def camera(self) -> tuple[Array, Array, Array]:
         """Return (position, point ahead, point above) of an endoscope camera, each (3,) in m in the base frame.
 
-        The camera is at the frame `endoscope_tip` and looks along its z with -y up; without such a frame it is at the
-        tip of the shaft.
+        The camera is at the origin of the frame `endoscope_tip`, looks along the z axis of this frame, and its upward
+        direction is -y. Without this frame, the camera is at the tip of the shaft.
         """
         frame = next((f for f in self.mechanism.frames if f.name == ENDOSCOPE), self.mechanism.frame(self._frame))
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
@@ -118,8 +119,8 @@ class Desk:
     def move_tool(self, T_base_tool: Array) -> Moved:
         """Move the tool to a pose T_base_tool (4, 4); if the robot has equations, they compute the joint values.
 
-        If the pose cannot be reached by a robot with trocars or with fewer than six degrees of freedom, only the tool's
-        origin is moved towards the target.
+        If a robot with trocars, or with fewer than six degrees of freedom, cannot reach the pose, only the origin of
+        the tool is moved towards the target.
         """
 
         def go() -> Assembly:
@@ -136,7 +137,7 @@ class Desk:
             return self._led(tool.body, tool.T_body_frame[:3, 3], T_base_tool[:3, 3])
 
     def move_joint(self, joint: int, value: float) -> Moved:
-        """Move an active joint towards a value in m or rad; if it stops earlier, the result states the reason."""
+        """Move an active joint towards a value in m or rad; if the joint stops before, the result states the reason."""
         with self.lock:
             q = self.assembly.q.copy()
             q[joint] = value
@@ -159,7 +160,10 @@ class Desk:
         return self._try(lambda: self._assembled(np.asarray(q, float)))
 
     def move_point(self, body: str, p_body: Array, target: Array) -> Moved:
-        """Move a point (3,) in m of a body towards a target (3,) in m in the base frame, in the same assembly mode."""
+        """Move the point `p_body` of a body towards `target`, in the same assembly mode.
+
+        `p_body` (3,) is in m in the frame of the body, `target` (3,) in m in the base frame.
+        """
         return self._led(body, p_body, target)
 
     def let_go(self) -> None:
@@ -190,7 +194,7 @@ class Desk:
 
     @property
     def edited(self) -> bool:
-        """Whether equations or mechanism differ from the equations and mechanism of `robot`."""
+        """Whether equations or mechanism have been changed, so that they differ from those of `robot`."""
         return bool(self.variants or self.parameters) or self.mechanism is not self.robot.mechanism
 
     @property
@@ -214,7 +218,7 @@ class Desk:
             self.kin, self.assembly, self.hand = kin, assembly, hand
 
     def change(self, variants: Mapping[str, str] | None = None, parameters: Mapping[str, float] | None = None) -> None:
-        """Change variants or parameters (SI) of the equations, in addition to earlier changes.
+        """Change variants or parameters (in SI units) of the equations; earlier changes remain.
 
         Raises:
             KinematicsError: the variant or parameter does not exist; nothing is changed.
@@ -300,7 +304,7 @@ class Desk:
             return out
 
     def _why(self, dragged: Dragged) -> str:
-        """Return the reason, as text, why the motion stopped."""
+        """Return a text that states why the motion stopped."""
         reasons = [self._bound(b) for b in dragged.stops]
         if dragged.singular:
             reasons.append(_ended(dragged.singular))
@@ -325,7 +329,7 @@ class Desk:
         return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
 
     def _stopped(self, number: int, value: float, dragged: Dragged) -> str:
-        """Return the reason, as text, why a joint did not reach a value in m or rad."""
+        """Return a text that states why a joint did not reach a value in m or rad."""
         joint, (low, high) = self.joints[number], self.mechanism.limits[number]
         q = self.assembly.q.copy()
         q[number] = value

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 MakeReport = Callable[[str, str], bytes]
 """Function that takes the paths of session file and scene file, and returns the HTML page of the report.
 
-It must be at the top level of a module, because it runs in another process.
+The function must be at the top level of a module, because it runs in another process.
 """
 
 
@@ -26,11 +26,11 @@ class Exercise:
     Attributes:
         task: the task; None: no task. For a task with rings, the World has movable objects and contact; for a
             procedure, it has organs, vessels and clips.
-        session: session file of the first attempt; the files of later attempts have a number appended to this name.
+        session: session file of the first attempt; for later attempts, a number is appended to the name of this file.
             None: a temporary file if a report is made, otherwise no file.
         report: function that makes the report of an attempt, in another process; None: no reports.
-        condition: condition of the experiment, which also states whether the hands feel forces; None: the default of
-            the scene.
+        condition: condition of the experiment, including whether the hands feel forces; None: the default of the
+            scene.
         fulcrum: which end of the instruments the hands control at the start: the tips ("compensated") or the outer ends
             ("direct"); see `twin.simulation.controllers.pivot`.
     """

@@ -1,4 +1,4 @@
-"""Source of deformables for viewer and headset: surfaces with vertices as a function of the scene's time."""
+"""Source of deformables for viewer and headset: surfaces whose vertices are a function of the scene's time."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Follower(Feed, Protocol):
 
 
 def vertices_of(frame: Frame, name: str, surface: Surface) -> Array:
-    """Return the vertices (n, 3) in m, in the world frame, of the surface `name` in a frame.
+    """Return the vertices (n, 3) of the surface `name` in a `Frame`, in m in the world frame.
 
     Raises:
         TwinError: the vertices are missing or not finite, or a triangle refers to a vertex that does not exist.

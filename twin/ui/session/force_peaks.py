@@ -1,4 +1,4 @@
-"""Keep the largest force on each hand between two displayed frames: a pulse of force can be shorter than a frame."""
+"""Store the largest force on each hand between two displayed frames, because a force pulse can be shorter."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ class ForcePeaks(Block):
         return {}
 
     def take(self) -> dict[str, Array]:
-        """Return the largest force (3,) in N on each hand since the last call, in {H}, the axes of the picture."""
+        """Return, for each hand, the largest force (3,) in N since the last call, in {H}, the axes of the picture."""
         taken, self._peaks = self._peaks, {hand: np.zeros(3) for hand in self._peaks}
         return taken

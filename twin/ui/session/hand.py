@@ -24,7 +24,7 @@ SECONDS = 0.014
 
 
 class Hand:
-    """Solver that moves a mechanism; its loop equations are compiled at the first use, or by `prepare`.
+    """Solver that moves a mechanism; the loop equations are compiled at the first move, or earlier by `prepare`.
 
     Attributes:
         gaps: (lower joint, upper joint, minimum distance in m) of joints on a common rail.
@@ -45,7 +45,7 @@ class Hand:
         return Dragger(self.mechanism.with_rest(self.model.home().link_poses), self.bounds)
 
     def prepare(self) -> None:
-        """Compile the loop equations, so that the first drag does not wait; errors are raised later, by the drag."""
+        """Compile the loop equations, so that the first drag does not wait; only the first drag raises an error."""
         with contextlib.suppress(AssemblyError, MechanismError):
             dragger, home = self.dragger, self.model.home()
             u = self._unknowns(home)
@@ -54,10 +54,11 @@ class Hand:
                 dragger.look(home.q, u, body.name, np.zeros(3))
 
     def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Dragged]:
-        """Move a point (3,) in m of a body towards a target (3,) in m in the base frame.
+        """Move the point `p_body` of a body towards `target`.
 
-        Return the new assembly and the result of the compiled equations. The path starts at the last target if nothing
-        else has moved the robot since the last drag, otherwise at the present position of the point.
+        `p_body` (3,) is in m in the frame of the body, `target` (3,) in m in the base frame. Return the new
+        assembly and the result of the compiled equations. The path starts at the last target if nothing else has moved
+        the robot since the last drag, otherwise at the present position of the point.
         """
         last, p_body = self._last, np.asarray(p_body, float)
         if last is not None and last[0] is now and last[1] == body and np.array_equal(last[2], p_body):
@@ -70,12 +71,12 @@ class Hand:
         return found, dragged
 
     def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Dragged]:
-        """Move the active joints towards q (n,) in m or rad; return the same as `point`."""
+        """Move the active joints towards q (n,) in m or rad; return (new assembly, result), as `point` does."""
         dragged = self.dragger.joints(now.q, self._unknowns(now), q, SECONDS)
         return self._closed(now, dragged), dragged
 
     def tools(self, now: Assembly, q: Array) -> list[Array]:
-        """Return the tool poses (4, 4) at q (n,) for all initial guesses from which the loops can be closed.
+        """Return the tool pose (4, 4) at q (n,) for each initial guess from which the loops can be closed.
 
         The initial guesses are the home state, the present state, and the present state dragged to q.
         """

@@ -18,7 +18,7 @@ from twin.ui.session.trocars import InTrocar, in_trocars
 
 
 class Residual(NamedTuple):
-    """Difference `size`, in m or (if `is_angle`) rad, between equations and mechanism in the quantity `what`."""
+    """Difference between equations and mechanism in the quantity `what`; `size` is in rad if `is_angle`, else in m."""
 
     size: float
     what: str
@@ -26,7 +26,8 @@ class Residual(NamedTuple):
 
 
 AGREE = 1e-6
-"""Largest difference in m or rad that counts as agreement; larger ones are shown red. Reports have smaller limits."""
+"""Largest difference in m or rad that counts as agreement; larger differences are shown in red. Reports have
+smaller limits."""
 
 OTHER = "not comparable: different assembly modes"
 BEYOND = "not comparable: beyond the reach of the equations"
@@ -44,7 +45,7 @@ class Limit:
 
     @property
     def part(self) -> float | None:
-        """Position of the value between the limits (0..1); None without limits."""
+        """Position of the value between the lower limit (0) and the upper limit (1); None without limits."""
         width = self.high - self.low
         return float((self.value - self.low) / width) if np.isfinite(width) and width > 0 else None
 
@@ -65,8 +66,8 @@ class Reading:
         trocars: the instruments in their trocars, or the instrument at the RCM of a protocol.
         residual: largest difference between equations and mechanism; None without equations.
         scope: why equations and mechanism cannot be compared at this state; "" if they can. If they are in different
-            assembly modes, the residual is the tool error of the mechanism at the joint values from the equations, in
-            the assembly mode of the equations.
+            assembly modes, `residual` compares the present tool pose with the tool pose of the mechanism at the joint
+            values that the equations compute, in the assembly mode of the equations.
         points: named points (3,) in m in the base frame, computed by the equations.
         actual: the same points (3,) in m in the base frame, computed by the mechanism.
         reason: why the last request was refused; "" if it was not.
@@ -163,12 +164,13 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
 def _residual(
     desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
 ) -> tuple[Residual, str]:
-    """Return (residual, scope) as in `Reading`: the largest difference between equations and mechanism, and its scope.
+    """Return (residual, scope), the values of these attributes of `Reading`.
 
-    Joint values, named points and tool are compared. A tool pose may be reached in several assembly modes, and
-    equations for one mode cannot be compared with a mechanism in another mode. The equations are nevertheless correct
-    if, at the joint values that they compute, the mechanism has the same tool pose. If the equations compute the home
-    joint values from the home tool pose, they are for the assembly mode of the home state.
+    Joint values, named points and tool are compared. The same tool pose may be reached in several assembly modes.
+    Equations for one mode cannot be compared with a mechanism in another mode. Such equations are nevertheless correct
+    if the mechanism, moved to the joint values that they compute, has the same tool pose. This is tested only if the
+    equations are for the assembly mode of the home state: from the home tool pose, the equations must compute the home
+    joint values.
     """
     kin, q, T = desk.kin, now.q, now.T_base_tool
     assert kin is not None
@@ -213,7 +215,7 @@ def _largest(found: list[Residual]) -> Residual:
 
 
 def _joints_apart(desk: Desk, theirs: Array, q: Array) -> Residual:
-    """Return the largest joint difference; angles are compared modulo full turns."""
+    """Return the largest difference between the joint values `theirs` (n,) and q (n,); angles modulo full turns."""
     angle = np.array([j.is_angle for j in desk.joints], bool)
     apart = np.where(angle, (theirs - q + np.pi) % (2 * np.pi) - np.pi, theirs - q)
     k = int(np.argmax(np.abs(apart)))

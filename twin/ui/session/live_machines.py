@@ -19,7 +19,7 @@ from twin.simulation.world import World
 
 
 class LiveMachines:
-    """Connections to the machines of a scene; they remain open when a new attempt at a task begins in a new World.
+    """Connections to the machines of a scene; the connections remain open when a new attempt begins in a new World.
 
     Attributes:
         parts: parts of each machine, by robot; see `Machines`.
@@ -29,7 +29,7 @@ class LiveMachines:
     exchange: Exchange
 
     def __init__(self, scene: Scene, machines: Machines, device: GivenHands) -> None:
-        """Use the connections `machines`, which `close` ends, and the device that passes on the requests of clients."""
+        """Use the connections `machines` until `close` ends them; `device` passes clients' requests to the trainer."""
         self._trainer, self._machines, self._device = scene.trainer, machines, device
         self.parts, self._asked = machines.parts, 0
 
@@ -47,7 +47,7 @@ class LiveMachines:
         self._machines.close()
 
     def ask(self, mode: Mode) -> None:
-        """Request a mode of the trainer: teleoperation, rehearsal, check of the rehearsed motion, or its replay."""
+        """Request a mode of the trainer: teleoperation, rehearsal, check of the rehearsed motion, or replay."""
         self._asked += 1
         self._device.set(MODE, asked(mode, self._asked))
 

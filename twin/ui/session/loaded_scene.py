@@ -21,11 +21,11 @@ class LoadedScene:
 
     Attributes:
         scene: the scene.
-        robots: robots by the names of their places.
+        robots: the robots, by name of the robot's place.
         props: mechanism of the props; None: no props. Props are required for a task with rings and for contact forces.
         feed: source of deformables that are shown but not simulated by the World; None: no deformables.
         organs: the organs of the scene; only needed for a procedure, in which the World simulates the organs.
-        machines: connections to the machines of the scene, which the console ends; None: the scene has no machines.
+        machines: connections to the machines of the scene, ended by the console; None: the scene has no machines.
     """
 
     scene: Scene

@@ -54,7 +54,8 @@ class Mirror:
 
     Attributes:
         robot: the robot.
-        name, ghost: names in the World of the robot at the measured joints, and of the robot at the desired joints.
+        name: name, in the World, of the robot at the measured joint values.
+        ghost: name, in the World, of the robot at the desired joint values.
         world: the World.
     """
 

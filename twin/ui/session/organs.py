@@ -25,18 +25,18 @@ thus counts as having jumped into the organ; the link touches the organ only aft
 
 
 class OrganFeed:
-    """Source of the vertices of organs, which move only when links touch the organs, not with time.
+    """Source of the vertices of organs; the vertices do not depend on time, but move when links touch the organs.
 
     Attributes:
         surfaces: triangles and colours by organ.
         duration: 0, because organs have no protocol.
-        touching: names of the links that touch organs, by robot.
+        touching: names of the links that can touch organs, by robot.
     """
 
     duration = 0.0
 
     def __init__(self, tissues: Sequence[Tissue], links: Mapping[str, Sequence[Body]]) -> None:
-        """Build the organs; `links`: bodies that touch them, by robot."""
+        """Build the organs; `links`: bodies that can touch the organs, by robot."""
         self.surfaces = {t.name: Surface(t.surface.triangles, t.color_rgba[:3]) for t in tissues}
         self.touching = {robot: tuple(b.name for b in bodies) for robot, bodies in links.items()}
         tools = [Tool(robot, body) for robot, bodies in links.items() for body in bodies]
@@ -47,8 +47,8 @@ class OrganFeed:
     def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
         """Deform the organs by the links that touch them; return whether an organ has moved.
 
-        `links` contains T_world_link (4, 4) by robot and link, at least for all links that touch organs; `passed` is
-        the time in s since the last call.
+        `links` contains T_world_link (4, 4) by robot and link, at least for the links in `touching`; `passed` is the
+        time in s since the last call.
         """
         poses = [links[tool.robot][tool.body.name] for tool in self.organs.tools]
         self._left = min(self._left + passed / ORGANS, float(_BEHIND))

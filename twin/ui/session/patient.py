@@ -68,13 +68,14 @@ class Patient:
     """A placed patient, for a robot and a protocol.
 
     Attributes:
-        mechanism: a fixed body for each part, with the part's name in the file and a mesh in m in the base frame.
+        mechanism: one fixed body for each part; the body has the name of the part, and its mesh is in m in the base
+            frame.
         port: position (3,) of the port, which is the RCM, in m in the base frame.
         port_radius: radius of the port in m.
         opens: names of parts that inserted instruments may penetrate at the port.
         access: names of the parts that belong to the port; instruments may be inside these parts before insertion.
         replaces: links of the robot that are hidden while the patient is shown.
-        assumed: text on origin and assumptions of the patient's shape and place.
+        assumed: text on the source of the patient's shape, and on what is assumed about shape and position.
     """
 
     mechanism: Mechanism
@@ -97,7 +98,8 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
     `floor` is the height of the floor in m in the base frame.
 
     Raises:
-        TwinError: the patient, port, trocar or a replaced link does not exist, or the protocol has no RCM.
+        TwinError: the patient, port or trocar, or a link that the patient replaces, does not exist; or the protocol has
+            no RCM.
     """
     place = protocol.patient
     if place is None:
@@ -139,7 +141,7 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
 
 
 def none_there(robot: Robot, protocol: Protocol) -> str:
-    """Return a text that says why a protocol has no patient, and which protocols of the robot have one."""
+    """Return a text that states why a protocol has no patient, and which protocols of the robot have a patient."""
     why = protocol.no_patient or "its file has no section [patient]"
     out = f"{protocol.name}: no patient: {why}"
     names = [] if robot.files is None else [n for n in robot.files.protocols() if robot.protocol(n).patient is not None]

@@ -1,4 +1,4 @@
-"""Two handles that a page moves by gizmos and sliders; a `LiveConsole` uses them as its hands.
+"""Two handles that a page moves by gizmos and sliders; a `LiveConsole` uses the handles as hands.
 
 The pose of a handle is in {H}, the axes of the endoscope's picture. A page requests a displacement of the tool, an
 opening of the gripper, or a position of the camera. This module converts these requests to handle motions that the
@@ -23,13 +23,14 @@ from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.plan_view import RESTS
 
 STEP, TURN = 0.02, 0.3
-"""Largest motions of a handle in one call of `say`, in m and rad; the console could ignore a larger one as a jump."""
+"""Maximum translation in m and rotation in rad of a handle in one call of `say`. The console could ignore a larger
+motion as a jump."""
 
 SQUEEZE = 4.0
 """Largest angular speed of a gripper in rad/s."""
 
 ROLL = 5 * DEG
-"""Rotation in rad of a handle about its axis, by which the console detects that a hand holds it (minimum: 4 deg)."""
+"""Rotation in rad of a handle about its axis, which shows the console that the handle is held (minimum: 4 deg)."""
 
 IDLE = 5.0
 """Time in s without a request after which a client's hands are released for other clients."""
@@ -69,10 +70,10 @@ class Pen:
         self.p, self.R, self.grip = self.at.copy(), self.turned.copy(), self.gripped
 
     def next(self, seconds: float) -> None:
-        """Compute the next state to send, when the time `seconds` in s has passed since the last one.
+        """Compute the next state to send; `seconds` is the time in s since the last state.
 
-        The state changes towards the requested state by at most `STEP`, `TURN`, and, for the gripper, `SQUEEZE` times
-        this time.
+        Position, attitude and gripper angle change towards the requested values by at most `STEP`, `TURN` and
+        `SQUEEZE` * `seconds`.
         """
         way = self.p - self.at
         length = float(np.linalg.norm(way))
@@ -100,7 +101,7 @@ class Pens:
     Attributes:
         clutch, camera: whether each pedal is pressed.
         client: identifier of the client that uses the handles; None: no client.
-        pens: handle of each hand, by hand.
+        pens: the handles, by hand ("right" or "left").
     """
 
     def __init__(self, console: LiveConsole) -> None:
@@ -117,7 +118,7 @@ class Pens:
     # -- requests of clients --------------------------------------------------------------------------
 
     def use(self, client: str) -> None:
-        """Give the handles to a client, and restart the time `IDLE` after which they are released.
+        """Give the handles to a client; each call restarts the time `IDLE` after which the handles are released.
 
         Raises:
             HeldError: another client controls the hands.
@@ -179,7 +180,7 @@ class Pens:
         pen.used, pen.grip = True, Grip().travel * float(np.clip(part, 0, 1))
 
     def aim(self, client: str, coordinate: int, value: float) -> None:
-        """Move one coordinate of the camera by both hands; its other coordinates do not change.
+        """Move one coordinate of the camera by both hands; the other coordinates do not change.
 
         `coordinate` is 0 pan, 1 tilt, 2 depth or 3 roll; `value` is in rad or m and is clipped to the limits.
 
@@ -240,7 +241,7 @@ class Pens:
             self.release()
 
     def settle(self, hand: str) -> None:
-        """Move a handle back to its tool if the tool could not reach its goal; the tool then follows the next motion.
+        """If a tool could not reach its goal, move the handle back to the tool; the tool then follows the next motion.
 
         In planning mode, the handle is not moved, because the arm is at rest.
         """

@@ -40,7 +40,7 @@ _SHARE = 0.75
 """Speed limits of a plan for a machine as a fraction of the trainer's limits; packets then follow the plan closely."""
 
 _MOVED = 1e-3
-"""Joint difference in rad or m above which an arm has moved since the plan was made."""
+"""Change of a joint in rad or m, since the plan was made, above which the arm counts as moved."""
 
 _SAID = 6.0
 """Time in s for which the message about the end of a motion is shown."""
@@ -62,7 +62,7 @@ _REST = 0.15
 
 @dataclass
 class _Ahead:
-    """A search that began before the pedal was released.
+    """A search that began before the user requested a plan.
 
     Attributes:
         job: the plan to compute.
@@ -77,7 +77,7 @@ class _Ahead:
 
 @dataclass
 class Preview:
-    """A planned motion with the clearances computed so far and the proven bound (None until it is known)."""
+    """A planned motion, the clearances computed so far, and the proven bound of the clearance (None until known)."""
 
     found: Found
     clear: list[Clear] = field(default_factory=list)
@@ -98,7 +98,7 @@ class PlanMode:
         ready: whether the geometry is loaded.
         preview: the planned motion; None before it is found.
         ghost: T_base_body (4, 4) of the arm at the target, by body; empty: no ghost.
-        changes: number of changes of `ghost` and `preview`; when it increases, a stream sends both again.
+        changes: number of changes of `ghost` and `preview` so far; a stream sends both again when the number increases.
     """
 
     def __init__(self, scene: Scene, members: Mapping[str, Member], world: Callable[[], World]) -> None:
@@ -302,7 +302,7 @@ class PlanMode:
             self.changes += 1
 
     def _follow(self) -> None:
-        """Compute the ghost at the target; test the target or, once it is at rest, begin the search."""
+        """Move the ghost to the target. Test a new target; if the target is at rest and free, begin the search."""
         target = self._world().signals[f"{self.robot}.target"][1:].reshape(4, 4)
         if self.plans.state != OFF and not _near(target, self._seen, *_NEAR):
             first = not len(self._seen)
@@ -328,7 +328,7 @@ class PlanMode:
                 self._stream.start(self._ahead.job)
 
     def _serves(self, job: Plan, start: Array) -> bool:
-        """Return whether a plan is from start (n,) to the target, in the present surroundings of the arm."""
+        """Return whether a job plans from start (n,) to the present target, in the present surroundings of the arm."""
         goes = np.array_equal(job.goal, self._q) and np.abs(job.start - start).max() <= _MOVED
         return job.room is self._room and bool(goes)
 
@@ -337,7 +337,7 @@ class PlanMode:
         return Plan(self._require_room(), start, self._q, *self._limits())
 
     def _reach(self, member: Member, T: Array) -> str:
-        """Move the ghost to a pose (4, 4) in the base frame; return why this is not possible, or ""."""
+        """Move the ghost to a pose (4, 4) in the base frame; return why this is not possible, "" if it is possible."""
         kin, mechanism, last = member.kin, member.mechanism, self._q
         stays = "; the ghost stays at the last pose within reach"
         try:
@@ -384,7 +384,7 @@ class PlanMode:
         return signals[f"{robot}.encoder" if f"{robot}.encoder" in signals else f"{robot}.q"]
 
     def _enter(self) -> None:
-        """Store the joints of the other robots; if one has moved since the last plan, the geometry is loaded again."""
+        """Store the joints of the other robots; if a robot has moved since the last plan, load the geometry again."""
         signals, names = self._world().signals, [p.name for p in self._scene.places if p.name != self.robot]
         others = {n: signals[f"{n}.q"] for n in names if f"{n}.q" in signals}
         same = self._room is not None and self._room.robot == self.robot and others.keys() == self._stands.keys()
@@ -400,7 +400,7 @@ class PlanMode:
         return self._room
 
     def _limits(self) -> tuple[float, float]:
-        """Return the largest speed in m/s and rad/s of the tool on a planned motion."""
+        """Return the largest speeds of the tool in a planned motion, in m/s and rad/s."""
         if (t := self._scene.trainer) is None or self.robot not in self._machines:
             return _SPEED, _TURN
         return min(_SPEED, _SHARE * t.speed_mm_s * MM), min(_TURN, _SHARE * t.turn_deg_s * DEG)

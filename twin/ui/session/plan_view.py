@@ -65,8 +65,8 @@ def curve(preview: Preview) -> tuple[Array, Array]:
 def ghost(mode: PlanMode, t: float) -> Mapping[str, Array]:
     """Return the poses T_base_body (4, 4) of the ghost, by body; empty without a ghost.
 
-    Before a preview, the ghost is at the target. In a preview, which began `t` s ago, the ghost repeats the motion.
-    While the arm follows the motion, the ghost is at the end of the motion.
+    In the phases before the preview, the ghost is at the target. In a preview that began `t` s ago, the ghost repeats
+    the motion. While the arm follows the motion, the ghost is at the end of the motion.
     """
     if mode.phase == "off":
         return {}

@@ -1,8 +1,8 @@
-"""Jobs of planning mode in another process: test the target, plan and time a motion, compute its clearance.
+"""Jobs of planning mode in another process: test the target, plan and time a motion, compute the motion's clearance.
 
-The process keeps the obstacles in the last surroundings of each robot, so that a test takes milliseconds. A motion is
-planned in a thread, while the generator `work` yields the progress. If the generator is closed, the search ends at its
-next check for cancellation.
+For each robot, the process keeps the obstacles of the last job in memory, so that a test takes milliseconds. A motion
+is planned in a thread, while the generator `work` yields the progress. If the generator is closed, the search ends at
+its next check for cancellation.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Room:
 
 @dataclass(frozen=True)
 class Check:
-    """Job: check whether the arm can be at q (n,), and yield a `Checked`; q None: only load the geometry."""
+    """Job: check whether the arm can be at q (n,), and yield a `Checked`; if q is None, only load the geometry."""
 
     room: Room
     q: Array | None = None
@@ -95,11 +95,11 @@ class Found:
     """A timed motion.
 
     Attributes:
-        Ts: (k, 4, 4) poses of the tool in base, one every `DT` s.
-        shown: (m, links, 4, 4) poses of the links in base, one every `SHOWN` s.
+        Ts: (k, 4, 4) poses of the tool in the base frame, one every `DT` s.
+        shown: (m, links, 4, 4) poses of all links in the base frame, one set every `SHOWN` s.
         links: names of the links in `shown`.
-        tree: (edges, 2, 3) positions of the tip in m in base at both ends of each edge of the search tree; no edges if
-            the path is straight.
+        tree: (edges, 2, 3) tip positions at both ends of each edge of the search tree, in m in the base frame; no edges
+            if the path is straight.
     """
 
     Ts: Array
@@ -220,14 +220,14 @@ def plan(
 
 
 def _tips(arm: _Arm, trees: Sequence[Any]) -> Array:
-    """Return the tip positions (edges, 2, 3) in m in the base frame at both ends of each edge of the last tree."""
+    """Return the tip positions (edges, 2, 3) at both ends of each edge of the last tree, in m in the base frame."""
     if not trees or not len(trees[-1].branches):
         return np.zeros((0, 2, 3))
     return arm.kin.forward_many(trees[-1].q)[:, :3, 3][trees[-1].branches]
 
 
 def _timed(path: Any, arm: _Arm, job: Plan) -> Array:
-    """Return path parameters s (k,), one every `DT` s: fastest motion within the joint limits and the tool's limits."""
+    """Return path parameters s (k,), one every `DT` s, of the fastest motion within the limits of joints and tool."""
     from twin.planning.timing import time_path
 
     timing = time_path(path, arm.speed, arm.acceleration, dt=DT)

@@ -11,7 +11,7 @@ from twin.simulation.session.tape import Tape
 
 
 class Recorder:
-    """A session file that grows with its World.
+    """A session file to which the ticks of a World are appended.
 
     Attributes:
         path: the file.

@@ -9,7 +9,7 @@ from twin.core.spatial import Array
 from twin.model.body import Body
 
 CREASE = np.radians(35)
-"""Angle in rad between faces above which an edge is drawn sharp."""
+"""Angle in rad between two adjacent faces above which their common edge is drawn sharp."""
 
 Look = tuple[Array, np.ndarray, tuple[int, int, int], float]
 """A mesh: vertices (n, 3) in m in the body's frame, triangles (m, 3), colour (sRGB, 0 to 255), opacity (0 to 1)."""
@@ -59,7 +59,7 @@ def creased(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def behind(vertices: Array, triangles: np.ndarray, point: Array, normal: Array) -> tuple[Array, np.ndarray]:
-    """Return (vertices, triangles) of the part of a surface behind a plane: on the side opposite to the normal.
+    """Return (vertices, triangles) of the part of a surface that is behind a plane, on the side opposite to the normal.
 
     `point` (3,) is a point of the plane, `normal` (3,) its normal.
     """

@@ -12,7 +12,7 @@ RATE = 60.0
 """Samples per second of a playback."""
 
 HEARTBEAT = 6
-"""Number of ticks after which a stream sends a frame even if nothing has moved."""
+"""Number of ticks since the last frame after which a stream sends a frame even if nothing has moved."""
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Available playback speeds."""
@@ -25,7 +25,7 @@ class Playback:
     Attributes:
         protocol, title: name and title of the protocol.
         t: times (k,) in s.
-        x: configurations (k, nq) of the independent model, which has nq coordinates.
+        x: configurations (k, nq) of the independent model; nq: number of the model's coordinates.
         q, qd, qdd: values (m or rad), speeds (m/s or rad/s) and accelerations (m/s2 or rad/s2) of the active joints,
             each (k, n).
         Ts_base_tool: planned tool poses (k, 4, 4).
@@ -115,7 +115,7 @@ class Clock:
         self.loop, self.playing = True, False
 
     def play(self) -> None:
-        """Start the clock; if it is at the end of the playback, it starts from 0."""
+        """Start the clock at the present time, or at 0 if the present time is the end of the playback."""
         if self.time >= self.duration:
             self.time = 0.0
         self.playing = self.duration > 0

@@ -1,4 +1,4 @@
-"""Compute the position of each trocar, and the trocar error and insertion depth of the instrument in it."""
+"""Compute the position of each trocar, and trocar error and insertion depth of the instrument in the trocar."""
 
 from __future__ import annotations
 

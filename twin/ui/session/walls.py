@@ -15,7 +15,7 @@ _WALL = (0.5 * MM, 1 * DEG)
 
 
 def of_arm(member: Member, q: Array, goal: Array) -> str | None:
-    """Return a text on the joint limit that keeps an arm at q (n,) from its goal T_base_tool (4, 4); None: no limit."""
+    """Return a text on the joint limit that keeps an arm, now at q (n,), from its goal T_base_tool (4, 4), or None."""
     T = member.kin.forward(q, goal)
     way = float(np.linalg.norm(goal[:3, 3] - T[:3, 3]))
     if way < _WALL[0] and float(spatial.rotation_angle(goal[:3, :3] @ T[:3, :3].T)) < _WALL[1]:
@@ -29,7 +29,7 @@ def of_arm(member: Member, q: Array, goal: Array) -> str | None:
 
 
 def of_camera(at: Array, drag: Drag) -> str | None:
-    """Return a text on the limit that the camera has reached, or None; `at` (4,): pan, tilt, depth, roll in rad, m."""
+    """Return a text on the limit that the camera has reached, or None; `at` (4,): see `LiveConsole.camera_at`."""
     names, units = ("pan", "tilt", "depth", "roll"), (DEG, DEG, MM, DEG)
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
         if at[k] - drag.lower[k] < 1e-9 or drag.upper[k] - at[k] < 1e-9:

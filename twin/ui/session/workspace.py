@@ -1,6 +1,6 @@
 """Compute, in a separate process, the tool positions that a robot can reach with the present tool orientation.
 
-A process of low priority does not slow down dragging; a thread would, because it would share the interpreter.
+A process of low priority does not slow down dragging; a thread would, because threads share the interpreter.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from twin.kinematics import Kinematics
 
 CHUNK = 20_000
-"""Number of poses between two checks for cancellation; they are computed in less than half a second."""
+"""Number of poses between two checks for cancellation; this number is computed in less than half a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,8 @@ class Job:
     Attributes:
         robot, variants, parameters: arguments of `twin.load`.
         limits: limits (n, 2) of the active joints, in rad or m; infinite without a limit.
-        T_base_tool: present tool pose (4, 4): orientation of all poses, and centre of the searched box.
+        T_base_tool: present tool pose (4, 4); all poses have its orientation, and its position is the centre of the
+            searched box.
         reach: half the edge length of the searched box in m.
         count: total number of poses.
         bounds: limits of joints, of motors, and of the distances between two carriages on a rail.

@@ -1,4 +1,4 @@
-"""Source of the deformables of a procedure (organs and vessels) for the pages; the World computes their vertices."""
+"""Source of deformables for the pages: organs and vessels of a procedure, with vertices computed by the World."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from twin.simulation.world import World
 from twin.ui.session.feed import Surface
 
 _BALL = 2.5 * MM * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-"""Corners (6, 3) in m of the octahedron that marks a cell of the bed, relative to the cell."""
+"""Corners (6, 3), in m from the position of a cell, of the octahedron that marks a cell attached to the organ's bed."""
 
 _FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
-"""Triangles of the octahedron that marks a cell, counter-clockwise as seen from outside."""
+"""Indices (8, 3) of the corners of the octahedron's triangles, counter-clockwise as seen from outside."""
 
 _BED = (0.9, 0.75, 0.35)
-"""Linear red, green and blue of the octahedra that mark the cells of the bed."""
+"""Linear red, green and blue of the octahedra."""
 
 
 class WorldFeed:
     """Source of the deformables of a World; the World of a new attempt must have the same deformables.
 
-    The surface `<organ>_bed` marks the cells of an organ that are still attached to its bed.
+    The surface `<organ>_bed` has an octahedron at each cell of an organ that is still attached to the organ's bed.
 
     Attributes:
         surfaces: triangles and colours by name.
@@ -38,7 +38,7 @@ class WorldFeed:
     touching: Mapping[str, Sequence[str]] = {}
 
     def __init__(self, world: Callable[[], World], organ: Tissue) -> None:
-        """Read the deformables of the World that `world` returns, and the bed of an organ."""
+        """Read the deformables of the World that `world` returns; mark the attached cells of `organ`."""
         self._world, self._organ, self._bed = world, organ, f"{organ.name}_bed"
         deformables = world().deformables
         self.surfaces = {d.name: Surface(d.mesh.triangles, d.mesh.color_rgba[:3]) for d in deformables}
@@ -54,7 +54,7 @@ class WorldFeed:
         return moved
 
     def at(self, t: float) -> Frame:
-        """Return the present vertices, at a time in s."""
+        """Return the present vertices as a frame of time `t` in s."""
         world, name = self._world(), self._organ.name
         cells = world.signals[f"{name}.nodes"].reshape(-1, 3)[self._organ.held]
         holds = world.signals[f"{name}.freed"] < 0.5

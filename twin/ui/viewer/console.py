@@ -1,7 +1,7 @@
 """The page of a scene that is controlled from its console: the same World as in `twin serve`, with viser's controls.
 
-Two handles (`twin.ui.session.pens`) are moved by arrows at the tools, sliders and pedals. The handles are the input of
-the World (`twin.ui.session.console`).
+Users move two handles (`twin.ui.session.pens`) by arrows at the tools, by sliders and by pedals. The motions of the
+handles are the input of the World (`twin.ui.session.console`).
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ ARROWS = 90.0
 """Size in pixels of the arrows at a tool, independent of their distance from the camera."""
 
 CLOSE = np.array([0.15, -0.26, 0.2])
-"""Vector (3,) in m from the mean position of the tools to the camera in the view "close"."""
+"""Vector (3,) in m from the mean position of the tools to the camera, for the view "close"."""
 
 AWAY = 0.7
 """Factor on the usual distance of the camera in the views from outside, below 1 because the scene is wide and low."""
 
 FAR, CAVITY = 100.0, 0.4
-"""Maximum distance in m from the camera at which objects are drawn: in views of the room; in the endoscope's view,
-where only the cavity is to be visible."""
+"""Maximum distances in m from the camera at which objects are drawn: in views of the room; in the endoscope's view, in
+which only the cavity is visible."""
 
 BEFORE_LENS, THICK = 0.01, 0.006
 """Distance in m from the lens to the target line of a camera task; thickness of this line as a fraction of the
@@ -59,13 +59,13 @@ _FELT = 0.05
 """Smallest force on a hand in N that is shown."""
 
 STILL = 1e-9
-"""Largest joint motion in rad or m between two frames that counts as rest; at a limit, rounding errors move an arm."""
+"""Largest joint motion in rad or m between two frames that counts as rest; rounding errors move an arm at a limit."""
 
 RESTS = 0.2
-"""Time in s without motion after which a handle is moved back to its tool if the tool could not reach its goal."""
+"""Time in s without motion after which the handle of a tool that could not reach its goal is moved back to the tool."""
 
 TOUCHED = 0.7
-"""Time in s for which a control that a user has changed is not set to the value in the World."""
+"""Time in s, after a user has changed a control, during which the control is not set to the value in the World."""
 
 _CAMERA = (("pan [°]", DEG, 0.5), ("tilt [°]", DEG, 0.5), ("depth [mm]", MM, 0.5), ("roll [°]", DEG, 0.5))
 _TONES = {"good": "#1f8a55", "warn": "#c77700", "bad": "#d62f2f", "plain": "inherit"}
@@ -170,7 +170,7 @@ class ConsoleFront(Loop):
         self._show()
 
     def _bend(self, fields: FieldNodes) -> None:
-        """Show the deformables, and the error if it is their first."""
+        """Show the deformables, and a notice of their first error."""
         if wrong := fields.show(self.console.world.t):
             self.say(wrong, bad=True)
 
@@ -217,7 +217,7 @@ class ConsoleFront(Loop):
             self._dragged.add(hand)
 
     def _follow(self) -> None:
-        """Move the arrows to the tools or the target, except arrows that a user drags or a tool has yet to reach."""
+        """Move the arrows to the tools or the target; skip arrows that are dragged, or that a tool still follows."""
         for hand, arrows in self.arrows.items():
             if hand in self._dragged or hand in self._left_to_settle or self.wished(hand):
                 continue
@@ -399,7 +399,7 @@ class ConsoleFront(Loop):
         self._left_to_settle.clear()
 
     def _felt(self) -> list[tuple[str, str]]:
-        """Return (tone, text) on the forces on the hands; empty without a force."""
+        """Return [(tone, text)] on the forces on the hands; [] without a force."""
         sizes = {hand: float(np.linalg.norm(force)) for hand, force in self.console.forces().items()}
         text = ", ".join(f"{hand} {size:.1f} N" for hand, size in sizes.items() if size >= _FELT)
         return [("warn", f"Force: {text}")] if text else []
@@ -438,7 +438,7 @@ class ConsoleFront(Loop):
             self._score.show(self.console.reading["task"])
 
     def _set(self, control: Any, kind: str, value: Any, apart: float = 0.0) -> None:
-        """Set a control to the World's `value` if this has changed and differs from the control by more than `apart`.
+        """Set a control to `value`, if `value` has changed and differs from the control's value by more than `apart`.
 
         A control that a user has just changed is not set.
         """
@@ -462,7 +462,7 @@ def _name(client: viser.ClientHandle) -> str:
 
 
 def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -> tuple[str, str]:
-    """Return (tone, text) with the most important information on the state of a `LiveConsole`.
+    """Return (tone, text): the most important information on the state of a `LiveConsole`.
 
     The tone is "good", "warn", "bad" or "plain". `planned` is the status (tone, text) of planning mode; None: no
     status.

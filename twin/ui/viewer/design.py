@@ -18,7 +18,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
 _SAME = 1 * UM
-"""Distance in m up to which two origins count as equal and define no line."""
+"""Distance in m up to which two origins count as equal, so that there is no line through them."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Distance:
 def distances(mechanism: Mechanism) -> list[Distance]:
     """Return the distances that `with_distance` can change: one for each pair of joints that share exactly one body.
 
-    The distances have the order of the joints in the mechanism.
+    The order of the distances is the order of the joints in the mechanism.
     """
     out = []
     for a, b in combinations(mechanism.joints, 2):
@@ -47,7 +47,7 @@ def distances(mechanism: Mechanism) -> list[Distance]:
 
 
 def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float) -> Mechanism:
-    """Return the mechanism with the frame of `joint` moved to a `distance` in m from `other`, otherwise unchanged.
+    """Return the mechanism with the frame of `joint` moved to a `distance` in m from the frame of `other`.
 
     Both joints have a frame on the body that they share. The frame of `joint` is shifted, without rotation, along the
     line through the origins of the two frames, until the origins are `distance` apart. If this line is oblique to the
@@ -87,7 +87,7 @@ def _of(mechanism: Mechanism, joint: str) -> list[Distance]:
 
 
 def _shared(a: Joint, b: Joint) -> list[str]:
-    """Return the bodies that both joints have in common."""
+    """Return the bodies to which both joints are attached."""
     return sorted({a.parent, a.child} & {b.parent, b.child})
 
 

@@ -300,14 +300,14 @@ class DesignPanel:
         self.front.ask("design", go)
 
     def _again(self, a: Actor) -> None:
-        """Move the robot again to the last requested tool pose, now with the changed equations."""
+        """Move the robot to the last requested tool pose again, because the equations have changed."""
         asked = a.desk.asked if a.desk.asked is not None else a.desk.assembly.T_base_tool
         a.desk.move_tool(asked)
         self.front.rebuilt(a)
 
 
 def differs(reading: Reading) -> str:
-    """Return a text on the largest difference between equations and mechanism: value, unit, name of the quantity."""
+    """Return a text on the largest difference between equations and mechanism: value with unit, and quantity."""
     if reading.residual is None:
         return "-"
     if not reading.comparable:

@@ -12,13 +12,13 @@ from twin.core.units import DEG, MM
 from twin.model.joint import Joint
 
 _SECONDS, _EVERY = 12.0, 0.1
-"""Time span in s that the curve shows, and time in s between two of its points."""
+"""Time span in s that the curve shows; time in s between two points of the curve."""
 
 _COLORS = ("#0a66c2", "#c7741b")
 
 
 class DeviationCurve:
-    """Plot over the last `_SECONDS` s of the distance in mm between the tips of each machine and its model.
+    """Plot of the distance in mm between the tips of each machine and its model, over the last `_SECONDS` s.
 
     A dashed line marks the limit, if there is one.
     """
@@ -52,7 +52,7 @@ class DeviationCurve:
 
 
 def largest(apart: Sequence[float], joints: Sequence[Joint]) -> str:
-    """Return a text on the joint with the largest of the joint differences `apart` (n,) in rad or m."""
+    """Return a text on the joint whose difference is largest; `apart` (n,) are the joint differences in rad or m."""
     shown = [(abs(v) / (DEG if j.is_angle else MM), j) for v, j in zip(apart, joints, strict=True)]
     size, joint = max(shown, key=lambda pair: pair[0])
     return f"Largest joint difference: {joint.name} {size:.2f}{'°' if joint.is_angle else ' mm'}"

@@ -22,7 +22,7 @@ class FieldNodes:
         self.broken = ""
 
     def follow(self, links: Callable[[str], Mapping[str, Array]], passed: float) -> bool:
-        """Deform the fields that follow links, according to the present link poses; return whether a vertex has moved.
+        """Deform, according to the present link poses, the fields that follow links; return whether a vertex has moved.
 
         `links` returns the poses T_world_link (4, 4), by link, of the robot with the given name; `passed` is the time
         in s since the last call.
@@ -36,7 +36,7 @@ class FieldNodes:
             return True
 
     def show(self, t: float) -> str:
-        """Show all fields at a time in s; return the first error in the fields, but only once; "" otherwise.
+        """Show all fields at a time in s; return the text of the first error once, otherwise "".
 
         Fields without vertices are not drawn.
         """

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class _Node:
-    """Access to viser's internal data of one scene node: pose messages, queue, and the pose stored in the handle."""
+    """Access to viser's internal data of one scene node: its pose messages, their queue, and the pose in the handle."""
 
     def __init__(self, handle: viser.SceneNodeHandle) -> None:
         self._state: Any = handle._impl
@@ -60,7 +60,7 @@ class FrameWriter:
         self._nodes = [_Node(handle) for handle in handles]
 
     def write(self, positions: Array, wxyzs: Array) -> None:
-        """Send positions (n, 3) in m and unit quaternions (n, 4), w first, in the frames of the parent nodes.
+        """Send positions (n, 3) in m and unit quaternions (n, 4), w first; both are in the frames of the parent nodes.
 
         A position or quaternion that is bit-identical to the last one of the same node is not sent again.
         """
@@ -82,5 +82,5 @@ class FrameWriter:
 
 
 def _differ(new: Array, old: list[Array]) -> list[bool]:
-    """Return for each row of `new` (n, m) whether any bit differs from the same row of `old`."""
+    """Return, for each row of `new` (n, m), whether at least one bit differs from the same row of `old`."""
     return (new.view(np.int64) != np.array(old, float).reshape(new.shape).view(np.int64)).any(axis=1).tolist()

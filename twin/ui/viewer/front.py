@@ -27,8 +27,9 @@ _READ = 0.1
 """Minimum time in s between two updates of the readings; each update redraws the panels."""
 
 _DRAWN, _NOBODY = 1.5, 4.0
-"""Times in s after which the planning of protocols begins: after the first browser has connected (it has then drawn its
-first picture), but at the latest after the start."""
+"""Times in s. Planning of protocols begins when the first time has passed since the first browser connected, because
+this browser has then drawn its first picture. Planning begins at the latest when the second time has passed since the
+start."""
 
 
 @dataclass
@@ -37,7 +38,7 @@ class Actor:
 
     Attributes:
         name: displayed name.
-        source: argument of `twin.load`, with which other processes load the robot.
+        source: argument of `twin.load`; other processes load the robot with this argument.
         desk: state of the robot.
         T_world_base: pose (4, 4) of the base in the scene.
         protocol: name or path of the protocol that was loaded last; None: the robot's default protocol.
@@ -98,7 +99,7 @@ class Front(Loop):
     Attributes:
         actors: the robots in the given order.
         hand: the active robot, to which gizmo, sliders and readings refer.
-        local: whether only this machine can open the page; only such a page may write files.
+        local: whether only this machine can open the page; if not, the page may not write files.
         terminal: terminal that asks for confirmations; None: the page never changes a robot's files.
         clock: clock of the protocols.
         feed: deformables; None: no deformables.
@@ -177,7 +178,7 @@ class Front(Loop):
     # -- robots ---------------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        """Show the present state: robots, deformables, trocars and shafts, the active robot's ghost, and the gizmo."""
+        """Show the present state of robots, deformables, trocars, shafts, the gizmo and the active robot's ghost."""
         for a in self.actors:
             self.nodes[a.name].write(a.desk.assembly.link_poses)
         if self._fields is not None and (wrong := self._fields.show(self.clock.time)):
@@ -207,7 +208,7 @@ class Front(Loop):
         self.scenery.update()
 
     def stand(self) -> None:
-        """Move every robot with a planned protocol to the state in its protocol at the clock's time."""
+        """Move every robot that has a planned protocol to the protocol's state at the clock's time."""
         for a in self.actors:
             if a.playback is None:
                 continue
@@ -225,7 +226,7 @@ class Front(Loop):
         self._stale = True
 
     def rebuilt(self, a: Actor) -> None:
-        """Remove a robot's ghost, because its mechanism has changed."""
+        """Remove a robot's ghost, because the robot's mechanism has changed."""
         ghost = self.ghosts.pop(a.name, None)
         if ghost is not None:
             ghost.remove()
@@ -252,7 +253,7 @@ class Front(Loop):
     # -- protocols ------------------------------------------------------------------------------------
 
     def load_soon(self) -> None:
-        """Plan the protocols after a browser has drawn its first picture, which planning would delay."""
+        """Plan the protocols after a browser has drawn its first picture, because planning would delay this picture."""
         begin = self.now
 
         def wait() -> None:

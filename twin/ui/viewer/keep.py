@@ -37,7 +37,7 @@ from twin.ui.session.session import Session as Session
 from twin.ui.viewer.rewrite import rewrite
 
 _DIGITS = {"mm": 6, "deg": 8}
-"""Number of decimals of values in mm and deg: a resolution of 1 nm (for angles, at a radius of 5 m)."""
+"""Number of decimals of values in mm and in deg; the resolution is 1 nm, for angles 1 nm at a radius of 5 m."""
 
 
 def identifier(name: str) -> str:
@@ -145,7 +145,7 @@ def _ends_inside(p: Protocol) -> bool:
 
 
 def _in_file_units(path: Path, d: descriptions.Description, name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Return a posture as written to the file: rounded values in mm or deg; each key is a joint name with the unit."""
+    """Return a posture as it is written to the file: rounded values in mm or deg; a key is a joint's name and unit."""
     keys = {j.name: f"{j.name}_{references.UNITS.get(j.type, 'mm')}" for j in d.joint if j.active}
     limits = {joint: spec for spec in d.limit for joint in spec.joints}
     for joint in values:

@@ -1,8 +1,8 @@
 """Validate messages from a page before they are passed to viser, which does not validate messages.
 
 A valid message has one of a few types, its fields have the types that viser declares, its numbers are finite, and its
-value is possible for the page element. Only one file at a time is accepted, up to a maximum size, with its parts in
-order. Invalid messages are dropped.
+value is possible for the page element. Files are accepted one at a time, up to a maximum size, if the parts of a file
+arrive in order. Invalid messages are dropped.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ORDINARY = 16 * 1024
 """Maximum size in bytes of a message that contains neither a part of a file nor a picture."""
 
 LONGEST = 8 * 2**20
-"""Maximum size in bytes of any message; the largest messages contain pictures that the server has requested."""
+"""Maximum size in bytes of any message; the largest messages are pictures that the server has requested."""
 
 UPLOAD = 16 * 2**20
 """Maximum size in bytes of an uploaded file (a recorded session)."""
@@ -66,7 +66,7 @@ class StaleError(Exception):
 
 
 class Sender(Protocol):
-    """Interface of the client that sent a message; an upload belongs to the client that started it."""
+    """Interface of the client that sent a message; only the client that started an upload can continue this upload."""
 
     def cut(self) -> None: ...  # noqa: D102
 
@@ -121,7 +121,7 @@ class Letters:
         self._decoders = {False: _decoder(_ORDINARY), True: _decoder(_LONG)}
 
     def belong_to(self, server: viser.ViserServer) -> None:
-        """Set the server to whose page elements messages may refer. Before this call, all messages are dropped.
+        """Set the server; messages may only refer to its page elements. Before this call, all messages are dropped.
 
         Raises:
             TwinError: this version of viser stores the page elements in an unsupported way.

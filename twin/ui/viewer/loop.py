@@ -1,4 +1,4 @@
-"""The loop of a viser page: one thread solves and draws, so that all browsers show the same state.
+"""The loop of a viser page: one thread handles requests and draws, so that all browsers show the same state.
 
 Callbacks of the page only store requests; a new request replaces an earlier one of the same kind, so that fast input
 does not queue up.
@@ -21,11 +21,11 @@ FRAME = 1 / 60
 """Duration in s of a display frame."""
 
 AGAIN = 3.0
-"""Minimum time in s before a notice is repeated, because a refused drag causes the same notice in every frame."""
+"""Minimum time in s before the same notice is shown again; a refused drag causes the same notice in every frame."""
 
 
 class Loop(ABC):
-    """Base class of a page of the viewer; one thread solves and draws its frames.
+    """Base class of a page of the viewer; one thread handles all requests and draws all frames.
 
     Attributes:
         stopping: event that ends the loop when it is set.
@@ -69,7 +69,7 @@ class Loop(ABC):
         self.ask(kind, wish)
 
     def wished(self, kind: str) -> bool:
-        """Return whether a request whose kind begins with `kind` is waiting; if so, its control must not be changed."""
+        """Return whether a request of a kind that begins with `kind` is waiting; if so, leave its control unchanged."""
         with self._lock:
             return any(k.startswith(kind) for k in self._wishes)
 
@@ -109,7 +109,7 @@ class Loop(ABC):
         stop(self.server)
 
     def say(self, text: str, bad: bool = False) -> None:
-        """Show a notice in every browser; a repetition of the last notice is not shown within `AGAIN` s."""
+        """Show a notice in every browser; the same notice is not shown again within `AGAIN` s."""
         if self._told[0] != text or self.now - self._told[1] > AGAIN:
             self._told = text, self.now
             tell(self.server, self.title, text, bad)

@@ -21,13 +21,13 @@ _GHOST_OPACITY = 0.28
 
 
 def object_nodes(server: viser.ViserServer, item: Movable, T_world_object: Array) -> RobotNodes:
-    """Return the scene nodes of a movable object at a pose (4, 4): a robot with one body named like the object."""
+    """Return the scene nodes of a movable object at a pose (4, 4); the object is shown as a robot with one body."""
     alone = Mechanism(item.name, item.name, (Body(item.name, (item.mesh(),)),), ())
     return RobotNodes(server, f"/{item.name}", alone, {item.name: T_world_object})
 
 
 class RobotNodes:
-    """Scene nodes of a robot; the root node has the robot's pose and scale, all others are in m in the base frame.
+    """Scene nodes of a robot; the root node has the robot's pose and scale, all other nodes are in m in the base frame.
 
     Attributes:
         root: node of the base frame in the world.
@@ -92,13 +92,13 @@ class RobotNodes:
         self.root.wxyz = spatial.quat_from_matrix_wxyz(T_world_base[:3, :3])
 
     def to_base(self, p_world: Array) -> Array:
-        """Convert a point (3,) from the displayed world, with display scale, to the robot's base frame, in m."""
+        """Convert a point (3,) from the displayed world, which has the display scale, to the base frame in m."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz)), self.root.position
         return T[:3, :3].T @ (np.asarray(p_world, float) - T[:3, 3]) / float(np.atleast_1d(self.root.scale)[0])
 
     def to_world(self, p_base: Array) -> Array:
-        """Convert a point (3,) from the robot's base frame, in m, to the displayed world, with display scale."""
+        """Convert a point (3,) from the base frame in m to the displayed world, which has the display scale."""
         R = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz))
         return np.asarray(self.root.position) + float(np.atleast_1d(self.root.scale)[0]) * R @ p_base
 
@@ -150,13 +150,13 @@ class RobotNodes:
     def equations(
         self, points: Mapping[str, Array], actual: Mapping[str, Array], agrees: bool, exaggerated: float
     ) -> None:
-        """Draw lines between the points of the same body, at the positions that the robot's equations compute.
+        """Draw lines between points of the same body; the robot's equations compute the positions of the points.
 
         If no body has two points, nothing is drawn.
 
         Args:
-            points: positions (3,) in m in the base frame by name, computed by the equations.
-            actual: positions (3,) in m in the base frame by name, computed by the mechanism.
+            points: positions (3,) by point name, computed by the equations, in m in the base frame.
+            actual: the same positions, computed by the mechanism.
             agrees: whether equations and mechanism agree; the lines are then green, otherwise red.
             exaggerated: factor by which the differences between `points` and `actual` are drawn larger.
         """

@@ -1,4 +1,4 @@
-"""The panels of the page: play, move, scene, readings and curves; `design_panel` contains the design panel."""
+"""The panels of the page for play, move, scene, readings and curves; the module `design_panel` has the design panel."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from twin.ui.viewer.record_panel import RecordPanel
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
 MOST_POSTURES = 64
-"""Maximum number of postures in the list; when it is reached, the button "keep here" adds no posture."""
+"""Maximum number of postures in the list; the button "keep here" adds no posture to a full list."""
 
 CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
 _POINTS = 400
@@ -259,11 +259,11 @@ class Panels:
         self.front.show_ghost(visible)
 
     def exaggeration(self) -> float:
-        """Return the factor by which the errors of the equations' named points are drawn larger."""
+        """Return the factor by which differences between points of equations and mechanism are drawn larger."""
         return float(self._times.value.split()[0])
 
     def ghost_poses(self, a: Actor) -> dict[str, Array] | None:
-        """Return the link poses T_base_body (4, 4) of a robot's ghost; None if they cannot be computed.
+        """Return the link poses T_base_body (4, 4) of a robot's ghost, by body; None if the poses cannot be computed.
 
         If the mechanism is edited, the ghost is the unedited mechanism at the same joint values. Otherwise, the ghost
         is the mechanism at the requested tool pose.

@@ -36,7 +36,7 @@ class PlanningPanel:
     """Buttons and displays of planning mode; all browsers show the same state."""
 
     def __init__(self, server: viser.ViserServer, console: LiveConsole, pens: Pens, on_click: Ask) -> None:
-        """Add the controls; `on_click` connects a button to a request, which receives the name of the client."""
+        """Add the controls; `on_click` connects a button to a request. A request is called with the client's name."""
         self._server, self._console, self._pens = server, console, pens
         gui = server.gui
         with gui.add_folder("Plan a motion"):
@@ -91,7 +91,7 @@ class PlanningPanel:
     def show(self, now: float) -> None:
         """Show the state of planning mode at the time `now` in s.
 
-        In phases in which the hands move nothing, keep them active, so that they are not released.
+        In phases in which the hands move nothing, this call keeps the hands active, so that they are not released.
         """
         mode = self._console.planning
         if self._pens.client is not None and mode.phase in plan_view.RESTS:

@@ -79,7 +79,7 @@ _GRID = (
 
 
 def phases(spans: Sequence[tuple[str, float, float]], now: str) -> str:
-    """Return the phases as an HTML bar with segments proportional to their durations; the present phase is filled."""
+    """Return the phases as an HTML bar with segments proportional to their durations; the segment `now` is filled."""
     total = spans[-1][2] or 1.0
     cells = (
         f"<span title='{escape(name)}: {t0:.2f} to {t1:.2f} s' style='flex:0 0 {100 * (t1 - t0) / total:.2f}%;"

@@ -1,4 +1,4 @@
-"""Controls to save results: a recorded session, a posture in the robot's TOML, a final phase of a protocol."""
+"""Controls that save results: a recorded session, a posture in the robot's TOML file, a last phase of a protocol."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class RecordPanel:
         front.after_frame.append(self._tick)
 
     def _keep_buttons(self) -> None:
-        """Add controls that write files; each write must be confirmed on the terminal: page users are not trusted."""
+        """Add controls that write files. Each write must be confirmed on the terminal; page users are not trusted."""
         gui, front = self.front.server.gui, self.front
         if front.terminal is None:
             gui.add_markdown("Start `twin view` in a terminal; it asks there before it writes files.")

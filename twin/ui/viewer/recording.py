@@ -13,7 +13,7 @@ from twin.core.errors import TwinError
 from twin.ui.viewer.front import Front
 
 TURN = 36
-"""Number of pictures in a turntable, which is one revolution of the camera."""
+"""Number of pictures in a turntable (one revolution of the camera)."""
 
 RATE = 30.0
 """Frames per second of a recording."""

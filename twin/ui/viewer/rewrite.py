@@ -24,7 +24,8 @@ element of the list `table`."""
 def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> None:
     """Write entries into a TOML file, if the new text passes a check.
 
-    `check` is called with a file of the same name with the new text, and raises `TwinError` if the text is invalid.
+    `check` is called with the path of a file of the same name that contains the new text. It raises `TwinError` if the
+    text is invalid.
 
     Raises:
         TwinError: `check` raised it.
@@ -71,7 +72,7 @@ def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> 
 
 
 def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) -> None:
-    """Append values to a list of tables or, with a key, set them in a table; existing values are replaced."""
+    """Append values to the list `table` or, with a key, set the values in `table.key`; existing values are replaced."""
     parent: Any = document.get(table)
     if key is not None and parent is not None and key in parent:
         parent[key].update(values)

@@ -72,7 +72,7 @@ class Scenery:
             self._trail[a.name] = [line]
 
     def follow(self) -> None:
-        """Draw trocars and shafts at the robots' present poses; a shaft 2 mm or more from its trocar is not drawn."""
+        """Draw trocars and shafts at the present poses; a shaft whose trocar error is 2 mm or more is not drawn."""
         shown = set()
         for a in self.front.actors if self._trail_shown else ():
             size = self.front.nodes[a.name].size
@@ -158,7 +158,7 @@ class Scenery:
         return lambda _: self.front.ask(name, lambda: do(box.value))
 
     def _busy(self, work) -> None:
-        """Run a long action; refuse further long actions until it ends, because each needs a thread."""
+        """Run a long action; refuse further long actions until this action ends, because each action needs a thread."""
         if not self._one.acquire(blocking=False):
             return
         try:
@@ -200,7 +200,7 @@ class Scenery:
         self.front.gizmo.visible = on and not self._through_lens
 
     def see_through(self, on: bool) -> None:
-        """Draw the scene's props transparent (True), so that instruments inside the patient are visible, or opaque."""
+        """Draw the scene's props transparent (True), to show instruments in the patient, or opaque (False)."""
         assert self.props is not None
         for _, handle in self.props.meshes:
             handle.opacity = 0.3 if on else None
@@ -208,7 +208,7 @@ class Scenery:
     def patient(self, visible: bool) -> None:
         """Show or hide patient and table of the present protocols.
 
-        For a protocol without a patient, a notice names the protocols that have one.
+        For a protocol without a patient, a notice names the protocols that have a patient.
         """
         self._patient_shown = visible
         missing = []

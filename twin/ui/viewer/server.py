@@ -1,8 +1,8 @@
 """The viewer's server; this module has few imports, so that a browser can load the page while the robot is read.
 
-viser has no access control. Therefore this module replaces the call with which viser opens its socket: page, WebSockets
-and messages then pass through the access control of `twin.ui.door`. If a version of viser opens its socket differently,
-the server is stopped.
+viser has no access control. Therefore, this module replaces the call with which viser opens its socket, so that page,
+WebSockets and messages pass through the access control of `twin.ui.door`. If a version of viser opens its socket
+differently, the server is stopped.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Door:
     Attributes:
         gate: access rules.
         letters: message filter.
-        stands: whether viser's socket is protected.
+        stands: whether viser's socket was opened by `listen` and is thus protected.
     """
 
     def __init__(self, gate: Gate) -> None:
@@ -112,7 +112,7 @@ class Door:
         select_subprotocol: Callable[..., Any],
         **ours: Any,
     ) -> Any:
-        """Replace `websockets.serve`: open viser's socket with its handler and subprotocol and this module's limits."""
+        """Open viser's socket in place of `websockets.serve`, with the access control and limits of this module."""
         self.stands = True
         return listen(
             handler,
@@ -144,8 +144,8 @@ def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.V
         title: title of the page.
         host: address to listen on.
         port: port to listen on; 0: any free port.
-        gate: access rules. None: a request is accepted if its Host header names `host` or this machine, and if it comes
-            from the server's own page or from a program that is not a browser.
+        gate: access rules. None: a request is accepted if its Host header names `host` or this machine, and if the
+            request comes from the server's own page or from a program that is not a browser.
 
     Raises:
         TwinError: this version of viser opens its socket differently.

@@ -26,7 +26,7 @@ _BAD = "#d62f2f"
 
 
 class TrainerPanel:
-    """Run levels, deviation and buttons; the console receives the same requests as from the page of `twin serve`."""
+    """Run levels, deviation and buttons; the buttons send the console the same requests as the page of `twin serve`."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class TrainerPanel:
         pens: Pens,
         on_click: Callable[[viser.GuiButtonHandle, str, Callable[[str], object]], None],
     ) -> None:
-        """Add the controls; `on_click` connects a button to a request, which receives the name of the client."""
+        """Add the controls; `on_click` connects a button to a request. A request is called with the client's name."""
         self._console, self._pens = console, pens
         table = console.scene.trainer
         assert table is not None
@@ -54,7 +54,7 @@ class TrainerPanel:
     def show(self, now: float) -> None:
         """Show run levels and deviation at the time `now` in s.
 
-        During a replay, keep the hands active, because silent hands would stop the replay.
+        During a replay, this call keeps the hands active, because silent hands would stop the replay.
         """
         found: dict[str, Any] = self._console.reading["machines"]
         robots = found["robots"]

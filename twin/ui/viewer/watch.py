@@ -1,4 +1,4 @@
-"""A read-only page: shows robots, organs and objects of a scene as a running `twin serve` simulates them."""
+"""A read-only page that shows the robots, organs and objects of a scene as a running `twin serve` simulates them."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class WatchFront(Loop):
 
     Attributes:
         stream: source of the shown frames.
-        nodes: scene nodes of each robot, and of the model of each machine that the server shows.
+        nodes: scene nodes of each robot and, if the server shows machines, of the model of each machine.
     """
 
     def __init__(
