@@ -222,7 +222,7 @@ class Workspace(Result):
         }
 
     def _size(self, share: np.ndarray) -> dict[str, float | None]:
-        """Return the size and its error; `share` (k,) is the reached fraction of orientations, for reached positions."""
+        """Return the size and its error; `share` (k,) is the reached fraction of orientations at reached positions."""
         none: dict[str, float | None] = dict.fromkeys(
             ("volume_dm3", "volume_error_dm3", "volume_every_orientation_dm3")
         )

@@ -1,7 +1,7 @@
 """Decide, independently of the validator, whether a missed fault has any effect.
 
-Two formulas are equivalent if all their values agree, at poses near the motion and at poses farther away. Two
-mechanisms are equivalent if the poses of the tool and of every body with meshes agree; these poses are computed with
+Two formulas are equivalent if all their values agree at random poses near the motion. Two mechanisms are equivalent if
+their limits, their meshes, and the poses of the tool and of every body with meshes agree; these poses are computed with
 plain matrices, and SciPy closes the loops. Two stages are equivalent if the texts of the flattened stages agree.
 """
 
