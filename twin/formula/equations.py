@@ -98,8 +98,8 @@ class Equations:
             why: the change in this variant, and its reason.
 
         Raises:
-            KinematicsError: `of` is not an equation of this file. The file is parsed when the variant is first used; a
-                row that does not exist in `of` raises an error, with file and line, only at that time.
+            KinematicsError: `of` is not an equation of this file. The file is parsed when the variant is first used;
+                only then, an error with file and line is raised for a row that does not exist in `of`.
         """
         found = [i for i, e in enumerate(self._made) if any(f is of for f in e.variants.values())]
         if not found:

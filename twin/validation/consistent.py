@@ -1,4 +1,4 @@
-"""Find fixes for a waypoint at which the shaft misses the RCM, and check whether the robot can reach them.
+"""Find fixes for a waypoint at which the shaft misses the RCM, and check whether each fixed protocol is reachable.
 
 Each fix changes one value or one pose of the protocol. The changed protocol is planned with an enforced pivot about the
 RCM, so that the shaft passes through the RCM everywhere; the planner reports whether the motion is reachable. For

@@ -126,7 +126,7 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class _Moving:
-    """Sampled motion of a joint, or of the moved frame's position or rotation in one phase.
+    """Sampled motion of one joint, or of the moved frame in one phase (either its position or its rotation).
 
     Attributes:
         what: name of the moving quantity, for messages on its stated speed.

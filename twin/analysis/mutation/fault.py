@@ -47,7 +47,7 @@ class Fault:
         robot: function that returns the robot with faulty equations or parameters; its argument is a folder for files.
         mechanism: function that returns the faulty mechanism.
         stage: function that edits a copy of the stage in a folder.
-        protocol: function that writes a faulty protocol to a folder, reads it and returns it.
+        protocol: function that writes a faulty protocol to a folder, and returns the protocol read from this folder.
         trajectory: function that returns a faulty trajectory.
     """
 

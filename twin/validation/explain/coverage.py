@@ -19,7 +19,7 @@ from twin.validation.explain.suspects import passed
 
 @dataclass(frozen=True)
 class Coverage:
-    """Number of rows (outputs of equations), and texts that name each row that was not judged, with the reason."""
+    """Number of rows (outputs of equations), and one text for each row that was not judged: its name and the reason."""
 
     rows: int
     left: tuple[str, ...]

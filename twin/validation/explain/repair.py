@@ -114,7 +114,7 @@ class Search:
         return out
 
     def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
-        """Return the candidate for an edited helper, judged in every equation that calls it; None if it cannot run."""
+        """Return the candidate for an edited helper, judged in all equations that call it; None if it cannot run."""
         first: Candidate | None = None
         passed: set[str] = set()  # equations already judged; the equations after them use the edited outputs
         for step in sorted(steps, key=self.judge.steps.index):

@@ -1,4 +1,4 @@
-"""Find the statements on which a row depends, and the symbols that it could use."""
+"""Find the statements on which a row depends, and the symbols that are available to an equation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find symbols that equations use but that have no value, and the parameters that were probably meant."""
+"""Find symbols without a value in equations, and for each symbol the parameter that was probably meant."""
 
 from __future__ import annotations
 
