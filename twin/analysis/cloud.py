@@ -10,13 +10,13 @@ from twin.analysis.workspace import COLUMNS, Workspace
 from twin.core.spatial import Array
 
 MOST = 400_000
-"""Maximum number of points in a cloud; larger clouds are thinned evenly."""
+"""Maximum number of points in a cloud; of a larger cloud, only every n-th point is written."""
 
 
 def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
     """Return reached positions (k, 3) in m, their values (k, 4) in the order of `COLUMNS`, and colours (k, 3) uint8.
 
-    The colours show the inverse condition numbers or, without condition numbers, the margins to the joint limits.
+    The colours show the inverse condition numbers; without condition numbers, they show the joint-limit margins.
     """
     from matplotlib import colormaps
 

@@ -1,6 +1,6 @@
-"""Run tasks on other processors through a Dask scheduler, which already runs at an address or is started locally.
+"""Run tasks on other processors through a Dask scheduler; the scheduler runs at an address, or is started locally.
 
-Each result is returned when its task is finished. If a worker dies, another worker reruns its unfinished tasks.
+Each result is returned when its task is finished. If a worker dies, other workers rerun the unfinished tasks.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ PATIENCE = "10s"
 
 @contextlib.contextmanager
 def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]:
-    """Yield a client of the scheduler at `address`, such as tcp://10.0.0.1:8786; "local" starts local workers.
+    """Yield a client of the scheduler at `address`, such as tcp://10.0.0.1:8786, or of a local scheduler ("local").
 
-    `workers` is the number of local workers; None: one for each processor.
+    A local scheduler starts `workers` workers; None: one for each processor.
 
     Raises:
-        TwinError: no scheduler answers at the address, it has no workers, or `distributed` is not installed.
+        TwinError: no scheduler answers at the address, the scheduler has no workers, or `distributed` is missing.
     """
     require("distributed", "work on several processors or machines")
     import dask
@@ -78,7 +78,7 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
 
 @contextlib.contextmanager
 def _started() -> Iterator[None]:
-    """Delay the first Ctrl-C until the block has ended; otherwise, half-started workers would keep running."""
+    """Delay the first Ctrl-C to the end of the `with` block; otherwise, half-started workers would keep running."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -102,7 +102,7 @@ def each(client: Client, function: Callable[..., Any], tasks: Iterable[tuple]) -
     """Yield (task index, result) of each finished task, in any order.
 
     `function` is at the top level of a module that the workers can import. It must return the same result for the same
-    arguments, because a task may run again.
+    arguments, because a task may run more than once.
 
     Raises:
         Exception: the error that a task raised.

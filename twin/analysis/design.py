@@ -1,8 +1,8 @@
 """Vary parameters and distances of a robot, and evaluate workspace and accuracy of each resulting design.
 
 A factor is a varied quantity: a parameter of the equations, or the distance between two joints on one body of the
-mechanism, written `body:joint-joint`. A changed distance moves the second joint along the line between the joints. Each
-design is evaluated independently, so that the work can be distributed, stopped and resumed.
+mechanism. The name of a distance is `body:joint-joint`; a change of the distance moves the second joint along the line
+between the joints. Each design is evaluated independently, so that the work can be distributed, stopped and resumed.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Factor:
         name: name of a parameter, or `body:joint-joint`.
         low, high: range in SI units.
         unit: display unit.
-        drawn: value in the design of the CAD, in SI units.
+        drawn: value of the quantity in the CAD, in SI units.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Factor:
 
     @property
     def scale(self) -> float:
-        """Factor that converts a value in `unit` to SI."""
+        """Number by which a value in `unit` is multiplied to convert it to SI units."""
         return _UNITS[self.unit]
 
 
@@ -78,7 +78,8 @@ class Job:
         protocol: name of the protocol that sets the trocar position, or None.
         factors: the factors to vary.
         objectives: names of the objectives to evaluate.
-        low, step, shape, R: grid of positions in m, and the orientation; see `Grid`.
+        low, step, shape: grid of positions, see `Grid`; `low` and `step` in m.
+        R: (3, 3) orientation of the tool at all positions.
     """
 
     source: str
@@ -126,7 +127,7 @@ def factor(robot: api.Robot, text: str) -> Factor:
 
 
 def distance(mechanism: Mechanism, name: str) -> float:
-    """Return the distance named `body:joint-joint` in m; for parallel pins, the perpendicular distance of the axes."""
+    """Return the distance in m with the name `body:joint-joint`; for parallel pins, the distance between their axes."""
     return float(np.linalg.norm(_between(mechanism, name)[0]))
 
 
@@ -165,7 +166,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
 def job(
     robot: api.Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]
 ) -> Job:
-    """Return the job; its grid is 20 % larger in each direction than the workspace of the design in the CAD.
+    """Return the job, with a grid that is 20 % larger in each direction than the workspace of the CAD's design.
 
     Raises:
         TwinError: an objective does not exist, or depends on none of the factors.
@@ -206,7 +207,7 @@ def job(
 
 
 def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:
-    """Return designs (k, factors) in SI units: the CAD's design, then a grid of levels or a Latin hypercube."""
+    """Return designs (k, factors) in SI units: the CAD's design, then a grid of `levels` or else a Latin hypercube."""
     from scipy.stats import qmc
 
     low, high = np.array([f.low for f in factors]), np.array([f.high for f in factors])
@@ -247,7 +248,7 @@ def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
 
 
 def grid_error(work: Job) -> float:
-    """Return the uncertainty in dm3, due to the grid step, of the workspace volume of the CAD's design."""
+    """Return the uncertainty, in dm3, that the grid step causes in the workspace volume of the CAD's design."""
     _, _, good = _good(work, _robot(work.source, work.protocol).kinematics())
     nx, ny, nz = work.shape
     return volume_error(good.reshape(nz, ny, nx), (work.step / 0.1) ** 3)

@@ -1,8 +1,8 @@
 """Compute a workspace from samples of the joint ranges, for robots whose equations have no closed-form inverse.
 
 Joint values are spread evenly over their ranges, and the resulting tool positions are counted in grid cells. For a
-robot without equations, the positions come from the mechanism with closed loops. In this case, there is no condition
-number, and the margin to a singularity of the loops replaces the singularity measure.
+robot without equations, the positions are computed by closing the loops of the mechanism. In this case, there is no
+condition number, and the margin of the loops to a singularity replaces the singularity measure.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _FLAT = 1e-6
 """Extent along an axis, relative to the largest extent, below which all positions count as being in one plane."""
 
 _PLACES, _STEP, _RANK = 15, 1e-5, 1e-3
-"""For the rank of the position Jacobian: number of joint positions, difference step relative to the joint ranges, and
-relative size above which a singular value counts."""
+"""For the rank of the position Jacobian: number of joint positions at which the rank is computed; step of the finite
+differences, relative to the joint ranges; relative size above which a singular value counts as nonzero."""
 
 _CELLS = 20_000_000
 """Maximum number of grid cells."""
@@ -42,8 +42,8 @@ def by_joints(
 ) -> Workspace:
     """Return the workspace of a robot from samples of its joint ranges.
 
-    `count` is the number of samples; `step` is the edge length of a grid cell in m, default: 1/64 of the largest extent
-    of the workspace.
+    `count` is the number of samples. `step` is the edge length of a grid cell in m; default: 1/64 of the largest extent
+    of the workspace along an axis.
 
     Raises:
         TwinError: a prismatic joint has no limits, there are too many cells, or no sample can be assembled.
@@ -131,7 +131,7 @@ def _ranges(robot: Robot) -> Array:
 
 
 def _root(n: int) -> float:
-    """Return the positive root of x^(n + 1) = x + 1; its negative powers are the steps of evenly spread samples."""
+    """Return the positive root x of x^(n + 1) = x + 1; evenly spread samples have the steps 1/x, 1/x^2, ..., 1/x^n."""
     x = 2.0
     for _ in range(60):
         x = (1 + x) ** (1 / (n + 1))

@@ -1,7 +1,7 @@
 """Compile one function (kernel) that evaluates poses: reachability, margin to joint limits, conditioning.
 
-Condition numbers come from the eigenvalues of J J^T (J: Jacobian). The eigenvalues are computed by sweeps of Jacobi
-rotations until the off-diagonal entries are rounding errors. The number of sweeps is the same for all poses that are
+Condition numbers are computed from the eigenvalues of J J^T (J: Jacobian). Sweeps of Jacobi rotations diagonalise this
+matrix, until the off-diagonal entries are rounding errors. The number of sweeps is the same for all poses that are
 computed together.
 """
 
@@ -32,11 +32,11 @@ ROOT = 1.2207440846057596
 """Root of x^4 = x + 1; the fractional parts of i / root^k cover three dimensions more evenly than random numbers."""
 
 _SWEEPS, _BESIDE = 12, 1e-13
-"""Maximum number of Jacobi sweeps, and the relative off-diagonal norm at which they end."""
+"""Maximum number of Jacobi sweeps; relative off-diagonal norm below which no further sweep is computed."""
 
 
 def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
-    """Return the limits that involve several joints: motor limits behind a transmission, and gaps along a rail."""
+    """Return the limits that involve several joints: of motors behind a transmission, and of gaps along a rail."""
     return tuple(b for b in bounds if b.kind in ("motor", "gap"))
 
 
@@ -87,7 +87,7 @@ def kernel(
 
 
 def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Return, for a sample, pose (4, 4), joint values (n,), scaled Jacobian, and whether the equations have a solution.
+    """Return (pose (4, 4), joint values (n,), scaled Jacobian, whether the equations have a solution) of a sample.
 
     The sample is a pose (4, 4) or, with `from_joints`, joint values (n,).
     """
@@ -105,7 +105,7 @@ def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, c
 
 
 def _within(q: ca.SX, limits: Array, bounds: Sequence[Bound], solved: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return whether a sample is reached (solved, all joints within the limits), and its margin to the joint limits."""
+    """Return (whether a sample is reached: solved, all joints within limits; margin of the sample to the limits)."""
     reached, margin = solved, ca.SX(1)
     for j, (low, high) in enumerate(limits):
         reached = ca.logic_and(reached, q[j] == q[j])  # NaN: out of reach
@@ -119,7 +119,7 @@ def _within(q: ca.SX, limits: Array, bounds: Sequence[Bound], solved: ca.SX) -> 
 
 
 def _last(m: int) -> ca.Function:
-    """Return a function that computes `NAMES` from the diagonalised Gram matrix (m, m) of the Jacobian."""
+    """Return a function that computes the values `NAMES`; its first input is the diagonalised matrix J J^T (m, m)."""
     a, (r, s, t) = ca.SX.sym("a", m * (m + 1) // 2), (ca.SX.sym(x) for x in "rst")
     values = [a[k * (k + 1) // 2 + k] for k in range(m)]
     low, high = reduce(ca.fmin, values), reduce(ca.fmax, values)

@@ -36,13 +36,13 @@ def workspace(
     """Return the workspace of the tool.
 
     If the equations have a closed-form inverse, positions on a grid are evaluated in one or more orientations. Joint
-    values are sampled instead if there is no closed-form inverse, if `by_joint_positions` is True, or if no position of
-    the grid is reached. The last case occurs with planar robots: a grid position in a fixed orientation is out of their
-    plane, or requires another orientation.
+    values are sampled instead in each of three cases: there is no closed-form inverse, `by_joint_positions` is True, or
+    no position of the grid is reached. The third case occurs with planar robots, which reach a grid position only if it
+    is in their plane and only in one orientation.
 
     Args:
         robot: a robot with CAD, or loaded from a stage.
-        count: approximate number of poses or joint samples.
+        count: approximate number of poses, or number of joint samples.
         step: distance between neighbouring grid positions in m; default: computed from `count`.
         tilt: maximum rotation about each axis of base in rad.
         turns: number of orientations at each position.

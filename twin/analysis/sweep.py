@@ -33,7 +33,7 @@ class Sweep(Result):
         designs: (k, factors) in SI units, the CAD's design first.
         judged: (k, objectives) values, in the units of `design.OBJECTIVES`.
         best: (k,) bool, whether a design is Pareto-optimal.
-        before: number of designs whose results were already stored in the folder.
+        before: number of designs with results that a previous run had stored in the folder.
     """
 
     robot: str
@@ -118,12 +118,12 @@ def sweep(
     fresh: bool = False,
     progress: Progress = silent,
 ) -> Sweep:
-    """Evaluate designs, and reuse results that are already stored in the same folder.
+    """Evaluate designs, and reuse results that a previous run has stored in the same folder.
 
     Args:
         robot: a robot with CAD, and with equations if an objective requires them.
         vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
-        folder: function that takes the hash of the request and returns the folder for its results.
+        folder: function from the hash of the request to the folder for the results.
         source: name or path by which workers load the robot.
         objectives: names in `twin.analysis.design.OBJECTIVES`; default: "tolerance" if all factors are distances, else
             "volume" and "conditioning".
@@ -133,7 +133,7 @@ def sweep(
         seed: seed of the Latin hypercube.
         workers: number of processes; default: one for each processor.
         scheduler: address of a Dask scheduler to use instead of local processes.
-        fresh: whether designs in the cache are evaluated again.
+        fresh: whether designs with stored results are evaluated again.
         progress: see `twin.api.Progress`.
 
     Raises:

@@ -79,7 +79,7 @@ class Table:
         return self
 
     def add(self, number: int, judged: dict[str, float]) -> None:
-        """Store the objectives of design `number`, and write them to disk before returning."""
+        """Store the objectives of design `number`; when the function returns, they are on disk."""
         assert self._file is not None
         self.done[number] = judged
         csv.writer(self._file, lineterminator="\n").writerow([number, *(judged[n] for n in self._work.objectives)])

@@ -1,9 +1,9 @@
 """Tool error caused by manufacturing and encoder errors: first-order propagation through the loops, and Monte Carlo.
 
 Every joint has two frames, one on each body; each frame has a small error in position and rotation. With these errors,
-the loops are closed again. Overconstrained loops, for example planar loops whose pins are no longer parallel, are
-closed by least squares, which distributes the gaps as clearances would. The first-order result is the derivative of the
-implicit equations. A Monte Carlo simulation with compiled Newton steps checks this result.
+the loops are closed again. Overconstrained loops are closed by least squares, which distributes the gaps as clearances
+would; an example is a planar loop with pins that are no longer parallel. The first-order result is the derivative of
+the implicit equations. A Monte Carlo simulation with compiled Newton steps checks this result.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ _ALONG = 12
 """Number of states evaluated along a protocol."""
 
 SHARE = 0.95
-"""Fraction of the built robots that must meet the requirement."""
+"""Fraction of the built robots that must meet the accuracy requirement."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations of the errors of each joint frame, along and about each axis, and of each encoder.
+    """Standard deviations of the errors of each encoder, and of each joint frame along and about each axis.
 
     Attributes:
         shift: standard deviation of a joint frame's position on its body, in m.
@@ -68,8 +68,8 @@ class Budget:
         labels: (errors,) joint or encoder of each error.
         sigma: (errors,) standard deviations in m or rad.
         covariance: (6, 6) covariance of the tool error, to first order.
-        within: (2,) position error in m and rotation error in rad that the fraction `SHARE` of the robots does not
-            exceed, to first order.
+        within: (position error in m, rotation error in rad): for each error, the quantile `SHARE` over all robots, to
+            first order.
         sampled, sampled_within: `covariance` and `within` by Monte Carlo; None if not requested.
         samples: number of Monte Carlo samples.
     """
@@ -194,7 +194,7 @@ class Tolerances:
         return direct - Tx @ np.linalg.pinv(Jx, rcond=1e-9) @ np.hstack([Je, Jq])
 
     def _chance(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Array:
-        """Return the tool's shift in m and rotation in rad (samples, 6), in the base frame, for random errors."""
+        """Return the tool error (samples, 6) in the base frame for random errors: shift in m, then rotation in rad."""
         kernel, T0 = self._kernel, self.solver.forward(q)
         out = np.zeros((samples, 6))
         frames = self.error.numel()
@@ -227,7 +227,7 @@ class Tolerances:
 
 
 def _within(covariance: Array) -> tuple[float, float]:
-    """Return (position error in m, rotation error in rad) that a robot does not exceed with probability `SHARE`."""
+    """Return (position error in m, rotation error in rad): for each error, the quantile `SHARE` over all robots."""
     draw = np.random.default_rng(0).normal(size=(200_000, 3))
     out = []
     for block in (covariance[:3, :3], covariance[3:, 3:]):
@@ -286,7 +286,7 @@ class ToleranceBudget(Result):
 
     @property
     def factor(self) -> float | None:
-        """Maximum permitted position error / computed error in the worst state; a value below 1 fails."""
+        """Required position error divided by computed position error in the worst state; a value below 1 fails."""
         return None if self.required is None else self.required / self.worst.within[0]
 
     @property
@@ -384,7 +384,8 @@ def tolerance(
         spread: standard deviations of the errors.
         protocol: name of a protocol whose states are used; default: the robot's postures.
         required: maximum position error in m; default: the requirement of the description.
-        samples: number of robots with random errors that check the first-order result in the worst state; 0: no check.
+        samples: number of Monte Carlo samples (robots with random errors), which check the first-order result in the
+            worst state; 0: no check.
         seed: seed of the random errors.
         progress: see `twin.api.Progress`.
 

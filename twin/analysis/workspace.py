@@ -1,7 +1,7 @@
-"""Compute a workspace on a grid of positions, in several orientations around a central one, with a compiled kernel.
+"""Compute a workspace on a grid of positions, in several orientations near a central orientation.
 
-Poses are not stored: the kernel computes each pose from its index, in chunks, and only a few values are stored for each
-position. Collisions are not checked; passive joints are limited only by the equations.
+Poses are not stored: in chunks of indices, a compiled kernel computes each pose from its index. Only a few values are
+stored for each position. Collisions are not checked; passive joints are limited only by the equations.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CHUNK = 1 << 18
-"""Number of poses in a chunk, which takes tens of milliseconds and a few MB."""
+"""Number of poses in a chunk; a chunk requires tens of milliseconds and a few MB."""
 
 COLUMNS = measure.NAMES
 """Columns of the values for each position.
 
-`reached`: fraction of the orientations that are reached at the position. Over these orientations: `inverse_condition`,
-mean inverse condition number; `limit_margin`, largest margin to a joint limit; `singularity`, smallest singularity
-measure.
+`reached`: fraction of the orientations that are reached at the position. The other values are taken over the reached
+orientations. `inverse_condition`: mean inverse condition number. `limit_margin`: largest margin to the joint limits.
+`singularity`: smallest singularity measure.
 """
 
 _START, _FARTHEST = 0.1, 12.8
-"""Half the edge length in m of the first and of the largest box that is searched for reached positions."""
+"""Half the edge length, in m, of the first box and of the largest box in the search for reached positions."""
 
 _COARSE, _GROWN = 32, 5
 """Number of positions along the longest edge in the search for the box, and maximum number of refinements."""
@@ -114,7 +114,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Measure:
-    """The quantity that measures a set of grid cells: volume, area or length.
+    """Quantity that measures the size of a set of grid cells: volume, area or length.
 
     Attributes:
         name: "volume", "area" or "length".
@@ -135,7 +135,7 @@ class Measure:
         return (step / self.edge) ** self.dimension
 
     def key(self, what: str = "") -> str:
-        """Return the JSON key of the size, or of a quantity `what` of the size: "volume_error_dm3" for "error"."""
+        """Return the JSON key of the size, such as "volume_dm3"; with `what` = "error", the key "volume_error_dm3"."""
         return "_".join(x for x in (self.name, what, self.unit) if x)
 
 
@@ -156,7 +156,7 @@ class Workspace(Result):
         grid: the evaluated positions and orientations.
         values: (positions, 4) values, see `COLUMNS`.
         facts: further results, with the keys of the JSON output.
-        dimension: 3 if the reached positions fill a volume, 2 for a surface, 1 for a curve, 0 for a point.
+        dimension: 3 if the reached positions form a volume, 2 for a surface, 1 for a curve, 0 for a point.
     """
 
     robot: str
@@ -222,7 +222,7 @@ class Workspace(Result):
         }
 
     def _size(self, share: np.ndarray) -> dict[str, float | None]:
-        """Return the size and its error; `share` (k,) is the reached fraction of orientations by position."""
+        """Return the size and its error; `share` (k,) is the reached fraction of orientations at reached positions."""
         none: dict[str, float | None] = dict.fromkeys(
             ("volume_dm3", "volume_error_dm3", "volume_every_orientation_dm3")
         )
@@ -282,9 +282,9 @@ def _what(s: Mapping[str, Any]) -> str:
 def volume_error(cube: np.ndarray, cell: float) -> float:
     """Return the uncertainty of a volume computed by counting cells, about two standard deviations.
 
-    The grid is split into eight interleaved grids with twice the step (four, if there is one layer of cells). The
-    result is the standard deviation of the volumes computed from these grids. Measurements on SILS with shifted grids
-    of 6 to 32 mm show that the result is about twice the standard deviation of the volume from the full grid.
+    The grid is split into eight interleaved grids with twice the step (four grids for one layer of cells). The result
+    is the standard deviation of the volumes computed from these grids. It is about twice the standard deviation of the
+    volume from the full grid, as measured on SILS with shifted grids of 6 to 32 mm.
 
     `cube` (nx, ny, nz) states whether each position is reached. `cell` is the volume of one cell; the result has the
     same unit.
@@ -362,7 +362,7 @@ def centre(robot: Robot) -> Array:
 def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Array, Array]:
     """Return the lower and the upper corner (3,) in m, in base, of a box around all reached positions.
 
-    The search starts at the pose T (4, 4) and keeps its orientation.
+    The search starts at the position of T (4, 4); the central orientation is that of T.
 
     Raises:
         UnreachedError: no position near the pose is reached.
@@ -407,7 +407,7 @@ def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[Kernel,
 
 
 def _remote(source: str, protocol: str | None, packed: bytes, first: int, last: int) -> np.ndarray:
-    """Evaluate a chunk in another process, which caches the kernel for the next chunk."""
+    """Evaluate a chunk of positions; called in a worker process, which caches the kernel for its next chunk."""
     return evaluate(*_judge_of(source, protocol, packed), first, last)
 
 

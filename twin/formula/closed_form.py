@@ -1,4 +1,4 @@
-"""Published equations of motion in closed form: M(q) qdd + C(q, qd) qd + g(q) = efforts of some joints of a robot.
+"""Published equations of motion for some joints of a robot: M(q) qdd + C(q, qd) qd + g(q) = efforts of these joints.
 
 All terms are linear in the inertial parameters, as for any rigid bodies.
 """
@@ -23,7 +23,7 @@ class ClosedForm:
         source: document and equation.
         joints: names of the n joints, in the order of q.
         parameters: inertial parameters, with provenance.
-        tolerance: largest difference of a term that can result from rounded parameters, in the SI unit of the term.
+        tolerance: largest error that the rounding of the parameters can cause in a term, in the SI unit of the term.
         terms: function of symbols (q (n,), qd (n,), {parameter: value}) that returns M (n, n), C (n, n) and g (n,).
     """
 
@@ -59,7 +59,7 @@ class ClosedForm:
 
 @dataclass(frozen=True)
 class Terms:
-    """Terms of the equations at one state.
+    """Values of the terms of `ClosedForm` in one state.
 
     Attributes:
         M: (n, n) mass matrix.

@@ -72,8 +72,8 @@ class Coordinates:
         names: symbols, in the order of the paper.
         units: "m" or "rad" for each symbol.
         to_pose: function from the coordinates (in order) to the pose SX (4, 4).
-        from_pose: function from the pose SX (4, 4) to the tuple of coordinates. With fewer than six coordinates,
-            `to_pose` returns the same pose only if the coordinates can describe this pose.
+        from_pose: function from the pose SX (4, 4) to the tuple of coordinates. If there are fewer than six
+            coordinates, they cannot describe every pose; for other poses, `to_pose` returns a different pose.
 
     """
 
@@ -100,7 +100,7 @@ class Measure:
         symbol: symbol of the measure in the flow.
         kind: "type1" (joints move while the tool is at rest) or "type2" (the tool moves while the joints are at rest).
         alarm: absolute value below which an alarm is raised; dimensionless.
-        note: effect of the singularity; source of the alarm value.
+        note: text on the effect of the singularity and on the source of the alarm value.
     """
 
     name: str
@@ -112,7 +112,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Aspect:
-    """A symbol whose sign distinguishes assemblies; `preferred` is the sign of the preferred assembly, +1 or -1."""
+    """A symbol whose sign distinguishes assemblies; `preferred` is the sign (+1 or -1) in the preferred assembly."""
 
     symbol: str
     preferred: int
@@ -129,18 +129,20 @@ class Formula:
         joints: active joints, in the order of q.
         coordinates: pose coordinates of the published equations.
         equations: the equations in the order of evaluation, helpers last.
-        characteristic_length: function of parameters, in m; a rotation by 1 rad counts as a translation by this value.
+        characteristic_length: function of the parameters that returns a length in m; a rotation by 1 rad counts as a
+            translation by this length.
         points: symbols of the named points, by name: one symbol (3,) or three scalar symbols for each point. The
             coordinates are in m, in the base frame.
-        passive: symbols of the passive joints, in rad or m, with zero and sign as in the CAD description.
+        passive: symbols of the passive joints, in rad or m; zero and sign of each joint are those of the CAD
+            description.
         reach: symbol of each reach margin in m, by name of the margin (>= 0: within reach).
         measures: numbers that are 0 at singularities.
         aspects: signs that distinguish assemblies.
         branches: function of (q, parameters, variants) that returns the poses (4, 4) of all assemblies; or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
         motion: published equations of motion of some joints; or None.
-        numbers: function of a pose and the parameters. It returns, as text, the first line of the file with the result
-            NaN or infinity at this pose; "" if there is no such line.
+        numbers: function of a pose and the parameters. It returns a text that names the first line of the file with a
+            result of NaN or infinity; "" if there is no such line.
     """
 
     name: str

@@ -19,7 +19,7 @@ from twin.formula.loader import text_of
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _CHANGES = "_changes"
-"""Attribute of a variant's function: (the function that it changes, the function with the changed rows)."""
+"""Attribute of a variant's function: (original function, decorated function that contains the changed rows)."""
 
 
 class Equations:
@@ -68,7 +68,7 @@ class Equations:
             source: document and equation number.
             variant: name of this variant.
             name: name of the equation; default: the name of the function.
-            why: why this variant is correct, if there are other variants.
+            why: reason why this variant is correct; only needed if there are other variants.
         """
         outputs = tuple(gives.split() if isinstance(gives, str) else gives)
 
@@ -87,19 +87,19 @@ class Equations:
     def variant(self, name: str, of: Callable[..., Any], why: str) -> Callable[[Callable[..., Any]], Variant]:
         """Return a decorator that registers a variant of an equation: a function with only the rows that differ.
 
-        A row is one assignment. Each row of the variant replaces the row of `of` that assigns the same symbols. If the
-        symbols are arguments of `of`, the row is inserted at the beginning. Any other row of the variant is inserted
+        A row is one assignment. Each row of the variant replaces the row of `of` that assigns the same symbols. If `of`
+        has these symbols only as arguments, the row is inserted at the beginning. A row with other symbols is inserted
         before the next changed row of the variant. The arguments of the decorated function are symbols of the flow, or
         names that `of` assigns. The decorated function returns the changed symbols.
 
         Args:
             name: name of the variant.
-            of: the function to change: that of the equation, or that of another variant.
+            of: the function to change: the function of the equation, or of another variant.
             why: the change in this variant, and its reason.
 
         Raises:
-            KinematicsError: `of` is not an equation of this file. The file is parsed when the variant is first used; a
-                row that does not exist in `of` raises an error, with file and line, only at that time.
+            KinematicsError: `of` is not an equation of this file. The file is parsed when the variant is first used;
+                only then, an error with file and line is raised for a row that does not exist in `of`.
         """
         found = [i for i, e in enumerate(self._made) if any(f is of for f in e.variants.values())]
         if not found:
@@ -138,8 +138,8 @@ class Row:
 
     Attributes:
         node: the statement.
-        home: the definition of the function that contains the statement: the variant, or the function it changes.
-        new: whether the row is an additional assignment of a variant, and not a changed row.
+        home: function definition that contains the statement: that of the variant, or that of the original function.
+        new: whether a variant adds the row; otherwise, the row is original or replaces an original row.
     """
 
     node: ast.stmt
@@ -199,7 +199,8 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
     """Return the rows of a function after the changes of a variant.
 
     Raises:
-        KinematicsError: a statement is not an assignment, changes only part of a row, or its symbol is not returned.
+        KinematicsError: a statement is not an assignment, or changes only part of a row, or assigns a symbol that the
+            variant does not return.
     """
     path = inspect.unwrap(change).__code__.co_filename
 
@@ -246,7 +247,7 @@ def assigned(node: ast.stmt) -> tuple[str, ...]:
 
 
 def _changed(base: Callable[..., Any], change: Callable[..., Any]) -> FunctionType:
-    """Return `base` with some rows changed, as a function with the line numbers of the file."""
+    """Return `base` with the rows of `change`, as a function whose line numbers are those of the file."""
     if not isinstance(base, FunctionType) or base.__closure__ or not isinstance(change, FunctionType):
         raise KinematicsError(f"{change!r} changes {base!r}: both must be functions at the top level of one file")
     body = [r.node for r in _merged(base, change)]

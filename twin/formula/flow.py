@@ -26,10 +26,10 @@ _SQUARE = re.compile(r"not square but (\d+)x(\d+)")
 """Pattern in CasADi's error message for a matrix that is not square."""
 
 _MANY = 20_000
-"""Number of rows from which a compiled kernel is used."""
+"""Minimum number of samples in a batch for which a compiled kernel is used."""
 
 _REGULAR, _ROUNDING = 1e8, 1e-15
-"""Maximum condition number at which numeric matrices are inverted; size below which entries are rounded to zero."""
+"""Maximum condition number of numeric matrices to invert; magnitude below which entries of an inverse become zero."""
 
 _BLOCK = 32
 """Number of samples in one mapped call; larger blocks are no faster, and are slower for small batches."""
@@ -38,7 +38,7 @@ _BLOCK = 32
 def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[str, str]:
     """Return the chosen variant of every equation, {equation: variant}.
 
-    `variants` is {equation: variant}, or one name for all equations that have a variant with this name.
+    `variants` is {equation: variant}, or the name of one variant for all equations that have this variant.
 
     Raises:
         KinematicsError: an equation or a variant is unknown; the message lists the existing names.
@@ -65,7 +65,7 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
 def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence[str] = ()) -> Any:
     """Call a function with the symbols that it names as arguments, and return its result.
 
-    `what` names the function in messages. `unread` are the names that a message may suggest for a missing symbol.
+    `what` is the name of the function in messages. If a symbol is missing, the message suggests names from `unread`.
 
     Raises:
         KinematicsError: a symbol is missing, or the function fails; the message gives file and line.
@@ -91,8 +91,8 @@ def _message(error: Exception) -> str:
 def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
     """Return the symbols together with the outputs of the equations of one stage.
 
-    Equations whose outputs all exist are skipped. A flow can therefore start in the middle, for example from the named
-    points instead of the pose.
+    An equation is skipped if all its outputs are already among the symbols. A flow can therefore start in the middle,
+    for example from the named points instead of the pose.
 
     Raises:
         KinematicsError: a symbol is missing, or an equation returns the wrong number of values or a wrong shape.
@@ -193,7 +193,7 @@ def _solved(A: ca.SX, b: ca.SX) -> ca.SX:
 
 
 def _where(error: BaseException, function: Rows) -> str:
-    """Return "file:line" of the innermost line of the error in the file that defines the function."""
+    """Return "file:line" of the last line in the error's traceback that is in the file of the function."""
     code = getattr(inspect.unwrap(function), "__code__", None)
     if code is None:
         return repr(function)
@@ -205,10 +205,10 @@ def _where(error: BaseException, function: Rows) -> str:
 
 
 def attach(function: ca.Function, *arguments: Array) -> tuple[Array, Callable[[], None]]:
-    """Return (array, procedure): each call of the procedure (no arguments) writes the function's value to the array.
+    """Return (array, procedure). The procedure has no arguments and writes the value of the function to the array.
 
-    The procedure reads the current numbers of the arguments (contiguous arrays) from their memory. Nothing is copied or
-    checked, so that the procedure is fast enough for control loops.
+    The procedure reads the current numbers from the memory of `arguments`, which are contiguous arrays. Nothing is
+    copied or checked, so that the procedure is fast enough for control loops.
     """
     out = np.zeros(function.size1_out(0))
     buffer, trigger = function.buffer()
@@ -243,7 +243,7 @@ class Evaluator:
     def compile_one(self) -> None:
         """Replace `one` by compiled code, which takes half the time and gives the same numbers to the last bit.
 
-        Compilation is worth its time in loops of many calls.
+        Compilation takes time, and therefore pays off only in loops of many calls.
         """
         from twin import codegen
 

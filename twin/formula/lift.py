@@ -24,7 +24,7 @@ _MATH = {
     "fabs": np.absolute,
     "pow": np.power,
 }
-"""NumPy function by the name of the equivalent function in `math`."""
+"""{name of a function in `math`: equivalent NumPy function}."""
 
 _COMPARE = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
 
@@ -60,7 +60,7 @@ def lifted(value: Any) -> Any:
 
 
 class _Space:
-    """A module whose functions are replaced by versions for symbols when first used."""
+    """Replacement of a module: each of its functions is converted to a version for symbols at first use."""
 
     def __init__(self, module: Any, **special: Any) -> None:
         self._module = module
@@ -135,7 +135,7 @@ def _whole(f: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _filled_later(f: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """Return a version of `zeros`, `ones` or a similar function that makes arrays to which symbols can be assigned."""
+    """Return a version of `zeros`, `ones` or a similar function; symbols can be assigned to entries of its arrays."""
 
     def call(*args: Any, **kwargs: Any) -> np.ndarray:
         made = f(*map(_numbers, args), **kwargs)

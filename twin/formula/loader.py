@@ -11,7 +11,7 @@ from typing import Any
 
 
 class Loader(SourceFileLoader):
-    """Loader of a module from bytes that were already read; no byte code is written next to a user's file."""
+    """Load a module from bytes that were already read; no byte code is written next to a user's file."""
 
     def __init__(self, name: str, path: Path, data: bytes) -> None:
         super().__init__(name, str(path))
@@ -27,7 +27,7 @@ class Loader(SourceFileLoader):
 
 
 def text_of(path: Path, names: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a module's file: the bytes that its `Loader` has read, otherwise the bytes on disk.
+    """Return the bytes of a module's file: those read by the module's `Loader` or, without `Loader`, those on disk.
 
     `names` are the globals of the module.
     """

@@ -47,8 +47,8 @@ def plain_formula(
 ) -> Formula:
     """Return the formula of a module with plain functions.
 
-    `joints` contains (name, whether it is an angle) of each active joint, in the order of the robot's TOML file. `home`
-    is the start of the solvers: a tool pose (4, 4) that the robot can reach, and q (n,) at this pose or None.
+    `joints` contains (name, whether the coordinate is an angle) of each active joint, in the order of the robot's TOML
+    file. `home` is the start of the solvers: a reachable tool pose (4, 4), and q (n,) at this pose or None.
 
     Raises:
         KinematicsError: at the first fault, with file and line.
@@ -102,7 +102,7 @@ def plain_formula(
 def _in_order(
     points: _Rows | None, inverse: _Rows | None, forward: _Rows | None, joints: Sequence[str], first: bool, path: Path
 ) -> tuple[Equation, ...]:
-    """Return the equations in execution order; if `first`, the points come first and the inverse uses them."""
+    """Return the equations in execution order; if `first`, points are computed before the inverse, which uses them."""
     named = points.outputs if points else ()
     order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
         (points, "inverse" if first else "helper", named, "named points"),
@@ -232,7 +232,7 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
 
 
 def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) -> int:
-    """Return the line of a module's variable or function; with `key`, the line of this key in a dictionary variable."""
+    """Return the line of a module's variable or function; with `key`, the line of this key in the dictionary `name`."""
     for node in ast.parse(text_of(path, vars(module))).body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
         if getattr(node, "name", None) == name or any(getattr(t, "id", None) == name for t in targets):
@@ -281,9 +281,10 @@ def _point_names(
 
 
 def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
-    """Return a function that finds the first line with the result NaN or infinity; None if there are no rows.
+    """Return a function that finds the first line with a result of NaN or infinity; None if there are no rows.
 
-    The function takes a pose (4, 4) and the parameters. It returns file, line and cause as text, or "".
+    The function takes a pose (4, 4) and the parameters. It returns a text with file, line and cause; "" without such a
+    line.
     """
 
     def first(T: Array, parameters: Mapping[str, float]) -> str:

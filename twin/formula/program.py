@@ -19,13 +19,13 @@ POSE_TOL = 1e-6
 
 
 class Program:
-    """Compiled functions of the state: the pose (16,), row by row, if there are inverse equations, else q (n,).
+    """Compiled functions of the state; the state is the pose (16,), row by row, or q (n,) without inverse equations.
 
     Attributes:
         order: symbols of all joints, in the order of q.
         extra_values: values (m, rad) of the joints that are not in the equations, by name; see `Compiled.auxiliary`.
         length: characteristic length in m.
-        group: evaluators by kind of scalar, see `Formula.scalars`.
+        group: {kind: evaluator of all scalars of this kind}, see `Formula.scalars`.
     """
 
     def __init__(
@@ -117,11 +117,11 @@ class Program:
 
     @cached_property
     def newton(self) -> Evaluator:
-        """Newton's method: function of q (n) and start pose (16,) giving pose (16,), joint error, travel, aspects.
+        """Newton's method: from q (n) and a start pose (16,), compute (pose (16,), joint error, travel, aspects).
 
-        The joint error is a norm in m or rad. The travel is the norm of the motion from the start pose: its translation
-        divided by the characteristic length, and its rotation in rad. One call returns all results, because separate
-        Python calls would take ten times as long as the solution.
+        The joint error is a norm in m or rad. The travel is the norm of the motion from the start pose to the result:
+        translation divided by the characteristic length, and rotation in rad. One call returns all results, because
+        separate Python calls would take ten times as long as the solution.
         """
         n = len(self.order)
         xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)
@@ -142,7 +142,7 @@ class Program:
         return Evaluator("newton", z, out, (out.shape[0],))
 
     def from_points(self, names: tuple[str, ...]) -> Evaluator:
-        """Return the function of the named points (3 numbers each, in the order of `names`) that returns q (n)."""
+        """Return a function that computes q (n) from the named points (3 numbers each, in the order of `names`)."""
         if names not in self._partial:
             z = ca.SX.sym("z", 3 * len(names))
             symbols: dict[str, Any] = dict(self.parameters)
@@ -156,8 +156,8 @@ class Program:
     def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
         """Return a function that computes reach margins, measures and aspects from a state of the mechanism.
 
-        Inputs: parameters in the order of `parameters`, pose (16,), joints (n,), then passive joints and named points
-        (3 numbers each), in the given order. The equations compute all symbols that are not inputs.
+        Its inputs are: parameters in the order of `parameters`, pose (16,), joints (n,), passive joints in the order of
+        `passive`, and points (3 numbers each) in the order of `points`. The equations compute all other symbols.
         """
         key = ("margins", *passive, "", *points)
         if key not in self._partial:
@@ -181,7 +181,7 @@ class Program:
         return self._partial[key]
 
     def around(self, state: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return pose (4, 4) and joints (n) as expressions of a state and a step from the state.
+        """Return pose (4, 4) and joints (n) after a step from a state, as expressions of both.
 
         With a forward equation, the state is q (n,), and the step is added to q. Otherwise the state is a pose (16,),
         and the step is a twist (6,).

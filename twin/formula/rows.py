@@ -1,4 +1,4 @@
-"""One function of a plain formula: its arguments, its outputs, and errors with file and line."""
+"""Wrapper of one function of a plain formula: conversion of arguments and outputs, errors with file and line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.formula.loader import text_of
 from twin.formula.scalar import NeedsNumberError
 
 POSE, JOINTS = "pose", "q"
-"""Argument names for the whole pose (4, 4), and for all active joints (n,)."""
+"""Names of the arguments that receive the whole pose (4, 4), and all active joints (n,)."""
 
 
 class PlainRows(ABC):
@@ -30,7 +30,7 @@ class PlainRows(ABC):
         line: line of the function's `def`.
         end: line of the function's last `return`.
         function: the function, with globals that accept symbols.
-        casadi: whether the arguments are CasADi matrices (the file imports CasADi) or NumPy arrays.
+        casadi: whether the arguments are CasADi matrices, because the file imports CasADi; otherwise NumPy arrays.
         joints: names of the active joints, in order.
         pose: symbol of the pose.
         outputs: names of the outputs, in order.
@@ -99,8 +99,8 @@ class PlainRows(ABC):
     def spread(self, value: Any, split: Callable[[Any], list[Any] | None]) -> list[Any]:
         """Return the function's result as a list with one value for each output.
 
-        The result is a sequence, a column, or a dictionary by name. `split` returns the entries of a one-dimensional
-        array or column, else None.
+        The result is a sequence, a column, or a dictionary {output: value}. `split` returns the entries of a
+        one-dimensional array or of a column, and None for any other value.
 
         Raises:
             KinematicsError: there are too many or too few outputs, or wrong names; the message gives file and line.
@@ -127,11 +127,11 @@ class PlainRows(ABC):
         return parts
 
     def error(self, text: str, line: int | None = None) -> KinematicsError:
-        """Return an error whose message has the file, a line and a text; default: the line of the last return."""
+        """Return an error whose message has the file, the line and a text; default line: that of the last return."""
         return KinematicsError(f"{self.path}:{line or self.end}: {text}.")
 
     def located(self, error: BaseException) -> KinematicsError:
-        """Return a `KinematicsError` with the reason of `error`, located at its last traceback line in this file."""
+        """Return a `KinematicsError` with the reason of `error` and its last traceback line that is in this file."""
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(self.path)]
         return self.error(f"{self.name}(): {reason(error)}", lines[-1] if lines else self.line)
 

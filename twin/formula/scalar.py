@@ -1,8 +1,8 @@
-"""Scalars as entries of NumPy arrays, instead of plain numbers: symbols, or values at many samples.
+"""Objects that replace plain numbers as entries of NumPy arrays: a symbol, or the values of a scalar at many samples.
 
-NumPy functions work on arrays of such objects: arithmetic calls the operators of `Scalar`, `np.sin` calls its method
-`sin`, and so on. Subclasses define the operations. Operations that require a plain number (`if`, `math.sin`) raise an
-error.
+NumPy functions work on arrays of such objects: arithmetic calls the operators of `Scalar`, `np.sin` calls the method
+`Scalar.sin`, and so on. Subclasses define the operations. Operations that require a plain number (`if`, `math.sin`)
+raise an error.
 """
 
 from __future__ import annotations

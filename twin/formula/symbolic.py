@@ -1,9 +1,9 @@
 """Rotations, poses and guarded roots in CasADi SX.
 
-Every function takes and returns SX (or types convertible to SX). Derivatives are finite at the points where
-the plain expression gives NaN: for a norm at the zero vector, for the logarithm at the identity.
-Only this module has such guards. Frames follow `twin.core.spatial`: T_a_b is the pose of b in a,
-twists have linear rows first, angles are in rad.
+Every function takes and returns SX (or types convertible to SX). Derivatives are also finite where those of the
+plain expression are NaN: for a norm at the zero vector, for the logarithm at the identity. Only this module has such
+guards. Frames follow `twin.core.spatial`: T_a_b is the pose of b in a, twists have linear rows first, and angles are in
+rad.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _SERIES = 1e-6
 def sqrt(x: SX) -> SX:
     """Return the square root of x; 0 with derivative 0 for x <= 0 (instead of NaN or an infinite derivative).
 
-    Use this function for lengths that may be zero, but not for a reach condition, in which NaN means "out of reach".
+    Use this function for lengths that may be zero. Do not use it in a reach condition: there, NaN means out of reach.
     """
     positive = x > 0
     # Both branches of a condition are evaluated and differentiated, so the argument is made positive first.
@@ -151,8 +151,8 @@ def retract(T: SX, xi: SX) -> SX:
 def pose_residual(T: SX, T_target: SX) -> SX:
     """Return the 6 errors of T relative to T_target, in the axes of the target: position in m, rotation vector in rad.
 
-    All errors are 0 only if the poses are equal. A task may omit single rows: the rotation rows x and y are both 0 if,
-    and only if, the z axes agree.
+    All errors are 0 only if the poses are equal. A task may omit rows: the rotation rows x and y alone are 0 if, and
+    only if, the z axes of both poses agree.
     """
     R = T_target[0:3, 0:3].T
     return ca.vertcat(R @ (T[0:3, 3] - T_target[0:3, 3]), log_so3(R @ T[0:3, 0:3]))

@@ -1,4 +1,4 @@
-"""Input of a validation, names of the parts of a validation, and earlier results to reuse."""
+"""Data types of a validation: its input, the names of its parts, and results of earlier checks."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ class Case:
     """Input of a validation.
 
     Attributes:
-        kinematics: the equations, in the variants to judge; None if the robot has no equations (only the other checks
-            run).
-        cad: the mechanism read from the CAD, with the findings of the reader.
+        kinematics: the equations, in the variants to judge; None if the robot has no equations. Checks of equations
+            are then skipped.
+        cad: the mechanism read from the CAD, with the findings of the CAD reader.
         protocol, trajectory: the protocol, and the trajectory planned for this protocol.
         stage: root layer of the robot's USD stage.
         tolerances: largest deviations that count as agreement.
         paths: the robot's planning data, used to check the limits again; None: the findings of the trajectory are
             reused.
-        baked_for_it: whether the stage's motion was baked from this trajectory. If true, a difference from the
-            mechanism is a disagreement, otherwise a warning.
+        baked_for_it: whether the stage's motion was baked from this trajectory. If true, a difference between this
+            motion and the mechanism is a disagreement, otherwise a warning.
     """
 
     kinematics: Kinematics | None

@@ -31,7 +31,7 @@ _FAMILIES: dict[str, Side] = {
 """Side of a finding, by the first word of its code; findings with other codes belong to the side "protocol"."""
 
 _SAME = 0.999
-"""Findings of at least this fraction of the largest size count as equally large; the first of them becomes `head`."""
+"""Findings count as equally large if their size is at least this fraction of the largest size; the first is `head`."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Cause:
 
 
 def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
-    """Return the causes of all errors and disagreements: errors first, then in the order of `SIDES`."""
+    """Return the causes of errors and disagreements: errors first; within a severity, in the order of `SIDES`."""
     ordered = by_severity(findings)
     groups: dict[tuple[Side, str], list[Finding]] = {}
     for f in ordered:
@@ -129,7 +129,7 @@ def _cause(of: Side, name: str, group: list[Finding]) -> Cause:
 
 
 def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
-    """If the first cause is a fault of the CAD, move the findings on the equations to its `perhaps`."""
+    """If the first cause is a fault of the CAD, move all findings on the equations to `perhaps` of this cause."""
     if not found or found[0].side != "CAD" or found[0].head.severity != "disagreement":
         return tuple(found)
     blamed = [c for c in found if c.side == "equations"]
@@ -138,7 +138,7 @@ def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
 
 
 def _sizes(found: Sequence[Finding], most: int = 6) -> str:
-    """Return, as text, places and sizes of the first `most` findings, and the number of further findings."""
+    """Return a text with place and size of each of the first `most` findings, and the number of further findings."""
     words = [
         f.code.partition(".")[2].replace("_", " ") if f.size is None else f"{f.where} {shown(f.size, f.unit)}".strip()
         for f in found

@@ -55,7 +55,7 @@ class Contract(Result):
         console, title, source: name and title of the console, and its source document.
         variants: variant in use, by name of the equation.
         clauses: the clauses, in the order of measurement.
-        path: (k, 3) in m, tool positions in the frame of the robot's base, while the hand moves once around a loop.
+        path: (k, 3) in m, tool positions in the frame of the robot's base, while the hand moves along a closed path.
         findings: one finding per violated clause.
     """
 
@@ -117,7 +117,7 @@ def _finding(c: Clause, variants: Mapping[str, str]) -> Finding:
 
 
 def number(x: float) -> str:
-    """Return a number as text: with three decimals, or in scientific notation if its size is < 0.001 or >= 1e6."""
+    """Return a number as text: with three decimals, or in scientific notation if |x| < 0.001 or |x| >= 1e6."""
     return f"{x:.3f}" if 1e-3 <= abs(x) < 1e6 else f"{x:.1e}" if x else "0"
 
 

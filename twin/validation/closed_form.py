@@ -25,7 +25,7 @@ from twin.formula.closed_form import ClosedForm, Terms
 from twin.reference.dynamics import Dynamics
 
 _EXPLAINED = 1e-2
-"""An edit explains the differences if they decrease to less than this fraction.
+"""An edit explains the differences if it reduces their norm to less than this fraction of the original norm.
 
 The rounding of published parameters leaves a smaller fraction.
 """
@@ -42,7 +42,7 @@ _BROKEN = Kind("motion.inconsistent", "disagreement", "derive C from M, by the C
 
 @dataclass(frozen=True)
 class Row:
-    """Comparison of one term: its name, its largest difference `worst` in the SI unit `unit`, and the tolerance."""
+    """Comparison of one term: name, largest difference `worst` and its tolerance, both in the SI unit `unit`."""
 
     term: str
     worst: float
@@ -203,7 +203,7 @@ def _left(difference: Array, edit: Array) -> float:
 
 
 def _parameters(form: ClosedForm, states: list[_State], M: Array, g: Array) -> Iterator[tuple[str, float, float, str]]:
-    """Yield (name, required value, published value, unit) of each parameter that alone explains all differences."""
+    """Yield (name, required value, published value, unit) of each parameter whose change explains all differences."""
     n, k = len(form.joints), len(form.parameters)
     share = np.concatenate([np.concatenate([s.A.M_share.reshape(n * n, k), s.A.g_share]) for s in states])
     size = np.concatenate([np.concatenate([M[i].reshape(-1), g[i]]) for i in range(len(states))])

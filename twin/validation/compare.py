@@ -1,9 +1,9 @@
 """Compare the equations (A) with the independent mechanism from the CAD (B), and separate causes from consequences.
 
-The protocol defines tool poses. The mechanism is solved for the joint values at these poses, and for the tool pose at
-the joint values of the equations. Each printed equation is also checked with correct inputs: points are compared with
-the CAD's points at the same tool pose; joint values are computed from the CAD's points and compared with the
-mechanism's joint values. Consequences of a located error are reported as consequences, not as further errors.
+The protocol defines tool poses. The mechanism is solved twice: for the joint values at these tool poses, and for the
+tool poses at the joint values of the equations. Each printed equation is also checked with correct inputs: its points
+are compared with the CAD's points at the same tool pose; its joint values are computed from the CAD's points and
+compared with the mechanism's joint values. Consequences of a located error are not reported as further errors.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from twin.validation.result import Residual, RowKind, headline
 from twin.validation.rows import Clock, Tolerances, pose_rows, rotation_vectors, row, text
 
 COARSE = 10
-"""Every tenth sample is a coarse sample (joints, points, speeds, stage); tool and loops are compared at all samples."""
+"""Joints, points, speeds and stage are compared at every tenth sample (coarse samples), tool and loops at all."""
 
 Progress = Callable[[str, float], None]
 
@@ -54,15 +54,16 @@ class Comparison:
     """Indices of the coarse samples."""
 
     def judge(self, r: Residual, kind: Kind, what: str, where: str = "", **more: str) -> None:
-        """Add a row and, if it disagrees, its finding; for the arguments see `Residual.finding`."""
+        """Add a row and, if the row disagrees, a finding; for the arguments see `Residual.finding`."""
         self.residuals.append(r)
         if not r.agrees:
             self.findings.append(r.finding(kind, what, where, **more))
 
     def differs(self, r: Residual, what: str, cause: str = "") -> None:
-        """Add a row and, if it disagrees, a finding: info if it is a consequence of another row, else disagreement.
+        """Add a row and, if the row disagrees, a finding.
 
-        `cause` is the name of the wrong equation, if known.
+        The severity is info if the row is a consequence of another row, else disagreement. `cause` is the name of the
+        wrong equation, if known.
         """
         first = r.consequence_of
         kind = Kind(f"{r.quantity}.differs", "info" if first else "disagreement", word="tolerance")
@@ -141,8 +142,8 @@ def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: Clock) -> None:
 def _posed(model: ReferenceModel, trajectory: Trajectory, rows: Index, q: Array | None, progress: Progress) -> Run:
     """Return the states of the mechanism at the tool poses of the samples with the indices `rows`.
 
-    `q` (k, n) contains joint values near the solutions, at all k samples of the trajectory; None: the joint values of
-    the trajectory.
+    `q` (k, n) are start values of the solver: joint values near the solution, at all k samples of the trajectory. None:
+    the joint values of the trajectory.
     """
 
     def report(fraction: float) -> None:
@@ -277,7 +278,8 @@ class _Check:
     def joints(self, kin: Kinematics, q: Array, blamed: _Blame) -> _Blame:
         """Compare the joint values q (k, n) of the equations with the joint values of the mechanism.
 
-        Joint values computed from the CAD's points show whether an equation is wrong, or only its inputs.
+        The equations are also evaluated at the CAD's points. If the result agrees with the mechanism,
+        only the inputs are wrong.
         """
         out, true = self.out, self.posed.q
         alone = self._from_points(kin)
@@ -318,8 +320,8 @@ class _Check:
     def _turns(self, joint: str, q: Array, true: Array) -> int:
         """Return the number of full turns by which joint values q (k,) in rad exceed `true` (k,), at all samples.
 
-        `true` are the mechanism's values. Full turns change no pose, so they are no disagreement if q is within the
-        joint's limits; otherwise 0 is returned.
+        `true` are the mechanism's values. Full turns change no pose, and are no disagreement if q is within the joint's
+        limits. Return 0 if q exceeds the limits, or if the number of turns differs between samples.
         """
         told = self.model.mechanism.joint(joint)
         coupled = any(joint in c.joints for c in self.model.mechanism.couplings)
@@ -412,7 +414,7 @@ class _Check:
 
 
 def _rates(check: _Check, states: Array) -> None:
-    """Compare the tool's planned speed and acceleration with values from the mechanism's constraint Jacobian."""
+    """Compare the tool's planned speed and acceleration with those from the constraint Jacobian of the mechanism."""
     trajectory, rows, limits = check.trajectory, check.out.coarse, check.tolerances
     twist, acceleration = check.model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
     v, a = (x[rows] for x in tool_rates(trajectory))

@@ -1,4 +1,4 @@
-"""Find fixes for a waypoint at which the shaft misses the RCM, and check whether the robot can reach them.
+"""Find fixes for a waypoint at which the shaft misses the RCM, and check whether each fixed protocol is reachable.
 
 Each fix changes one value or one pose of the protocol. The changed protocol is planned with an enforced pivot about the
 RCM, so that the shaft passes through the RCM everywhere; the planner reports whether the motion is reachable. For
@@ -33,15 +33,15 @@ Planner = Callable[[Protocol], Trajectory]
 
 @dataclass(frozen=True)
 class Fix:
-    """One change of the protocol that makes the shaft at a waypoint pass through the RCM.
+    """One change of the protocol, with which the shaft passes through the RCM at a waypoint.
 
     Attributes:
         name: kind of change.
         waypoint: name of the changed waypoint; "" if the RCM is changed.
-        moved, turned: size of the change, in m and rad.
+        moved, turned: translation in m and rotation in rad by which the change moves the waypoint or the RCM.
         value: the new values, as text.
-        reachable: whether the robot can do the complete protocol with this change.
-        why: the reason if the protocol is not reachable, otherwise the smallest margin.
+        reachable: whether the robot can carry out the complete protocol with this change.
+        why: if `reachable`, the smallest margin, otherwise the reason.
         straight: largest RCM error in m on a straight path to the new pose; NaN if the path could not be planned.
     """
 
@@ -107,10 +107,10 @@ def fixes(
 
 
 def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
-    """Return the pose (4, 4) nearest to T at which the shaft passes through the RCM: minimum translation and rotation.
+    """Return the pose (4, 4) at which the shaft passes through the RCM, with the minimum motion from T.
 
     T is the pose (4, 4) of the moved frame, `axis` the shaft direction (3,) in this frame, `rcm` the RCM (3,) in m in
-    the parent frame of T. `lever` is the weight of the rotation in m per rad.
+    the parent frame of T. The motion is a translation and a rotation; `lever` is the weight of the rotation in m/rad.
     """
     from scipy.optimize import minimize
 
@@ -223,7 +223,7 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
 
 
 def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
-    """Return, as text, whether another order or sign of the waypoint's angles makes the shaft pass through the RCM."""
+    """Return a text on whether the shaft passes through the RCM with another order or sign of the waypoint's angles."""
     assert span.rcm is not None
     assert span.waypoint is not None
     w = protocol.waypoints[span.waypoint]

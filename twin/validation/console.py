@@ -2,9 +2,9 @@
 
 Each clause applies a motion of the hands, and compares the resulting motion with the geometrically required motion.
 Rotations are computed by SciPy, independently of the equations. Frames: {H} is the frame of the hand, {RB} the frame of
-the robot base. Poses: T is the pose of {H} in {RB}, W of the handle in {H}, P of the tool in {RB}; R_T is the rotation
-matrix of T. Messages use the paper's numbers of the equations and the symbols p, R (tool), h, R_H (hand); d means a
-change, s is the motion scale.
+the robot base. T is the pose of {H} in {RB}, W is the pose of the handle in {H}, and P is the pose of the tool in {RB};
+R_T is the rotation matrix of T. Messages use the equation numbers of the paper, and these symbols: p, R (position and
+rotation of the tool), h, R_H (position and rotation of the hand), d (a change), s (the motion scale).
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ class Laws(Protocol):
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
         """Return the camera roll in `turn_unit` about the axis n (3,): (roll by the right hand, roll by the left hand).
 
-        p_R0, p_R1 (3,) in m are the positions of the right hand before and after the motion; p_L0, p_L1 (3,) those of
-        the left hand.
+        p_R0, p_R1 (3,) in m are the positions of the right hand before and after the motion; p_L0, p_L1 (3,) in m are
+        the positions of the left hand.
         """
         ...
 
@@ -81,7 +81,7 @@ class Laws(Protocol):
         ...
 
     def error(self, P_0: Array, P_1: Array, W_0: Array, W_1: Array, T: Array, scale: float) -> Array:
-        """Return the error (4, 4) of the tool motion P_0 to P_1 for the handle motion W_0 to W_1; see `tool`."""
+        """Return the error (4, 4) of a tool motion from P_0 to P_1, if the handle moves from W_0 to W_1; see `tool`."""
         ...
 
 

@@ -1,7 +1,7 @@
 """Compare all data of the mechanism read back from a USD stage with the CAD's mechanism, item by item.
 
 If the build did not compute the mass of a body, the mass is estimated from the CAD's meshes and densities by a sum over
-tetrahedra, a method other than that of the build. For a coarse mesh, the estimate is a few per cent too low.
+tetrahedra. The build uses another method. For a coarse mesh, the estimate is a few per cent too low.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SINGLE = 1e-5
 """Maximum relative difference that single precision can cause."""
 
 COARSE_MASS, COARSE_SIZE = 0.15, 0.04
-"""Tolerances for estimates from coarse meshes: of a mass (relative); of a mass centre, relative to the body's size."""
+"""Tolerances for estimates from coarse meshes: of a mass, relative; of a mass centre, divided by the body's size."""
 
 COARSE_MOMENT = 0.4
 """Tolerance of an entry of an estimated inertia tensor, relative to the largest entry. It is large, because the moment
@@ -119,7 +119,7 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
 
 
 def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
-    """Compare actuators and transmission matrices with the stage; the stage stores double precision."""
+    """Compare actuators and transmission matrices with the stage, which stores their numbers in double precision."""
     for a, b in _common(mechanism.actuators, stage.actuators):
         for key, ours in vars(a).items():
             if (theirs := getattr(b, key)) != ours:
@@ -203,7 +203,7 @@ def estimate(body: Body, description: Description) -> Inertia | None:
     """
 
     def density(mesh: Mesh) -> float | None:
-        """Return the density of the last material that names the mesh."""
+        """Return the density of the last material whose `parts` contain the name of the mesh; None if there is none."""
         found = None
         for material in description.material.values():
             if any(fnmatch.fnmatch(mesh.name, pattern.lower()) for pattern in material.parts):

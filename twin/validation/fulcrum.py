@@ -1,4 +1,4 @@
-"""Sideways motion of a shaft at its trocar: the tip and the outer end of the shaft move to opposite sides."""
+"""Compute the sideways motion of tip and outer end of a shaft, which move to opposite sides of the trocar."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ OUTSIDE = 0.1
 def fulcrum(trajectory: Trajectory) -> Array:
     """Return the sideways motion (k, 2) in m of the tip and of a point of the shaft outside the patient.
 
-    The second point is on the shaft, at distance `OUTSIDE` from the trocar. "Sideways" is the direction perpendicular
-    to the mean shaft direction in which the tip moves most. Samples without a trocar are NaN.
+    The second point is at distance `OUTSIDE` from the trocar. Sideways motion is measured along one axis: of all axes
+    perpendicular to the mean shaft direction, the one with the largest motion of the tip. Samples without a trocar are
+    NaN.
     """
     rcm = trajectory.rcm
     inside = np.isfinite(rcm).all(axis=1) & (trajectory.depth > 0)

@@ -339,7 +339,7 @@ def smallest_std(mean: float, low: float, high: float, n: int) -> float:
 
 
 def rms_readings(a: Accuracy) -> dict[str, tuple[float, float]]:
-    """Return {definition of the RMSE: (minimum, maximum)}, the range that the rounding of printed values allows."""
+    """Return {definition of the RMSE: (minimum, maximum) of the RMSE}, from the rounding of the printed components."""
     half = 0.5 * 10**-a.decimals
     mean, std = np.abs(np.array(a.mean)), np.array(a.std)
     low = np.hypot(np.maximum(mean - half, 0), np.maximum(std - half, 0))

@@ -172,7 +172,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
 
 
 def _stage(case: Case, out: Comparison, progress: Progress) -> None:
-    """Compare the mechanism read from the stage (C) with the CAD's (B) by one solver; estimate rounding errors."""
+    """Compare the stage's mechanism (C) with the CAD's mechanism (B), both by one solver; estimate rounding errors."""
     from twin.reference.sensitivity import of_rounding
     from twin.usd.check import check_stage, run_usd_validators
     from twin.usd.read import read_stage

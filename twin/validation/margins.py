@@ -29,9 +29,9 @@ _JUMP = Kind(
 
 
 def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: Clock) -> dict[str, str]:
-    """Return the minimum margin and its time, as text, for each joint, gap, reach and singularity measure.
+    """Return texts with minimum margin and time, by name of the joint, motor, gap, reach or singularity measure.
 
-    Joint limits come from the mechanism; gaps, reach and singularity measures from `paths`.
+    The joint limits are from the mechanism, all other quantities from `paths`.
     """
     out: dict[str, str] = {}
     for j, joint in enumerate(mechanism.active):
@@ -77,9 +77,9 @@ def of_mechanism(
 ) -> tuple[dict[str, str], list[Finding], dict[str, Array]]:
     """Return (facts as text, findings, curves) on the mechanism's distance from singularities, without the equations.
 
-    While the Jacobians have full rank, the coordinates follow the driven joints continuously and the assembly mode
-    cannot change. The assembly mode is therefore constant if the Jacobians have full rank at every compared sample and
-    no coordinate jumps. `rows` are the trajectory indices of the samples in `posed`.
+    While the Jacobians have full rank, the passive joints follow the driven joints continuously, and the assembly mode
+    cannot change. The assembly mode therefore counts as constant if, at the compared samples, the Jacobians have full
+    rank and no passive joint jumps. `rows` are the trajectory indices of the samples in `posed`.
     """
     found = conditioning(model, posed.x, LENGTH_SCALE)
     at = clock.at(rows)

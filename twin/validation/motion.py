@@ -34,7 +34,7 @@ CLEARANCE_RATE = 5.0
 """Rate in Hz at which clearances are measured."""
 
 MIDDLE = 4
-"""The motion is checked in the middle of every n-th interval between keys, where n is this number."""
+"""Of the intervals between keys, every n-th is checked in its middle; this constant is n."""
 
 TIME = 1e-6
 """Tolerance in s of time codes."""
@@ -50,8 +50,8 @@ class Samples:
     Attributes:
         keys, Ts_keys, q_keys: times (k,) in s of the baked keys; T_base_tool (k, 4, 4) and joint values (k, n) at these
             times.
-        middle, Ts_middle, q_middle: the same in the middle between two keys.
-        sparse, Ts_sparse, q_sparse: the same at the times at which clearances are measured.
+        middle, Ts_middle, q_middle: times in the middle between two keys, with poses and joint values as above.
+        sparse, Ts_sparse, q_sparse: times at which clearances are measured, with poses and joint values as above.
         followed: whether the joint values define the motion; otherwise the tool poses define the motion.
     """
 
@@ -84,7 +84,7 @@ class Measured:
             linearly.
         clearance: clearances at the times `Samples.sparse`; None if no body has a mesh.
         written: errors of an existing baked motion; None if no baked motion exists.
-        mates: distance between the two parts of each joint in the CAD.
+        mates: for each joint, the distance in the CAD between the two parts that it connects.
     """
 
     times: Array
@@ -98,10 +98,10 @@ class Measured:
 
 @dataclass(frozen=True)
 class Written:
-    """Errors of an existing baked motion: file, time codes (k,) in s, and largest errors (k,) of any link in m and rad.
+    """Errors of an existing baked motion: file, time codes (k,) in s, and errors (k,) in m and rad.
 
-    `missing` lists moving bodies without samples. The errors are computed at the intended times; the error arrays are
-    empty if the time codes differ from the intended times.
+    Each error is the largest of all links at one time. The errors are computed at the intended times; the error arrays
+    are empty if the time codes differ from the intended times. `missing` lists moving bodies without samples.
     """
 
     file: str

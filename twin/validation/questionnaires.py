@@ -20,7 +20,7 @@ _UNSCORED = {
     "and weights from comparisons of pairs; the paper of this console does not print whether its values are weighted, "
     "and no rule could be checked against an example: the columns are compared without scoring"
 }
-"""Reason why a questionnaire is not scored, by the first letters of its column names."""
+"""{first letters of the column names of a questionnaire: reason why this questionnaire is not scored}."""
 
 
 class Item(Table):

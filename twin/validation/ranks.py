@@ -110,7 +110,7 @@ class Users:
         return {group: x[np.isfinite(x)] for group, x in out.items()}
 
     def pairs(self, measure: str) -> list[tuple[str, str]]:
-        """Return the pairs of names from `samples` to compare.
+        """Return the pairs of groups to compare; the names are keys of the result of `samples`.
 
         The pairs are all pairs of groups. If `repeated`, the first session of each group is paired with its last
         session, and the last session of each group with the last session of every other group.
@@ -133,12 +133,13 @@ class Comparison:
         measure, groups: names of the measure and of the two groups.
         counts, medians: number of users or sessions, and median, of each group.
         u: Mann-Whitney U of the first group.
-        exact: whether p is exact; with ties, p is a normal approximation with correction for ties and continuity.
+        exact: whether p is exact. If values are tied, p is not exact, but a normal approximation with correction for
+            ties and continuity.
         p: two-sided p-value.
         holm: p-value with Holm's correction for all comparisons.
         effect: rank-biserial correlation; 1 if every value of the first group is above every value of the second.
-        superiority: measure A: probability that a value of the first group exceeds a value of the second; ties count
-            half.
+        superiority: measure A of Vargha and Delaney, the probability that a value of the first group exceeds a value
+            of the second; ties count half.
     """
 
     measure: str
@@ -218,8 +219,9 @@ def compare(path: Path) -> Ranks:
     """Test every pair of groups in every numeric column of a CSV file; empty cells are skipped.
 
     The file has a header, a column `group`, and one row per user or session. Columns ssq_1 to ssq_16 and ueq_1 to
-    ueq_26 are answers to questionnaires, and are scored. With a column `session`, rows are sessions of the same users:
-    the last sessions of all groups are compared with each other, and in each group the first session with the last.
+    ueq_26 are answers to questionnaires, and are scored. With a column `session`, rows are sessions of the same users.
+    In this case, the last sessions of all groups are compared with each other, and the first session of each group is
+    compared with its last session.
 
     Raises:
         DescriptionError: the column `group` is missing, there is only one group, every group has only one value, or a

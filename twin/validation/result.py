@@ -72,11 +72,11 @@ class Residual:
 
 
 _SAME = 0.999
-"""Rows of at least this fraction of the largest deviation count as equally bad; the first of them is shown."""
+"""Rows count as equally bad if their deviation is at least this fraction of the largest; the first row is shown."""
 
 
 def headline(rows: Sequence[Residual]) -> Residual:
-    """Return the row to show for a group of rows: the worst failed row, preferably not a consequence of another row."""
+    """Return the worst row of a group, to be shown; failed rows that are no consequence of another row come first."""
 
     def weight(r: Residual) -> tuple[int, float]:
         """Return (rank, deviation / tolerance); failed rows have the highest rank.
@@ -124,20 +124,20 @@ class Report(Result):
         robot, title, source: name, title and source document of the robot.
         protocol, protocol_title: name and title of the protocol.
         variants: variant in use, by name of the equation.
-        reasons: difference of each variant from the printed equation, and the reason, by "equation, variant".
+        reasons: texts on how and why a variant differs from the printed equation, by key "equation, variant".
         residuals: the residual matrix.
         findings: findings of all checks (CAD, protocol, comparison, stage, clearance); they determine the verdict.
         phases: phases of the protocol.
         parameters: parameters of equations, mechanism, protocol and CAD, with provenance.
-        facts: short texts with numbers (mobility, mass, sample rates, ...), by heading and name.
+        facts: {heading: {name: short text}}, such as mobility, mass and sample rates.
         environment: software versions and machine.
         series: arrays for plots. On the samples "t" (k,) in s: "q", "qd", "qdd" (k, n); "p_tool", "v_tool", "a_tool"
             (k, 3); "angles" (k, 3) in rad; "residual_tool" (k,) in m; "residual_rotation" (k,) in rad; "rcm_error"
             (k,) in m, NaN in phases without an RCM; "fulcrum" (k, 2) in m, see `fulcrum`; "limit_margin" (k,),
             smallest distance of a joint to a limit, in rad or m; "singularity.<name>" (k,); "reach.<name>" (k,) in m.
             On the times "clearance_t" (j,) in s: "clearance" (j,) in m. On the times "t_coarse" (c,) in s:
-            "residual_driven.<joint>", "residual_point.<name>", and the tool of the mechanism driven by the equations,
-            "p_tool_B", "v_tool_B" and "a_tool_B" (c, 3).
+            "residual_driven.<joint>", "residual_point.<name>"; "p_tool_B", "v_tool_B", "a_tool_B" (c, 3), the tool's
+            motion if the joint values of the equations drive the mechanism.
         joint_names: names of the joints, in the order of the columns of `q`.
         angles: names of the joints whose coordinate is an angle; other coordinates are lengths.
         commands: shell commands that repeat this validation ("validate") and search for the wrong equation
@@ -173,7 +173,7 @@ class Report(Result):
 
     @property
     def what_to_do(self) -> str:
-        """What to do about the first cause, in one line; "" if nothing disagrees."""
+        """Suggestion for the first cause, in one line; "" if nothing disagrees."""
         if not self.causes:
             return ""
         first = self.causes[0]

@@ -24,7 +24,8 @@ class Tolerances:
         loop: gap of a closed loop, in m.
         stage_position, stage_rotation: between mechanism and stage, in m and rad (UsdPhysics frames are float32).
         baked_position, baked_rotation: between mechanism and baked link poses at their time codes, in m and rad.
-        speed, acceleration: of the tool's velocity in m/s or rad/s, and of its acceleration in m/s2 or rad/s2.
+        speed, acceleration: of the tool's velocity, in m/s and rad/s, and of the tool's acceleration, in m/s2 and
+            rad/s2.
         rcm: distance between the mechanism's shaft and an enforced RCM, in m.
     """
 
@@ -40,7 +41,7 @@ class Tolerances:
     rcm: float = 1e-9
 
     def widened(self, position: float) -> Tolerances:
-        """Return tolerances for position errors up to `position` in m; a lever arm of 0.1 m converts them to angles."""
+        """Return tolerances for errors up to `position` in m and `position` / 0.1 m in rad (0.1 m: a lever arm)."""
         p = max(position, self.position)
         r = max(position / 0.1, self.rotation)
         return Tolerances(
@@ -120,7 +121,7 @@ def pose_rows(
     clock: Clock,
     **more: str,
 ) -> tuple[Residual, Residual]:
-    """Return the rows of position and rotation of the tool: poses `others` (k, 4, 4) compared with Ts (k, 4, 4).
+    """Return two rows, position and rotation, from the differences between poses `others` and Ts, both (k, 4, 4).
 
     `limits` are the tolerances in m and rad.
     """

@@ -2,11 +2,12 @@
 
 Between samples, the joints follow cubics through sampled positions and speeds, as in a controller, and the mechanism
 moves the shaft. The vector from the shaft to the RCM is then a smooth function of time. The distance is measured on the
-driven mechanism in the intervals where this vector is longest or bends most (in short phases, in all intervals).
+driven mechanism in the intervals where this vector is longest, and in those where its second derivative is largest; in
+short phases, in all intervals.
 
-In the other intervals, the maximum is estimated: the larger distance at the ends plus an eighth of the squared time
-step times the second derivative of the vector. The second derivative is estimated as twice the second difference of the
-samples. The result is an estimate, not a proof.
+In the other intervals, the maximum is estimated as d + h^2 a / 8, with the larger distance d at the two ends of the
+interval, the time step h, and the second derivative a of the vector. The second derivative is estimated as twice the
+second difference quotient of the samples. The estimate is not a proven bound.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Recompute a published user study from its printed rows: means, p-values, and claims in the text.
 
-If the paper does not name the test of a p-value, all usual tests are computed. The printed value agrees if one of these
-tests gives the same printed digits. Claims in the text are compared with the tables where possible.
+If the paper does not name the test of a p-value, all usual tests are computed. The printed p-value agrees if one of
+these tests gives the same digits. Claims in the text are compared with the tables where possible.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _HALF_DIGIT = 0.005
 
 
 class Measure(Table):
-    """One measure: the mean of each user in both environments; the printed mean and p-value over all users."""
+    """One measure: a value of each user in both environments, and the printed means and p-value over all users."""
 
     name: str
     unit: str

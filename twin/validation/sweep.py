@@ -5,8 +5,8 @@ least squares:
 
     mimic    every passive joint between base and tool is a linear function of the driven joint,
              multiplier * q + offset, as URDF's <mimic>; fitted to the values of each passive joint
-    serial   the tool turns by its true angle about one fixed pivot; a tool that does not turn moves along a straight
-             line; fitted to the tool positions
+    serial   the tool rotates by its true angle about one fixed pivot or, if it does not rotate, moves along a
+             straight line; fitted to the tool positions
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> A
 def _reachable(
     kin: Kinematics, model: ReferenceModel, q: Array, Ts: Array, i: int, home: Array
 ) -> tuple[Array, Array, Run]:
-    """Return (joint values, tool poses, run) on the range around home where equations and mechanism have solutions."""
+    """Return (joint values, tool poses, run) around home, up to the first unsolved or near-singular state."""
     good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)), bool)
     if not good.any():
         raise KinematicsError(f"the equations have no solution anywhere on the stroke of '{kin.joints[i]}'")
@@ -201,7 +201,7 @@ def _reachable(
 
 
 def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
-    """Return the error of the model whose passive joints are linear in the driven joint."""
+    """Return the error of the model "mimic": each passive joint is a linear function of the driven joint."""
     tree = model.tree
     index = {n: c for n, c in tree.configuration.items() if n not in {j.name for j in model.mechanism.active}}
     scalar = set(index.values()) | {tree.configuration[j.name] for j in model.mechanism.active}

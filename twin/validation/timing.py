@@ -1,7 +1,8 @@
 """Check the timing from sampled times, joint values and tool poses alone, not from the stated speeds.
 
 A first difference of samples is a mean speed, a second difference is a mean acceleration. If the motion respects a
-limit, each mean value also respects the limit, for any time step. Every reported violation is therefore real.
+limit, each mean value also respects this limit, for any time step. Therefore, a mean value above the limit proves a
+violation.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ class Load:
 
     Attributes:
         code: code of the finding if the limit is exceeded.
-        what, where: the quantity, and the joint or place, for messages.
+        what: name of the quantity, for messages.
+        where: the joint, frame or place with the maximum.
         unit: unit of `size` and `limit`.
         size, limit: maximum of the quantity, and its limit; infinity means that there is no limit.
         t, phase: time in s and phase of the maximum.
@@ -124,13 +126,14 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class _Moving:
-    """Sampled motion of a joint, or of the moved frame's position or rotation in one phase.
+    """Sampled motion of one joint, or of the moved frame in one phase (either its position or its rotation).
 
     Attributes:
-        what: the quantity whose speed is stated, for messages.
-        subject, where: name of what moves, for messages; place of the findings.
+        what: name of the moving quantity, for messages on its stated speed.
+        subject: name of the moving joint or frame, for other messages.
+        where: place of the findings.
         codes, names: finding codes and names of the speed, acceleration and jerk of this motion.
-        unit, factor: display unit of a displacement, and this unit in SI.
+        unit, factor: display unit of a displacement, and size of this unit in m or rad.
         first: index of the first sample.
         steps: (k, d) displacements from sample to sample, in SI.
         stated: (k + 1, d) stated speeds at the samples, in SI.
@@ -193,7 +196,7 @@ def _phase(trajectory: Trajectory, sample: int) -> str:
 
 
 def _loads(trajectory: Trajectory, m: _Moving) -> Iterator[Load]:
-    """Yield the largest speed, acceleration and jerk; a jerk of the moved frame only if it has a limit."""
+    """Yield the largest speed, acceleration and jerk; the jerk only of joints, and of frames with a jerk limit."""
     dt = trajectory.step
     for order, (code, name, limit) in enumerate(zip(m.codes, m.names, m.limits, strict=True), 1):
         if len(m.steps) < order or (code.endswith("_jerk") and not np.isfinite(limit)):
@@ -208,7 +211,7 @@ def _loads(trajectory: Trajectory, m: _Moving) -> Iterator[Load]:
 
 
 def _rest(trajectory: Trajectory, span: PhaseSpan, moving: list[_Moving]) -> Iterator[Finding]:
-    """Check that a phase begins and ends at rest: the acceleration limit allows its first and last step."""
+    """Yield a finding if a phase cannot begin or end at rest: a step is larger than the acceleration limit allows."""
     dt = trajectory.step
     for sample, step, verb in ((span.start, span.start, "begin"), (span.stop, span.stop - 1, "end")):
         for m in moving:
@@ -253,7 +256,7 @@ def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
 
 
 def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
-    """Return the maximum of each kind of quantity, as text."""
+    """Return a text with the maximum for each kind of quantity, such as speed or jerk."""
     out = {"computed from": f"{len(trajectory.t)} samples, {1e3 * trajectory.step:g} ms apart, without stated speeds"}
     for code in dict.fromkeys(x.code for x in loads):
         alike = [x for x in loads if x.code == code]

@@ -1,1 +1,1 @@
-"""Mutation testing of the validator: seed faults into a correct robot, and count the faults that it finds."""
+"""Mutation testing of the validator: seed faults into a correct robot, and count the faults that are caught."""

@@ -1,7 +1,7 @@
 """Prepare a correct robot, and check single seeded faults with the validator, fast parts first.
 
-A fault counts as caught if a part of the validator reports a finding that it does not report for the correct robot. A
-fault that the fast parts do not catch is checked by all parts before it counts as missed.
+A fault counts as caught if a part of the validator reports a new finding, one that is not reported for the correct
+robot. If the fast parts do not catch a fault, all parts check the fault before it counts as missed.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _MOTION: frozenset[Part] = frozenset(("motion",))
 
 
 class Bench:
-    """A correct robot, its motion planned with coarse samples, and its stage with this motion, in a separate folder."""
+    """A correct robot, a motion of it with coarse samples, and a stage with this motion in a separate folder."""
 
     def __init__(self, robot: api.Robot, protocol: str | None, folder: Path) -> None:
         """Prepare the correct robot (no seeded fault): plan its motion, compute masses, build the stage, validate it.
@@ -159,12 +159,11 @@ class Bench:
         )
 
     def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
-        """Return the new finding, or None; and the reason why the fault has no effect, or an empty string.
+        """Return (new finding or None, reason why the fault has no effect or "").
 
-        The parts of the validator are run in order until one reports more than a warning; this finding is returned.
-        After a warning, only one more part is run; unless this part reports more than a warning, the warning is
-        returned. If the first part finds nothing, the function checks whether the fault has any effect before it runs
-        the next part.
+        The parts of the validator run in order, until one part reports a finding more severe than a warning. This
+        finding is returned. After a warning, only one more part runs; if this part reports nothing more severe, the
+        warning is returned. If the first part finds nothing, the next part runs only if the fault has an effect.
         """
         warned, same = None, None
         for found in self._found(fault, folder):
@@ -178,7 +177,7 @@ class Bench:
         return warned, same or ""
 
     def _found(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
-        """Yield the most severe new finding, or None, of each part of the validator; fast parts first."""
+        """For each part of the validator, fast parts first, yield the most severe new finding, or None without one."""
         if fault.robot is not None:
             robot = fault.robot(folder)
             case = self.case(kinematics=robot.kinematics(parameters={}), paths=robot.path_kinematics())
@@ -238,7 +237,7 @@ class Bench:
         return max(new, key=lambda f: SEVERITIES.index(f.severity), default=None)
 
     def _equivalent(self, fault: Fault, folder: Path) -> str:
-        """Return the reason why a missed fault has no effect; "" if it has an effect."""
+        """Return the reason why a missed fault has no effect; "" if the fault has an effect."""
         with contextlib.suppress(TwinError):
             if fault.robot is not None:
                 sub = folder / "again"

@@ -1,6 +1,6 @@
 """Seed faults into the CAD: moved or rotated joint frames, exchanged axes and bodies, wrong limits and meshes.
 
-The mechanism with the fault is assembled again, with gaps at its joints as small as possible.
+The mechanism with the fault is assembled again by least squares, which minimises the gaps at the joints.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ KINDS = (
 
 
 def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[Fault]:
-    """Yield `count` faults of a mechanism; their kinds follow `KINDS`, repeated as often as necessary."""
+    """Yield `count` faults of a mechanism, with the kinds in the order of `KINDS`, repeated as often as necessary."""
     for kind, (what, make) in drawn(KINDS, _MAKERS, mechanism, rng, count):
         yield Fault("cad", kind, what, mechanism=make)
 

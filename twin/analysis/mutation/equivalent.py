@@ -1,8 +1,8 @@
 """Decide, independently of the validator, whether a missed fault has any effect.
 
-Two formulas are compared by all their values, at poses near the motion and at poses farther away. Two mechanisms are
-compared by the poses of the tool and of every body with meshes; these poses are computed with plain matrices, and SciPy
-closes the loops. Two stages are compared by the text of the flattened stage.
+Two formulas are equivalent if all their values agree at random poses near the motion. Two mechanisms are equivalent if
+their limits, their meshes, and the poses of the tool and of every body with meshes agree; these poses are computed with
+plain matrices, and SciPy closes the loops. Two stages are equivalent if the texts of the flattened stages agree.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class Chain:
 
 
 def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int = 5) -> str:
-    """Return the reason why two mechanisms are equivalent (limits, meshes, body poses); "" if they are not."""
+    """Return the reason why limits, meshes and body poses of two mechanisms are equivalent; "" if they are not."""
     for one, two in zip(a.joints, b.joints, strict=True):
         if _LIMITS(one) != _LIMITS(two):
             return ""

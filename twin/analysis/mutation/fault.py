@@ -27,8 +27,11 @@ MEANING: dict[Family, str] = {
 }
 
 State = Literal["caught", "warned", "missed", "equivalent"]
-"""caught: the verdict changes. warned: there is a new warning. equivalent: the fault has no effect. missed: the
-validator reports nothing, although the fault has an effect."""
+"""State of a fault.
+
+caught: the verdict changes. warned: there is a new warning. equivalent: the fault has no effect. missed: the validator
+reports nothing, although the fault has an effect.
+"""
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class Fault:
         robot: function that returns the robot with faulty equations or parameters; its argument is a folder for files.
         mechanism: function that returns the faulty mechanism.
         stage: function that edits a copy of the stage in a folder.
-        protocol: function that writes a faulty protocol to a folder, reads it and returns it.
+        protocol: function that writes a faulty protocol to a folder, and returns the protocol read from this folder.
         trajectory: function that returns a faulty trajectory.
     """
 
@@ -59,7 +62,7 @@ class Fault:
 
 
 Made = tuple[str, Any]
-"""Description of a fault, and the function of `Fault` that seeds it."""
+"""(short description of a fault, function that seeds the fault); the function becomes an attribute of `Fault`."""
 
 
 def drawn(
@@ -69,7 +72,7 @@ def drawn(
     rng: np.random.Generator,
     count: int,
 ) -> Iterator[tuple[str, Made]]:
-    """Yield (kind, fault) for `count` faults of `subject`; the kinds follow `kinds`, repeated as often as necessary."""
+    """Yield (kind, fault) for `count` faults of `subject`, in the order of `kinds`, repeated as often as necessary."""
     for i in range(count):
         kind = kinds[i % len(kinds)]
         yield kind, makers[kind](subject, rng)

@@ -25,7 +25,7 @@ class Score(Result):
         seed: seed of the random faults.
         seconds: total duration in s.
         outcomes: one result for each fault.
-        false_alarms: disagreements and errors reported for the correct robot.
+        false_alarms: disagreements and errors that the validator reports for the correct robot.
         bar: required fraction of faults that are caught.
     """
 
@@ -109,7 +109,7 @@ class Score(Result):
 
     @property
     def word(self) -> str:
-        """Text that states whether the validator passes."""
+        """Verdict as text: whether the validator passes."""
         return "The validator passes" if self.passed else "The validator fails"
 
     def content(self) -> dict[str, Any]:

@@ -86,8 +86,8 @@ def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> li
 def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
     """Return the number of faults of each family: whole numbers in proportion to `shares`, with the sum `count`.
 
-    The numbers with the largest remainders are rounded up. Each family has at least one fault, unless `count` is below
-    the number of families; then families without a fault are omitted.
+    The numbers with the largest remainders are rounded up. Each family has at least one fault. If `count` is below the
+    number of families, families without a fault are omitted.
     """
     whole = sum(shares.values())
     least = 1 if count >= len(shares) else 0
@@ -131,6 +131,6 @@ def _judged(
 def _share(
     robot: str, protocol: str | None, families: tuple[Family, ...], count: int, seed: int, share: int
 ) -> dict[int, Outcome]:
-    """Check every second fault, starting with the fault of index `share` (0 or 1); called in the second process."""
+    """Check the faults with indices `share`, `share` + 2, ... (`share`: 0 or 1); called in the second process."""
     with bench_of(robot, protocol) as bench:
         return _judged(bench, families, count, seed, share, lambda label, fraction: None)

@@ -129,7 +129,7 @@ def _planned(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> 
 
 
 def _shaft(t: Trajectory, rng: np.random.Generator) -> Made:
-    """Rotate the frames about their origins in phases with RCM, smoothly, so that the shaft misses the RCM."""
+    """Rotate the moved frame about its origin, smoothly, in the time between first and last phase with an RCM."""
     size = rng.uniform(0.3, 1.0) * DEG
     inside = [s for s in t.phases if s.rcm is not None]
     first, last = inside[0].start, inside[-1].stop

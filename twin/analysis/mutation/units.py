@@ -75,7 +75,7 @@ def _scaled(values: Any, factor: float) -> list[float]:
 
 
 def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float, factor: float, unit: str) -> Done:
-    """Scale the values of `key` in a random waypoint that has a value with a magnitude above `least`."""
+    """Multiply the values of `key` by `factor` in a random waypoint, of those with a magnitude above `least`."""
     found = [n for n, w in document["waypoints"].items() if np.abs(np.array(w.get(key, 0.0), float)).max() > least]
     if not found:
         return None

@@ -1,4 +1,4 @@
-"""Seed faults into a written stage and its motion: each fault changes one attribute, on the layer that defines it."""
+"""Seed faults into a written stage and its motion; each fault changes an attribute, in the layer that defines it."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def _units(stage: Usd.Stage, rng: np.random.Generator) -> Made:
 
 
 def _stated(name: str, value: object) -> Edit:
-    """Return the edit that changes a value in the metadata of all layers, as a faulty converter would."""
+    """Return the edit that sets a metadata value in all layers, as a faulty converter would."""
 
     def spoil(s: Usd.Stage) -> None:
         for layer in s.GetUsedLayers():

@@ -48,7 +48,7 @@ class Candidate:
     def over(self, rows: Iterable[Key], base: dict[Key, float]) -> float:
         """Return the worst residual over the given rows after the edits, in units of the tolerance.
 
-        `base` contains the worst residual of each row before the edits, used for rows that the edits do not change.
+        `base` is the worst residual of each row before the edits. It is used for rows that the edits do not change.
         """
         return max(self.scores.get(k, base[k]) for k in rows)
 
@@ -69,14 +69,14 @@ class Candidate:
 
 @dataclass
 class Found:
-    """Search result for one group of rows: the edits that fix these rows, and the best edit among the others.
+    """Search result for one group of rows: the edits that fix these rows, and the best of all other edits.
 
     A cure is an edited function that makes the rows agree. Different edits that result in this function are the
     readings of the cure.
 
     Attributes:
         rows: the rows of the group.
-        cures: cures of the group, each a list of its readings.
+        cures: cures of the group; each cure is the list of its readings.
         runner_up: the best edit that does not fix the group; None if there is none.
         after, next: worst residual of the best edit and of the runner-up, in units of the tolerance.
         tried: number of evaluated edits.

@@ -34,7 +34,7 @@ _NAMED = (
 
 
 def conventions(judge: Judge) -> list[Convention]:
-    """Return the conventions that fix rows; those that fix the most rows come first."""
+    """Return the conventions that fix rows, sorted by the number of fixed rows, largest first."""
     if not judge.failing():
         return []
     with np.errstate(all="ignore"):
@@ -66,7 +66,7 @@ ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and 
 
 
 def _euler(judge: Judge) -> Iterator[Convention]:
-    """Yield the Euler sequence and signs that make the rows agree with the mechanism."""
+    """Yield a convention if the rows agree with the mechanism for another Euler sequence, or for other signs."""
     truth = judge.truth
     angles = [n for n, unit in truth.coordinates if unit == "rad"]
     if len(angles) != 3:
@@ -109,7 +109,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
 
 
 def _angles_in(judge: Judge) -> Iterator[Convention]:
-    """Yield a unit convention if the rows agree with angles in degrees or lengths in millimetres."""
+    """Yield one convention if the rows agree for angles in degrees, and one if they agree for lengths in mm."""
     truth = judge.truth
     for kind, factor, text in (
         ("angle", 180 / np.pi, "the rows expect angles in degrees, but the angles are given in radians"),
@@ -140,7 +140,7 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
 
 
 def _scalars(judge: Judge) -> Iterator[Convention]:
-    """Yield signs, units and zero offsets of rows that are linear in the mechanism's value."""
+    """Yield a convention for rows whose value differs from the mechanism's only by a sign, a unit or a zero offset."""
     truth, values = judge.truth, said(judge)
     groups: dict[str, list[tuple[Place, float]]] = {}
     for place in judge.failing():
@@ -180,7 +180,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
 
 
 def _axes(judge: Judge) -> Iterator[Convention]:
-    """Yield a permutation, mirroring or scaling of axes that makes the named points agree with the mechanism."""
+    """Yield a convention if the named points agree with the mechanism after axes are permuted, mirrored or scaled."""
     truth, values = judge.truth, said(judge)
     pairs = []
     for name, symbol in judge.formula.points.items():
@@ -214,7 +214,7 @@ def signed_permutations() -> list[Array]:
 
 
 def _frames(judge: Judge) -> Iterator[Convention]:
-    """Yield constant rotations of base or tool, or the inversion, that make formula and mechanism agree in the pose."""
+    """Yield a convention for each pose that agrees after an inversion, or after constant rotations of base and tool."""
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue
@@ -246,7 +246,7 @@ def _frames(judge: Judge) -> Iterator[Convention]:
 
 
 def _dh(judge: Judge) -> Iterator[Convention]:
-    """Yield each helper function whose other Denavit-Hartenberg form makes the equation agree."""
+    """Yield a convention for each helper that makes rows agree if it uses the other Denavit-Hartenberg form."""
     for step in judge.steps:
         bad = [p for p in judge.failing() if p.equation == step.equation.name]
         if not bad or step.stage == "helper":

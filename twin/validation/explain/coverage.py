@@ -19,7 +19,7 @@ from twin.validation.explain.suspects import passed
 
 @dataclass(frozen=True)
 class Coverage:
-    """Number of rows (outputs of equations), and the reason for each row that was not judged, as text."""
+    """Number of rows (outputs of equations), and one text for each row that was not judged: its name and the reason."""
 
     rows: int
     left: tuple[str, ...]

@@ -1,8 +1,8 @@
 """Measure on which symbols the rows depend, to reject repairs that make a row trivial.
 
-A row with its unknown on the right side (q1 = ... q2 - q1 ...) agrees trivially if an edit changes it to q1 = q1 or to
-a copy of another row; a zero factor makes any row agree. Residuals at the mechanism's poses do not reveal such edits.
-They are found by perturbing one symbol at a time and observing the change of the residuals.
+If a row has its unknown on the right side (q1 = ... q2 - q1 ...), an edit can make the row trivial: q1 = q1, or a copy
+of another row. Such a row always agrees, and so does a row with a zero factor. Residuals at the mechanism's poses do
+not reveal these edits. Therefore, one symbol at a time is perturbed, and the change of the residuals is observed.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Dependence:
     # -- symbols of rows ----------------------------------------------------------------------------------------
 
     def _answers(self, step: Step, change: Sequence[Edit], rows: Collection[Key]) -> dict[Key, set[str]]:
-        """Return the symbols on which each row depends, after `change` (empty: unedited)."""
+        """Return {row: symbols on which the row depends} after the edits `change`; no edits: the original rows."""
         name = step.equation.name
         equations = frozenset({name})
         if any(k[0] != name for k in rows):  # rows of later equations depend on symbols through this equation
@@ -190,7 +190,7 @@ def _differ(a: Array, b: Array) -> bool:
 
 
 def _touched(c: Candidate) -> set[str]:
-    """Return the symbols in the text replaced by the edits, directly or through earlier assignments."""
+    """Return the symbols in the text that the edits replace, and the symbols from which these are computed."""
     out: set[str] = set()
     for e in c.edits:
         try:

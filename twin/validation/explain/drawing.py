@@ -75,7 +75,7 @@ class _Tried:
 
     @property
     def rank(self) -> tuple[int, bool, bool, int]:
-        """Sort key of this combination; the best one has the largest key. Evidence in the CAD comes before the rows."""
+        """Sort key; the best combination has the largest key. Evidence in the CAD comes before agreement of rows."""
         off = len(self.judge.failing()) if self.judge is not None else 10**6
         return sum(s.score for s in self.chosen), self.closes, self.agrees, -off
 
@@ -88,7 +88,8 @@ def correct(
 ) -> Corrected | None:
     """Find the faults of the CAD and judge the rows with the corrected CAD; None if the parts of every joint meet.
 
-    Lengths declared in the description are evidence. `judged` is a function from a mechanism to the judge of the rows.
+    Lengths declared in the description are evidence. `judged` is a function that returns a judge of the rows for a
+    mechanism.
     """
     findings = tuple(f for f in cad.findings if f.code in CODES)
     if not findings:

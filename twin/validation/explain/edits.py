@@ -38,7 +38,7 @@ _LONG = 48
 
 @dataclass(frozen=True)
 class Pool:
-    """Names that an edit may insert: existing `names`, and `aliases` (name -> expression) to be defined."""
+    """Names that an edit may insert: existing `names`, and new `aliases`, each with the expression that defines it."""
 
     names: frozenset[str]
     aliases: dict[str, str]
@@ -134,7 +134,7 @@ class _Writer:
         return self.source.text(*self.source.span(node))
 
     def need(self, name: str) -> tuple[str, str] | None:
-        """Return the definition (name, expression) that a new name requires; None if no definition is required."""
+        """Return the definition (name, expression) that an inserted name requires; None if it requires none."""
         if name in self.pool.aliases:
             return name, self.pool.aliases[name]
         return None if name in self.pool.arguments else (name, "")
@@ -156,7 +156,7 @@ def _stem(name: str) -> str:
 
 
 def kind_of_name(old: str, new: str, parameters: frozenset[str], aliases: dict[str, str] | None = None) -> str:
-    """Return the kind of edit that replaces a name by another: "index", "trig", "parameter" or "name"."""
+    """Return the kind of the edit that replaces name `old` by `new`: "index", "trig", "parameter" or "name"."""
     if _stem(old) == _stem(new):
         return "index"
     if new in (aliases or {}) or (old[:2] in ("c_", "s_") and new[:2] in ("c_", "s_")):

@@ -116,7 +116,7 @@ def explain(
         variants: the variants to judge, by equation; None: the default variant of each equation.
         parameters: values in SI that replace published ones.
         tolerance: largest deviation that counts as agreement; None for the default.
-        truth: the mechanism's values, if already computed.
+        truth: the mechanism's values of the symbols; None: they are computed.
         progress: called with a description of the current step and the fraction done.
         budget: time limit in s of the search for two edits.
         root: folder to which file names in messages are relative; None: absolute names.
@@ -204,7 +204,7 @@ class _Cures:
     """Possible fixes of the wrong rows.
 
     Attributes:
-        search, found: the search for edits, and its results.
+        search, found: the search for edits, and the results of this search.
         identified: the changed numbers; None if no change of numbers fits, or if edits are simpler.
         conventions: conventions under which rows agree; searched only after edits and numbers have failed.
         lead: see `Explanation`.
@@ -220,7 +220,7 @@ class _Cures:
 
 
 def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progress, laps: _Laps) -> _Cures:
-    """Search edits, numbers and conventions that make the wrong rows agree."""
+    """Search edits, parameter values and conventions with which the wrong rows agree."""
 
     def numbers(alone: bool = False) -> Identified | None:
         progress("identify parameters", 0.0)
@@ -335,7 +335,7 @@ def _means(judge: Judge, symbol: str) -> str:
 
 
 def _term(c: Candidate) -> str:
-    """Return the summand of a row, with its sign, that an edit changes; "" if there is none."""
+    """Return the summand that an edit changes in a row, with sign; "" if the edit changes no summand."""
     source, e = c.step.source, c.edits[0]
     if e.function != source.name:
         return ""

@@ -14,13 +14,13 @@ from twin.validation.explain.truth import gather, sample
 _STATES, _SEED = 12, 101
 
 _ROUNDING = 10
-"""Largest residual of a correct repair at new states, in units of the tolerance; wrong repairs exceed it by far."""
+"""Largest residual of a correct repair at new states, in units of the tolerance; wrong repairs have far larger ones."""
 
 
 def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:
-    """Return (search results without the repairs that fail at new states, rows that then have no repair).
+    """Return (search results without the repairs that fail at new states, rows for which no repair is left).
 
-    A repaired row that agrees at all states of the search but disagrees at other states agrees only by coincidence.
+    If a repaired row agrees at all states of the search, but not at the new states, its agreement was a coincidence.
     """
     fresh = _fresh(judge, model)
     if fresh is None or not any(f.cures for f in found):

@@ -13,7 +13,7 @@ from twin.validation.explain.judge import Judge, worst
 from twin.validation.explain.result import Identified, Moved
 
 _BLIND = 1e-7
-"""Relative singular value below which a combination of parameters has no effect on the rows."""
+"""A combination of parameters counts as without effect on the rows if its relative singular value is smaller."""
 
 _STEPS = 30
 _SLIPS = ((1e3, "metres instead of millimetres"), (1e-3, "millimetres instead of metres"),
@@ -117,7 +117,7 @@ def identify(
 ) -> Identified | None:
     """Return the parameters whose change explains the wrong rows; None if no parameter affects these rows.
 
-    Single parameters are tried first; if each of several parameters alone explains the rows, these are alternatives. If
+    Single parameters are tried first. If several parameters explain the rows, each one alone, they are alternatives. If
     no single parameter explains the rows, all parameters are fitted together.
 
     Args:
@@ -165,7 +165,7 @@ def identify(
 
 
 def _covariance(fit: Fit, noise: float) -> Array:
-    """Return the covariance of the fitted values in SI, from the residuals; a lower bound accounts for rounding.
+    """Return the covariance of the fitted values in SI, from the variance of the residuals, which has a lower bound.
 
     Rows without a derivative are left out: at the limit of the reach, a changed parameter may leave no real solution.
     """
@@ -213,7 +213,7 @@ def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
 
 
 def _sparse(null: Array) -> Array:
-    """Return a sparse basis of the same null space: reduced row echelon form, largest pivots first."""
+    """Return a sparse basis of the row space of `null`: the reduced row echelon form, with the largest pivots first."""
     A = null.copy()
     for row in range(len(A)):
         rest = np.abs(A[row:])

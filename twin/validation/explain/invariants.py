@@ -41,7 +41,7 @@ def said(judge: Judge) -> dict[str, Any]:
 
 
 def said_pose(judge: Judge, place: Place) -> Array:
-    """Return the pose (k, 4, 4) that the formula computes at a row, from the residual of the row."""
+    """Return the pose (k, 4, 4) that a row of the formula computes; it is recovered from the residual of the row."""
     scale = np.full(16, judge.tolerance.angle)
     scale[[3, 7, 11]] = judge.tolerance.length
     return judge.truth.symbols[place.symbol].a + (judge.residuals[place] * scale).reshape(-1, 4, 4)
@@ -99,7 +99,7 @@ def _off(judge: Judge, name: str) -> bool:
 
 
 def _rigid(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Yield a finding if points of one body do not keep their distances."""
+    """Yield a finding for each distance between points of one body that the formula makes different from the CAD."""
     placed = _points(judge, values)
     bodies: dict[str, list[str]] = {}
     for p in model.mechanism.points:
@@ -138,7 +138,7 @@ def _distance(
 
 
 def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
-    """Yield a finding for each link whose length changes with the formula's joint values."""
+    """Yield a finding for each link whose length would change if the joints had the formula's values."""
     truth = judge.truth
     active = {j.name for j in model.mechanism.active if j.name in values}
     wrong = {n for n in active if _moved(judge, n, values[n])}
@@ -167,7 +167,7 @@ def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterat
 
 
 def _moved(judge: Judge, name: str, value: Any) -> bool:
-    """Return whether the formula's value of a joint differs from the mechanism's."""
+    """Return whether the formula's value of a joint differs from the value of this joint in the mechanism."""
     return not worst(judge.difference(name, value)) <= 1
 
 
@@ -248,7 +248,7 @@ _SCALE = 1.25
 
 
 def _dimensions(judge: Judge) -> Iterator[Finding]:
-    """Yield a finding for each wrong row with a wrong dimension: its error does not scale with all lengths."""
+    """Yield a finding for each wrong row that is dimensionally inconsistent: its error does not scale with lengths."""
     failing = judge.failing()
     if not failing:
         return

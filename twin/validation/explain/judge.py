@@ -1,8 +1,8 @@
 """Compare a formula with the mechanism row by row (a row is one assignment), with the mechanism's values as inputs.
 
 If the mechanism also has a value of an intermediate symbol (a named point, a passive joint), the symbol is compared,
-and then set to the mechanism's value. A wrong row therefore does not affect later rows. Other symbols are computed and
-used by later rows; if a row disagrees, all rows since the last compared symbol are suspected.
+and then set to the mechanism's value. A wrong row therefore does not affect later rows. Later rows use all other
+symbols as computed; if a row disagrees, all rows since the last compared symbol are suspected.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class Judge:
                 computed.setdefault(name, value)
 
     def _stuck(self, step: Step, s: Statement, found: Residuals) -> None:
-        """Count outputs as wrong: those of statement `s`, which uses an unknown name, and of all later statements."""
+        """Count all outputs from statement `s` on as wrong, because statement `s` uses an unknown name."""
         step.stuck = True
         late = [(t, i, name) for t in step.source.statements[s.index :] for i, name in enumerate(t.writes)]
         last = step.source.statements[-1]
@@ -185,7 +185,7 @@ class Judge:
         return name in self.truth.symbols or name in computed
 
     def _place(self, step: Step, edits: list[Edit] | None = None, extra: Mapping[str, Any] | None = None) -> None:
-        """Set the swivel angle of each state to minimise the residuals of the rows that use the angle."""
+        """Set the swivel angle of each state so that the residuals of the rows that use this angle are minimal."""
 
         def rows(angle: Array) -> Residuals:
             step.free = {self.truth.free: angle}
@@ -272,9 +272,9 @@ class Judge:
                 scope[name] = old
 
     def _from_before(self, step: Step, edits: list[Edit]) -> Residuals:
-        """Return the residuals of a step that change because an edit changes the output of an earlier step.
+        """Return the residuals that change in a step because edits of a helper change the output of an earlier step.
 
-        This is the case if the earlier step calls the edited helper, and this step uses the output.
+        The earlier step calls the helper, and this step uses the output.
         """
         for earlier in self.steps[: self.steps.index(step)]:
             passes = set(earlier.equation.outputs) - set(self.truth.kinds)

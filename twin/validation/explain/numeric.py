@@ -23,7 +23,7 @@ _TWIN = Path(__file__).resolve().parents[2]
 
 
 class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
-    """k matrices at once with the operations of `casadi.SX`; `a` has the shape (k or 1, rows, columns)."""
+    """An array `a` (k or 1, rows, columns) of matrices, with the operations of `casadi.SX` on all matrices at once."""
 
     __slots__ = ("a",)
 
@@ -31,7 +31,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         self.a = a
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *args: Any, **_: Any) -> Any:
-        """Apply an operator or an elementwise function of NumPy; a product (1, 1) is a scalar."""
+        """Apply an operator or an elementwise function of NumPy; a product of shape (1, 1) is returned as a scalar."""
         if method != "__call__":
             return NotImplemented
         parts = [_as(x).a for x in args]
@@ -209,7 +209,7 @@ _FUNCTIONS: dict[str, Any] = {
 
 
 def turn(axis: int) -> Callable[[Any], Matrix]:
-    """Return the function of angles (k,) in rad that gives the rotations about axis 0, 1 or 2."""
+    """Return a function that converts angles (k,) in rad to rotations about `axis` (0, 1 or 2)."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
 
     def rotation(a: Any) -> Matrix:

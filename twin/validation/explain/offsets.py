@@ -1,6 +1,6 @@
 """Find the joint offsets that are missing in a formula, if the formula's tool pose disagrees with the mechanism.
 
-The pose must agree with these offsets and with constant rotations of base and tool.
+Offsets are accepted if, with them and with constant rotations of base and tool, the pose agrees with the mechanism.
 
 A Denavit-Hartenberg table without joint offsets cannot be corrected by an edit of one row. An offset of the first or
 last angle is equivalent to a rotation of base or tool. For the other angles, quarter turns of up to three angles are
@@ -31,7 +31,7 @@ _ALIKE = 1e-9
 
 
 def offsets(judge: Judge) -> Iterator[Convention]:
-    """Yield the smallest set of joint angle offsets that makes the pose of each wrong forward equation agree."""
+    """Yield, for each wrong forward equation, the smallest set of joint offsets with which the pose agrees."""
     for place in judge.failing():
         step = judge.step(place.equation)
         if step.stage != "forward" or judge.truth.kinds[place.symbol] != "pose":
@@ -92,7 +92,7 @@ def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
 def _placed(
     judge: Judge, place: Place, moved: dict[str, float], slides: list[str], T: Array, base: Array, tool: Array
 ) -> tuple[str, float] | None:
-    """Return (text on the offsets, worst residual) if the positions agree after the rotations; otherwise None."""
+    """Return (text on the offsets, worst residual) if, with the rotations, the positions also agree; otherwise None."""
     true = judge.truth.symbols[place.symbol].a
     want = true[:, :3, 3] @ base - T[:, :3, 3]
     along = []

@@ -1,4 +1,4 @@
-"""Search pairs of edits: for two positions in the text, all combinations of replacements are tried in one evaluation.
+"""Search pairs of edits; one evaluation tries all combinations of replacements at two positions in the text.
 
 If a token is a number or the name of a scalar, all its replacements are evaluated at once: the token is replaced by an
 array with one entry per combination of replacements at the two positions. Edits that change the form (operators, signs,
@@ -39,7 +39,7 @@ _MANY = 4096
 
 @dataclass(frozen=True)
 class _Position:
-    """A token and the edits that replace this token; `free`: whether all replacements can be evaluated at once."""
+    """A token, and the edits that replace it; `free`: whether all these edits can be evaluated at once."""
 
     edits: tuple[Edit, ...]
     free: bool
@@ -227,9 +227,10 @@ _NAMES = ("_first_", "_second_")
 
 
 class _Choice:
-    """Function that expands its arguments along one of two axes, so that two functions give all combinations.
+    """Function that expands its arguments, the replacements at one position, along one of two axes.
 
-    Entry (i, j) has replacement i at the first position and replacement j at the second.
+    Two such functions give all combinations: entry (i, j) has replacement i at the first position and replacement j at
+    the second.
     """
 
     def __init__(self, axis: int) -> None:
@@ -259,7 +260,7 @@ class _Choice:
 
 
 def _is_value(e: Edit) -> bool:
-    """Return whether an edit replaces a number or scalar by another number or scalar, so that arrays can hold both."""
+    """Return whether old and new text of an edit are both a number or scalar, so that an array can contain both."""
     if e.kind not in ("name", "parameter", "trig", "index", "number", "exponent"):
         return False
     old, new = (_parsed(t) for t in (e.old, e.new))

@@ -47,12 +47,12 @@ def leave(x: Any) -> Any:
 
 
 def inside(row: PlainRows | None, x: Any) -> Any:
-    """Convert a value from the form that the judge uses to the form that the function `row` uses."""
+    """Convert a value from the form of the judge to the form of the plain function `row`; unchanged without `row`."""
     return x if row is None or row.casadi else enter(x)
 
 
 def outside(row: PlainRows | None, x: Any) -> Any:
-    """Convert a value from the form that the function `row` uses to the form that the judge uses."""
+    """Convert a value from the form of the plain function `row` to the form of the judge; unchanged without `row`."""
     return x if row is None or row.casadi else leave(x)
 
 
@@ -84,7 +84,7 @@ def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def held(source: Source, outputs: tuple[str, ...]) -> set[str]:
-    """Return the outputs that are returned as a variable of the same name, if the variable is assigned only once."""
+    """Return the outputs that the function returns as a variable of the same name, assigned exactly once."""
     returned = getattr(source.statements[-1].node, "value", None)
     if isinstance(returned, ast.Dict):
         pairs = [

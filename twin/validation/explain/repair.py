@@ -26,13 +26,13 @@ from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
 
 _WHOLE = 12
-"""Maximum number of repairs with the same resulting function that are checked on the whole formula."""
+"""Maximum number of repairs checked on the whole formula, of all repairs that result in one function."""
 
 _SHARED = 3
-"""For each repaired group: number of edits that are tried together with a second edit, to fix the remaining rows."""
+"""Number of edits of each repaired group that are also tried in pairs, to fix the remaining rows."""
 
 _SHARED_PART = 0.2
-"""Maximum fraction of the remaining time that is spent on the pairs described at `_SHARED`."""
+"""Maximum fraction of the remaining time for the pairs with an edit of a repaired group (see `_SHARED`)."""
 
 _SAME = 1e-7
 """Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
@@ -114,7 +114,7 @@ class Search:
         return out
 
     def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
-        """Return the candidate for an edited helper, judged in every equation that calls it; None if it cannot run."""
+        """Return the candidate for an edited helper, judged in all equations that call it; None if it cannot run."""
         first: Candidate | None = None
         passed: set[str] = set()  # equations already judged; the equations after them use the edited outputs
         for step in sorted(steps, key=self.judge.steps.index):
@@ -224,7 +224,7 @@ class Search:
         return out, lost
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
-        """Return groups of rows that a single edit fixes, the largest group first."""
+        """Return the rows in groups, the largest first, such that one single edit fixes all rows of a group."""
         left, groups = set(rows), []
         cures = [frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if c.serves]
         while left:
@@ -250,9 +250,9 @@ class Search:
         return [c for c in touching if c.over(rows, self.base) <= 1 and (c.extra or self._runs(c))]
 
     def _runs(self, c: Candidate) -> bool:
-        """Return whether a candidate runs with one sample; some errors do not occur with several samples.
+        """Return whether a candidate also runs with a single sample; some errors occur only then.
 
-        For example, an index of a scalar is an error, but with several samples the scalar is an array.
+        For example, a scalar with an index is an error, but with several samples the scalar is an array.
         """
         return residuals(self.first, c.step.equation.name, c.edits) is not None
 
@@ -282,7 +282,7 @@ class Search:
         return [way for way in kept if way]
 
     def _left(self, c: Candidate) -> int | None:
-        """Return the number of wrong rows of the whole formula after edits; None if an edit is in another file."""
+        """Return the number of wrong rows in the whole formula file after the edits; None if it cannot be evaluated."""
         formula = self.judge.formula
         home = formula.equations[0]
         path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
@@ -312,7 +312,7 @@ class Search:
         return next(h.source for h in self.judge.helpers(c.step) if (h.source.path, h.source.name) == (path, name))
 
     def _off_the_mechanism(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
-        """Return the residuals of a candidate at perturbed values, to compare functions; None if they have no value."""
+        """Return a candidate's residuals at perturbed values, to compare functions; None if a row has only NaN."""
         found = residuals(self.shaken, c.step.equation.name, c.edits)
         if not found:
             return None

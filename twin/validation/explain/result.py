@@ -80,10 +80,10 @@ class Repair:
         rows: the fixed rows, as "eq1.X_S1".
         before, after: worst residual of these rows before and after the repair, in units of the tolerance.
         margin: worst residual of the runner-up divided by the worst residual of the repair; 0 without a repair.
-        runner_up: the edit with the smallest residual among the edits that do not fix the rows, as text with this
+        runner_up: text with an edit and its residual; of all edits that do not fix the rows, this edit has the smallest
             residual.
-        cures: possible repairs (different functions), which the judged poses do not distinguish. Each cure is a tuple
-            of readings (different edits that result in the same function), which no pose can distinguish.
+        cures: the possible repairs. Cures result in different functions, which agree at all judged poses. Each cure is
+            a tuple of readings: different edits that result in the same function, which no pose can distinguish.
         tie: why the data do not determine one repair, or "".
         tried: number of edits tried.
         complete: whether every edit that the search can generate was tried.
@@ -129,8 +129,8 @@ class Identified:
     Attributes:
         exact: whether the fitted values make all rows agree.
         before, after: worst residual before and after the fit, in units of the tolerance.
-        moved: changed parameters; with `alternatives`, each one alone explains the differences.
-        alternatives: whether the entries of `moved` are alternatives.
+        moved: the parameters whose changes explain the differences.
+        alternatives: whether each entry of `moved` alone explains the differences; otherwise, all together do.
         blind: combinations of parameters on which no row depends.
         covariance: (n, n) covariance of the fitted parameters, in SI.
         names: names (n) of the fitted parameters.
@@ -169,10 +169,10 @@ class PartOff:
 
     Attributes:
         joints: names of the joints whose parts do not meet.
-        part, features: the faulty part, and the faulty features of this part; "" if no single part causes all the gaps.
+        part, features: the faulty part and its faulty features; "" and () if no single part causes all the gaps.
         told_by: kind of evidence that this part is faulty. "drawing": lengths or identical parts; "joints": the other
-            part of the joint has no gaps at further joints; "loops": the loops close only with this part corrected;
-            "rows": the rows agree only with this part corrected; "": undecided between this part and `others`.
+            part of the joint fits at all further joints; "loops": the loops close only if this part is corrected;
+            "rows": the rows agree only if this part is corrected; "": undecided between this part and `others`.
         why: the evidence, as text.
         others: alternative parts.
         message: the result in one sentence.
@@ -192,7 +192,7 @@ class Explanation(Result):
     """Result of `explain`.
 
     Attributes:
-        robot, variants: name of the robot, and judged variant by equation.
+        robot, variants: name of the robot, and {equation: judged variant}.
         outcome: the verdict. "agree": nothing to explain; "disagree": rows are wrong; "unchecked": some rows were not
             judged.
         explained: whether every wrong row is explained by an exact repair, exact numbers, an exact convention, or the
@@ -201,7 +201,7 @@ class Explanation(Result):
         invariants: findings on violated invariants.
         rows: the wrong rows.
         repairs, identified, conventions: possible fixes.
-        notes: texts on parts that were not judged, with the reason.
+        notes: texts on equations and rows that were not judged, with the reason.
         judged, rows_of_formula: number of judged rows, and of all rows.
         seconds: duration of each step in s.
         lead: kind of the explanation: "drawing", "edits", "numbers", "edits or numbers" (equally simple),

@@ -51,10 +51,10 @@ class Step:
 
     `missing`: the symbols without a value, or the error, if the equation cannot be judged. `stuck`: whether a statement
     uses an unknown name. `before`: the variables before each statement. `computed`: outputs of earlier equations.
-    `known`: outputs for which the mechanism also has a value. `gave`: outputs of this equation; known outputs have the
-    mechanism's values. `held`: known outputs that the function assigns to a variable of the same name; these outputs
-    are compared at the assignment. `free`: name and values (k,) of the free parameter (the swivel angle of a redundant
-    mechanism), one value for each state.
+    `known`: outputs for which the mechanism also has a value. `gave`: values of the outputs of this equation; known
+    outputs have the mechanism's values. `held`: known outputs that the function assigns to a variable of the same name;
+    these outputs are compared at the assignment. `free`: name and values (k,) of the free parameter (the swivel angle
+    of a redundant mechanism), one value for each state.
     """
 
     equation: Equation

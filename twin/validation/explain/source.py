@@ -125,7 +125,7 @@ class Source:
             self.why = f"the function defines {defined[0].name}() inside; define {defined[0].name}() outside"
 
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
-        """Return (names that have a value before a statement, subset of these names that the statement can use).
+        """Return (names with a value before a statement, those of these names that the statement can use).
 
         If the statement is in a variant, the second set is smaller: a variant can only use its arguments, and names
         that it assigns before the statement. Otherwise the sets are equal.
@@ -200,7 +200,7 @@ class Source:
 
 @lru_cache(maxsize=4096)
 def _code(text: str, path: Path) -> CodeType:
-    """Compile a text; the result is cached, because one edit is combined with many others."""
+    """Compile a text; the result is cached, because the same text occurs in many combinations of edits."""
     return compile(text, f"{path}", "exec")
 
 
@@ -222,7 +222,7 @@ def patched(edits: Iterable[Edit]) -> str:
 
 
 def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
-    """Return edits that have the same effect and also tidy the edited statements."""
+    """Return edits that have the effect of `edits` and also tidy the edited statements."""
     starts = line_starts(data)
     simple = [s for s in ast.walk(_tree(data)) if isinstance(s, ast.Assign | ast.AugAssign | ast.Return | ast.Expr)]
     out, left = [], list(edits)

@@ -1,4 +1,4 @@
-"""Find the statements on which a row depends, and the symbols that it could use."""
+"""Find the statements on which a row depends, and the symbols that are available to an equation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def shared(judge: Judge, places: Sequence[Place]) -> bool:
 
 
 def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """Return the outputs (equation, symbol) that are judged indirectly, because rows of other equations use them."""
+    """Return the outputs (equation, symbol) of other equations that `rows` use, so that they are judged indirectly."""
     seen: set[str] = set()
     for equation, symbol in sorted(rows):
         step = next((s for s in judge.steps if s.equation.name == equation), None)

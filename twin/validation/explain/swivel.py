@@ -21,8 +21,8 @@ _STEP = 1e-6
 def fitted(rows: Callable[[Array], Mapping[Place, Array]], states: int) -> Array:
     """Return the swivel angles (states,) in rad that minimise the residuals of `rows` in each state.
 
-    A pose determines all joint values of a redundant mechanism except for the swivel angle. The zero of this angle
-    depends on the formula; the mechanism does not define it. Rows are therefore judged at the best angle.
+    A pose of a redundant mechanism determines the joint values only together with the swivel angle. The zero of this
+    angle is a convention of the formula, not a property of the mechanism. Rows are therefore judged at the best angle.
     """
 
     def residuals(angle: Array) -> Array:

@@ -26,7 +26,7 @@ _SPREAD = 0.06
 """Half width of the box of joint values that is sampled around each posture, as a fraction of each joint's range."""
 
 _REGULAR = 0.1
-"""Fraction of the best conditioning below which a posture counts as near a singularity, and is skipped."""
+"""A posture is skipped as near a singularity if its conditioning is below this fraction of the best conditioning."""
 
 Kind = Literal["length", "angle", "pose"]
 
@@ -42,7 +42,7 @@ class Truth:
         Ts: (k, 4, 4) tool poses in base.
         run: states of the mechanism; None if there are none.
         coordinates: names and units of the pose coordinates, for messages.
-        borrowed: {symbol: named point} of symbols that a helper sets to a named point without changing it.
+        borrowed: {symbol: named point} for each symbol to which a helper assigns an unchanged named point.
         free: name of the free parameter (swivel) of a redundant mechanism, or "". The value of this parameter in each
             state is fitted to the rows that use the parameter.
     """
@@ -186,7 +186,7 @@ def gather(formula: Formula, run: Run, model: ReferenceModel, parameters: Mappin
 
 
 def _free(formula: Formula, model: ReferenceModel) -> str:
-    """Return the angle that inverse rows use and forward rows do not, if the mechanism is redundant; else ""."""
+    """Return the angle that only inverse rows use, if the mechanism is redundant; "" without exactly one such angle."""
     if not (model.redundant and formula.has("inverse") and formula.has("forward")):
         return ""
     read: dict[str, set[str]] = {"inverse": set(), "forward": set()}
@@ -200,7 +200,7 @@ def _free(formula: Formula, model: ReferenceModel) -> str:
 
 
 def _passed_on(formula: Formula) -> dict[str, list[tuple[str, int | None]]]:
-    """Return {output: [(argument, index or None)]} for helper outputs that only repeat their arguments."""
+    """Return {output: [(argument, index or None)]} for outputs of helpers that are unchanged arguments."""
     out: dict[str, list[tuple[str, int | None]]] = {}
     for equation in formula.equations:
         if equation.stage != "helper":

@@ -1,4 +1,4 @@
-"""Find symbols that equations use but that have no value, and the parameters that were probably meant."""
+"""Find symbols without a value in equations, and for each symbol the parameter that was probably meant."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from twin.validation.explain.judge import Judge, worst
 def unvalued(judge: Judge) -> list[Finding]:
     """Return a finding for every symbol without a value.
 
-    An unused parameter may be the missing symbol under another name. Each unused parameter is therefore substituted for
-    the symbol, and the resulting rows are compared with the mechanism.
+    The missing symbol may be a parameter that no equation uses, under another name. Each unused parameter is therefore
+    substituted for the symbol, and the resulting rows are compared with the mechanism.
     """
     formula, truth = judge.formula, judge.truth
     given = {n for e in formula.equations for n in e.outputs} | set(truth.symbols)

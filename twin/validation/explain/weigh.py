@@ -29,7 +29,7 @@ def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | 
 
 
 def _numbers(identified: Identified | None) -> int | None:
-    """Return how many changed parameters make every row agree; None if no change of parameters does."""
+    """Return the number of changed parameters with which every row agrees; None if there is no such change."""
     if identified is None or not identified.exact or not identified.moved:
         return None
     return 1 if identified.alternatives else len(identified.moved)

@@ -89,9 +89,9 @@ class Row:
     """Physical limits that follow from one row of the tables.
 
     Attributes:
-        definite: whether J is positive definite (with the products as printed, with the products negated).
-        slack: sum of the two smaller principal moments minus the largest, in kg m2; negative if the triangle inequality
-            is violated. Of the values for both signs of the products, the smaller value is used.
+        definite: whether J is positive definite both with the products as printed and with the products negated.
+        slack: sum of the two smaller principal moments minus the largest, in kg m2: the smaller of the values for both
+            signs of the products. It is negative if the triangle inequality is violated.
         mass_printed: minimum mass in kg with the products as printed; infinite if no mass is possible.
         mass_negated: minimum mass in kg with the products negated; infinite if no mass is possible.
         repaired: names of the misprinted cells that were repaired.
@@ -165,7 +165,7 @@ def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
 
 
 def convention(rows: list[Row]) -> Products:
-    """Return the sign of the products, "as printed" or "negated", with the smaller total minimum mass."""
+    """Return the sign of the products, "as printed" or "negated", for which the sum of minimum masses is smaller."""
     plain, negated = (sum(getattr(r, m) for r in rows) for m in ("mass_printed", "mass_negated"))
     return "negated" if negated < plain else "as printed"
 

@@ -77,7 +77,7 @@ def of_table(folder: Path, mechanism: Mechanism) -> Source:
 
 
 def of_exhibit(path: Path) -> Source:
-    """Judge the rows of published tables without masses, using the sign of the products that requires less mass.
+    """Judge the rows of published tables without masses; the sign of the products is chosen as in `of_moments`.
 
     Raises:
         DescriptionError: the file is invalid.
@@ -89,8 +89,8 @@ def of_exhibit(path: Path) -> Source:
 def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> Source:
     """Judge rows of tables without masses.
 
-    Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The sign of the
-    products is the same for all rows: as printed or negated, whichever requires less mass.
+    Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The
+    products of all rows are negated if this reduces the sum of the minimum masses by more than the factor `PLAIN`.
     """
     read = {1: rows, -1: [(name, h, audit.negated(J)) for name, h, J in rows]}
     least = {sign: [least_mass(J, h) for _, h, J in some] for sign, some in read.items()}

@@ -28,7 +28,7 @@ SIGN = 0.04
 """Relative size of the products of inertia below which their sign cannot be determined."""
 
 CLEAR = 2.0
-"""Ratio of the misfit of the second-best to that of the best explanation; below this ratio, the message names both."""
+"""If (misfit of second-best / misfit of best explanation) is smaller than this, the message names both."""
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
