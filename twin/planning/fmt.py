@@ -219,15 +219,15 @@ class Search:
         """
         count, back = len(near), ends[0] > ends[1]
         waiting, cost = np.ones(count, bool), np.full(count, np.inf)
-        front = cost.copy()  # the cost of a node of the front; infinite for all others
+        front = cost.copy()  # cost of each node of the front; infinite for all other nodes
         root, target = ends
         waiting[root], cost[root], front[root] = False, 0.0, 0.0
         heap, z = [(0.0, root)], root
 
         def candidates(to: np.ndarray) -> list[tuple[int, int]]:
-            """Return pairs (node of the front, sample i): the path to sample i is shortest through this node.
+            """Return pairs (node of the front, sample in `to`): the path to the sample is shortest through this node.
 
-            A sample that no node of the front can reach is in no pair.
+            There is no pair for a sample that no node of the front can reach.
             """
             out = []
             for i in to.tolist():
@@ -276,7 +276,7 @@ class Search:
 
 
 def neighbours(x: Array, radius: float) -> list[np.ndarray]:
-    """Return, for each point of x (k, n), the rows of the points nearer than the radius, in ascending order."""
+    """Return, for each point of x (k, n), the rows of the points within `radius` of it, in ascending order."""
     pairs = cKDTree(x).query_pairs(radius, output_type="ndarray")
     a, b = np.concatenate([pairs, pairs[:, ::-1]]).T
     order = np.lexsort((b, a))

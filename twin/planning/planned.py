@@ -70,7 +70,7 @@ class Planned(Result):
 
 
 def searches(found: Mapping[str, Rounds]) -> Table:
-    """Return a table with one row for each round of each search in `found`: rounds by name of the phase."""
+    """Return a table with one row for each round of each search; `found` has the rounds by name of the phase."""
     rows = [
         (name, str(r.samples), *(_cost(x, s.unit) for x in (r.tree, r.best)), f"{r.processor:.2f}", f"{r.wall:.2f}")
         for name, s in found.items()

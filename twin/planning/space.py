@@ -43,7 +43,7 @@ class Space(Interface):
     """
 
     def interruptible(self, check: Callable[[], None]) -> Space:
-        """Return the same space with tests that call `check` every few milliseconds; its exceptions end a test."""
+        """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test."""
         ...
 
     @property
@@ -66,7 +66,7 @@ class Space(Interface):
         ...
 
     def clearances(self, q: Array, most: float) -> Array:
-        """Return lower bounds (k,) in m, at most `most`, of the smallest distance at joint values q (k, n)."""
+        """Return lower bounds (k,) in m of the smallest distance between bodies at q (k, n); each is at most `most`."""
         ...
 
     def steer(self, a: Array, b: Array) -> Path:

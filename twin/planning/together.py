@@ -25,7 +25,7 @@ from twin.planning.smooth import line
 from twin.planning.space import Certificate, Space
 
 _SHORTEST = 0.05
-"""Minimum weight in m of the coordinate u; for a longer path of the earlier arms, the weight is its length."""
+"""Minimum weight in m of the coordinate u; if the path of the earlier arms is longer, its length is the weight."""
 
 _PARTS = 8
 """Number of straight parts that replace a connection in a search, if the path of the earlier arms is not straight."""
@@ -90,7 +90,7 @@ class Behind(Space):
         self._straight = bool(np.abs(first(np.linspace(0.0, 1.0, 9), 2)).max(initial=0.0) < 1e-9)
 
     def interruptible(self, check: Callable[[], None]) -> Behind:
-        """Return the same space with tests that call `check` every few milliseconds; its exceptions end a test."""
+        """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test."""
         return Behind(self.whole.interruptible(check), self.first)
 
     @property
@@ -105,7 +105,7 @@ class Behind(Space):
 
     @property
     def leads(self) -> np.ndarray:
-        """(n + 1,) bool: whether each coordinate can move the tool of the new arm; also true for u."""
+        """(n + 1,) bool: whether each coordinate can move the tool of the new arm; for u, always True."""
         return np.append(self.whole.leads[self._before :], True)
 
     @property
@@ -123,7 +123,7 @@ class Behind(Space):
         return self.whole.free(self.lifted(np.asarray(q, float)), exact=exact)
 
     def clearances(self, q: Array, most: float) -> Array:
-        """Return lower bounds (k,) in m, at most `most`, of the smallest distance of all arms at q (k, n + 1)."""
+        """Return lower bounds (k,) in m of the minimum distance between bodies at q (k, n + 1), each at most `most`."""
         return self.whole.clearances(self.lifted(np.asarray(q, float)), most)
 
     def steer(self, a: Array, b: Array) -> Path:

@@ -217,7 +217,7 @@ class PhaseSpan:
         rcm_mode: "enforced", "monitored" or None.
         depth0, depth1: depth in m at both ends; NaN without RCM.
         optimal: optimal duration in s, before slowing down and rounding up.
-        overshoot: largest relative excess of a limit by the optimal solution, before slowing down.
+        overshoot: largest relative excess of the optimal solution over a limit, before slowing down.
         rounds: rounds of the search for the path of a free phase; None without a search.
     """
 
@@ -251,8 +251,8 @@ class Trajectory:
         frame: name of the moved frame.
         Ts_base_frame: (k, 4, 4) poses of the moved frame.
         shaft_axis: (3,) direction of the shaft in the moved frame.
-        tip_velocity, tip_acceleration: (k, 3) of the origin of the moved frame.
-        angular_velocity, angular_acceleration: (k, 3) of the moved frame.
+        tip_velocity, tip_acceleration: (k, 3) of the origin of the moved frame, in m/s and m/s2.
+        angular_velocity, angular_acceleration: (k, 3) of the moved frame, in rad/s and rad/s2.
         phases: time spans of the phases, in order.
         waypoints: sample indices at which each waypoint is reached, by name.
         rcm_error: (k,) distance in m from the RCM to the shaft axis; NaN without RCM.
@@ -332,7 +332,7 @@ class Trajectory:
     def sample(self, t: float) -> tuple[Array, Array]:
         """Return q (n,) and T_base_tool (4, 4) at a time in s.
 
-        Before the start and after the end, the first and the last sample are returned. Between samples, q is a cubic
+        Before the start, the first sample is returned; after the end, the last sample. Between samples, q is a cubic
         that agrees with q and qd at the samples. The tool's position is interpolated linearly, and its rotation with a
         constant rate.
         """
@@ -347,7 +347,7 @@ class Trajectory:
         return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
 
     def on(self, model: Any, times: Array) -> Any:
-        """Return the `Run` of a `ReferenceModel` at times (k,) in s, for the poses or, if `followed`, the joint values.
+        """Return the `Run` of a `ReferenceModel` at times (k,) in s, solved for the poses or, if `followed`, for q.
 
         A robot with fewer than six degrees of freedom may be unable to assume an interpolated pose; it can assume
         interpolated joint values.

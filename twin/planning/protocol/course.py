@@ -101,7 +101,7 @@ def rotation(angles: Array, order: RotationOrder) -> Array:
 
 
 def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
-    """Return the angles (3,) in rad of R (3, 3), about the axes of `order`, that are nearest to `near` (3,).
+    """Return the angles (3,) in rad of R (3, 3) about the axes of `order`: of all solutions, the nearest to `near`.
 
     The angles change linearly in a phase: a difference of 2 pi would rotate the tool by a full turn. If
     the middle angle is a right angle, the first angle is taken from `near`.

@@ -82,9 +82,9 @@ class Protocol:
         limits: limits of each phase type in use, by type.
         tolerances: tolerances of the finished trajectory.
         rotation: axes of the three angles of a waypoint, in order, such as "zyx".
-        trocars: positions (3,) in base in m, by name; "" is the only trocar of the mechanism. Trocars of the mechanism
-            that are not given are as drawn.
-        rcm: (3,) in base in m, RCM registered from the start (the instrument is already in the patient), or None.
+        trocars: positions (3,) in base in m, by name; the name "" means the only trocar of the mechanism. A trocar of
+            the mechanism without an entry has its drawn position.
+        rcm: RCM (3,) in base in m if it is registered from the start (instrument already in the patient), else None.
         free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
             directions in which the robot cannot move; every waypoint must be a pose that the robot can assume.
         patient: place of the patient, or None; if None, `no_patient` may give the reason.
@@ -114,7 +114,7 @@ class Protocol:
     def first_rcm(self) -> Array | None:
         """The RCM (3,) in base in m that the motion needs first.
 
-        If the protocol has an unnamed trocar or an RCM, this position is returned. Otherwise, the position follows from
+        If the protocol has an unnamed trocar or an RCM, its position is returned. Otherwise, the position follows from
         the first phase that names a trocar (position of the trocar) or is an insertion (waypoint at its start). None if
         the protocol has no RCM, or if only the mechanism defines the position of its trocar.
         """

@@ -254,9 +254,10 @@ def pose_of(waypoints: Mapping[str, Waypoint], name: str, protocol: str) -> tupl
 
 @dataclass(frozen=True)
 class End:
-    """State at the end of a phase: angles, position and RCM (3,), waypoint, RCM mode, and depth in m; see `Begin`.
+    """State at the end of a phase; `angles`, `tip`, `rcm` and `mode` are those of `Begin`, but at the end.
 
-    `depth0` is the depth in m at the start, if the phase registers an RCM there; None: the depth is unchanged.
+    `waypoint` is the name of the waypoint at the end, or None. `depth1` is the depth in m at the end. `depth0` is the
+    depth in m at the start if the phase registers an RCM there; None: the depth there is `Begin.depth`.
     """
 
     angles: Array
