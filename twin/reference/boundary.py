@@ -52,7 +52,7 @@ Status = Literal["agrees", "disagrees", "not judged"]
 
 
 class Stated(Protocol):
-    """Reach margins, singularity measures and aspects (rows) of a formula; see `twin.kinematics.margins.Margins`."""
+    """Rows of a formula (reach margins, singularity measures, aspects); see `twin.kinematics.margins.Margins`."""
 
     names: tuple[str, ...]
     symbols: tuple[str, ...]
@@ -65,15 +65,15 @@ class Stated(Protocol):
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:
-        """Return (k,) bool: whether the equations give the active (and, with `passive`, the passive) joint values."""
+        """Return (k,) bool: whether the equations reproduce each state (with `passive`: also its passive joints)."""
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the r reach margins (k, r) in m at tool poses, from the equations alone; negative: out of reach."""
+        """Return the r reach margins (k, r) in m at tool poses, from the equations alone; negative if out of reach."""
         ...
 
     def fails(self, s: Run) -> Array:
-        """Return the largest joint rate per rate of the pose (k,), from the formula; infinite at its singularities."""
+        """Return (k,) the largest joint rate per unit rate of the pose, from the formula; infinite if singular."""
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:
@@ -110,15 +110,15 @@ class Boundary:
     def __init__(self, model: ReferenceModel, stated: Stated, states: Array) -> None:
         """Set up the search.
 
-        `stated` are the margins and measures of the formula; the search begins around the configurations `states` (k,
-        nq).
+        `stated` contains the margins and measures of the formula. The search begins around the configurations `states`
+        (k, nq).
         """
         self.model, self.stated = model, stated
         some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]
         run = model.collect(some)
         self._given = run
         self.motions = Degeneracy(model, some)
-        self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong (reported elsewhere)
+        self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong; reported elsewhere
         good = stated.valid(run, self._whole)
         self._drawn = some[good]
         self._why = "" if good.any() else "there is no state at which the equations agree with the joint values"

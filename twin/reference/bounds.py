@@ -169,7 +169,7 @@ class Grid:
         marked = np.ones(shape, bool)
         marked[tuple(np.rint((middles - start) / cell).astype(np.intp).T)] = False
         steps = np.asarray(distance_transform_edt(marked), float)
-        # a piece's centre is within half a cell's diagonal of its marked node; its points are within `spread` of it
+        # a piece's centre is within half a cell's diagonal of its node; its points are within `spread` of its centre
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         # near the surface: distance from the nearest centre minus `spread`; the centre is a point of the surface
         near = np.argwhere(steps <= _BAND)
@@ -202,8 +202,8 @@ def balls_of(triangles: Array) -> Array:
 def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Return named arrays from the user's cache folder; if they are not there, make them and store them there.
 
-    The key is a hash of the triangles. A file that cannot be read is made again; a cache that cannot be written is not
-    an error.
+    The key is a hash of the triangles. Arrays of a file that cannot be read are made again; a cache that cannot be
+    written is not an error.
     """
     digest = hashlib.sha256(f"{kind} {_VERSION} {triangles.shape}\n".encode())
     digest.update(np.ascontiguousarray(triangles, np.float64).data)

@@ -45,7 +45,7 @@ def nearest(found: Iterable[Certificate]) -> Certificate:
 
 
 def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, check: Callable[[], None]) -> Certificate:
-    """Return a proven lower bound of the distances of the pairs `which` (n,) along a path.
+    """Return the smallest distance, with a proven lower bound, of the pairs `which` (n,) along a path.
 
     Args:
         seen: the path with its stations.

@@ -291,12 +291,13 @@ class ReferenceModel:
         return self._in_turns(start, q, lambda x: self._reach(x, q, self._move_driven))
 
     def _in_turns(self, start: Array, q: Array, reach: Callable[[Array], Array]) -> Array:
-        """Return `reach(x)` for x = `start` unwound towards q (n,); if blocked, for the x with the turns nearest to q.
+        """Return `reach(x)`, where x is `start` with driven joints changed by full turns towards q (n,).
 
-        Unwinding by full turns changes no pose; see `_unwound`.
+        Full turns change no pose. First, x is the result of `_unwound` with its default; if `reach` fails for this x,
+        the number of turns is the one that brings x nearest to q.
 
         Raises:
-            AssemblyError: `reach` fails for both.
+            AssemblyError: `reach` fails for both x.
         """
         direct, nearest = self._unwound(start, q), self._unwound(start, q, np.rint)
         try:
@@ -362,7 +363,7 @@ class ReferenceModel:
         return x if away is None else away
 
     def _depart(self, x: Array, target: Array, move: Move) -> Array | None:
-        """Return a state at the target, found by random steps from x, where Newton steps fail; None if not found."""
+        """Return a state at the target, reached by random steps from x (where Newton steps fail); None if not found."""
 
         def way(new: Array) -> float:
             far = self.jumps(x[None], new[None])[0]
@@ -371,7 +372,7 @@ class ReferenceModel:
         return departing.depart(self.tree, x, lambda X: move(X, np.array([target] * len(X)))[0], way)
 
     def _misfits(self, X: Array, targets: Array) -> Array:
-        """Return the misfit (k,): the largest loop gap in m or, for tool poses, the larger of gap and pose error."""
+        """Return the misfit (k,): the largest loop gap in m; for tool poses, the maximum of gap and pose error."""
         poses, _ = self.tree.update(X, closing_only=True)
         gap = self.tree.loops.gaps(X, poses)[..., 0].max(axis=1, initial=0.0)
         if targets.ndim == 3:

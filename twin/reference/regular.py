@@ -1,7 +1,7 @@
 """Regularity of a closed state: rank of the loop Jacobian in the passive joints, compared with nearby states.
 
-If the rank is lower than nearby, assembly modes meet (stretched links, cranks in line). The passive joints can then
-follow either mode, Newton's method has no unique direction, and small motions of the driven joints fail.
+If the rank is lower than at nearby states, assembly modes meet (stretched links, cranks in line). The passive joints
+can then follow either mode, Newton's method has no unique direction, and small motions of the driven joints fail.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Regularity:
 
 
 def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularity]:
-    """Return the regularity of each closed state (nq,); `usual` is the largest rank at all these and near the first."""
+    """Return the regularity of closed states (nq,); `usual` is the largest rank at these states and near the first."""
     beside = closed_beside(model, states[0])
     every = [_values(model, x) for x in (*states, *beside)]
     ranks = [int((s > _RANK * max(s[0], 1e-12)).sum()) if len(s) else 0 for s in every]

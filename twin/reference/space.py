@@ -114,7 +114,7 @@ class JointSpace:
         return out
 
     def interruptible(self, check: Callable[[], None]) -> JointSpace:
-        """Return the same space, whose tests call `check` every few milliseconds; an exception of `check` ends a test.
+        """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test.
 
         Shapes and stored distances are shared.
         """
@@ -188,7 +188,7 @@ class JointSpace:
         return ok
 
     def clearances(self, q: Array, most: float) -> Array:
-        """Return lower bounds (k,) in m, at most `most`, of the smallest distance at joint values q (k, n).
+        """Return lower bounds (k,) in m of the smallest distance between bodies at q (k, n); each is at most `most`.
 
         Pairs of bodies of the mechanism that are nearer than twice the clearance in the rest poses are not included.
         Where loops do not close, the value is 0.
@@ -341,7 +341,7 @@ class JointSpace:
         return Stations(path, self._closing, s, X, speeds_at, moved)
 
     def _same(self, x: Array, q: Array) -> bool:
-        """Return whether x is in the assembly mode already stored for joint values q; store x if none is stored."""
+        """Return whether x is in the assembly mode of the state stored for q; if none is stored, store x."""
         known = self._closing.known(q)
         if known is None:
             self._closing.keep(q[None], x[None])
@@ -518,7 +518,7 @@ class JointSpace:
     def certify_each(
         self, path: Callable[..., Array], group: Callable[[str, str], str], within: float = 0.5 * MM
     ) -> dict[str, Certificate]:
-        """Return the result of `certify` for each group of pairs, by name; `group(a, b)` names the group of two bodies.
+        """Return the result of `certify` for each group of pairs; `group(a, b)` is the group name of bodies a, b.
 
         Raises:
             MechanismError: as in `certify`.

@@ -23,7 +23,7 @@ _JOINT_MODELS = {
 
 
 def _depth_first(mechanism: Mechanism) -> Iterator[Joint]:
-    """Yield the joints of the tree branch by branch; Pinocchio's mass matrix requires consecutive subtrees."""
+    """Yield the joints of the tree depth first; Pinocchio's mass matrix requires consecutive numbers in a subtree."""
     beyond: dict[str, list[Joint]] = {}
     for joint in mechanism.tree:
         beyond.setdefault(joint.parent, []).append(joint)
