@@ -137,7 +137,7 @@ def around(
 
 
 def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
-    """Return a function that raises an error once `cancelled` is true."""
+    """Return a function that raises `CancelledError` if `cancelled` returns True."""
 
     def check() -> None:
         if cancelled():

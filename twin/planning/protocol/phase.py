@@ -277,7 +277,7 @@ class Phase(ABC):
         type: value of `type` in the file.
         registers: whether the phase registers an RCM at its start.
         places: whether the phase is a straight motion to a waypoint `to`, outside the patient.
-        by_joints: whether the phase moves the driven joints if its waypoint has joint values.
+        by_joints: whether the phase is a motion in joint space if its waypoint has joint values.
         has_length: whether the end of the phase must differ from its start.
     """
 

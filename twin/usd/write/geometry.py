@@ -16,7 +16,7 @@ from twin.usd import gf
 from twin.usd.write.layers import Leaves, describe, new_layer, save
 
 CREASE = 30 * DEG
-"""Angle in rad between two faces below which their normals are averaged: bores look smooth, edges stay visible."""
+"""Angle in rad between two faces, below which their normals are averaged: bores look smooth, edges stay visible."""
 
 RESERVED = {"joints", "materials"}
 """Names of the scopes below the robot's prim; bodies must not have these names."""

@@ -78,7 +78,7 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
     for name, p in moved.items():
         place = f"/{mechanism.name}/joints/{name}.physics:localPos0"
         layer.GetAttributeAtPath(_attribute(layer, place, Sdf.ValueTypeNames.Point3f)).default = gf.vec3f(p)
-    # At home the robot does not pass through these trocars: the rest pose is the first pose of the motion instead.
+    # In its home pose, the robot does not pass through these trocars: use the first pose of the motion as rest pose.
     for path, values in samples if moved else ():
         layer.GetAttributeAtPath(path).default = values[0]
     save(layer, layer_path)
