@@ -77,10 +77,10 @@ def distances(
     """Return the distances of each pair of arms over time.
 
     Args:
-        arms: mechanism, and T_world_base (4, 4), by name of the arm.
+        arms: (mechanism, T_world_base (4, 4)) of each arm, by name of the arm.
         q: joint values (k, n) of each arm in m or rad.
         t: (k,) times in s.
-        check: called between the steps; its exception ends the computation.
+        check: called between the steps; an exception of `check` ends the computation.
     """
     rows = np.unique(np.linspace(0, len(t) - 1, min(_SHOWN, len(t))).round().astype(int))
     poses = {}

@@ -223,8 +223,8 @@ def improved(
 ) -> Way:
     """Continue a search in rounds, each with twice as many samples, up to `samples`; return the best way found.
 
-    In each round, shortcuts are tried `_POLISHED` times as often as for a first path. With `informed`, samples through
-    which the path cannot become shorter are left out (`Search.inform`). `record` is called after each round with the
+    In each round, shortcuts are tried `_POLISHED` times as often as for a first path. With `informed`, samples that
+    cannot make the path shorter are left out (`Search.inform`). `record` is called after each round with the
     tree, the cost, and the corners (k, n) of the best way.
     """
     count, best = search.count, way

@@ -89,7 +89,7 @@ class Search:
             goal: (n,) joint values at the goal, free of collisions.
             box: (n, 2) lower and upper bounds of the samples; a joint with equal bounds does not move.
             rng: random generator; the same seed gives the same path.
-            cost: what the path minimises; None: its length. A connection that is not allowed has an infinite cost.
+            cost: what the path minimises; None: the length of the path. A forbidden connection has infinite cost.
 
         Raises:
             ProtocolError: start, goal or box have values that are not finite, or start or goal are not in the box.
@@ -123,7 +123,7 @@ class Search:
         """Return the corners (k, n) of the shortest path found; None if no path was found.
 
         Free samples are added until the search has `samples` free samples. After `inform`, samples through which no
-        path can be shorter are left out.
+        path can be shorter than the path of `inform` are left out.
 
         `progress` is called with the fraction done: 0 to 0.5 while samples are drawn, 0.5 to 1 while the tree grows. An
         exception raised by `progress` ends the search.

@@ -72,7 +72,7 @@ def given(
     state: Array,
     where: str,
 ) -> tuple[Given, Array, Array]:
-    """Return (phase of samples, driven joint values (n,) at its end, state (nq,) at its end).
+    """Return (the phase, driven joint values (n,) at the end of the phase, state (nq,) at the end of the phase).
 
     Args:
         path: the phase.

@@ -32,7 +32,7 @@ class PhasePath(Course):
 
     Attributes:
         phase: the phase of the protocol.
-        waypoint: name of the waypoint at its end; None if there is none.
+        waypoint: name of the waypoint at the end of the phase; None if there is none.
         extra_joints: auxiliary joints: (index in q, value at the start, value at the end), in m or rad.
     """
 

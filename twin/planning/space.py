@@ -38,8 +38,8 @@ class Certificate(Interface):
 class Space(Interface):
     """Joint values within limits, with tests for collisions.
 
-    A search needs no robot, only this interface. Other spaces (poses of a tool, two robots at once) can be searched by
-    other classes with these methods.
+    A search needs no robot, only this interface. Other spaces (poses of a tool, two robots at once) can be searched if
+    a class implements these methods for them.
     """
 
     def interruptible(self, check: Callable[[], None]) -> Space:

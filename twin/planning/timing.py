@@ -1,7 +1,7 @@
 """Compute the time-optimal timing of a path within limits.
 
 Solvers have absolute tolerances, with which moves of micrometres would fail or lose accuracy. Every problem is
-therefore made dimensionless first: time is relative to the shortest possible duration, coordinates to their
+therefore made dimensionless first: time is divided by the shortest possible duration, each coordinate by its
 acceleration limit. A move of 1 um is then the same problem as a move of 1 m. The built-in solver (`topp`) is used
 first; if it fails, the package toppra is used, and the result names the solver. Between grid points the limits may
 still be exceeded a little. Each result is therefore checked within every grid interval, the grid is refined, and the
@@ -214,7 +214,7 @@ def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Ar
 
 
 def _peaks(grid: Array, rates: Array, load: Load) -> tuple[float, float]:
-    """Return the largest relative speed and the largest relative acceleration, also between grid points."""
+    """Return the largest speed and acceleration, each divided by its limit; points between grid points are included."""
     f = np.linspace(0.0, 1.0, _INSIDE)  # both ends: the path acceleration jumps at grid points
     s = (grid[:-1, None] + np.diff(grid)[:, None] * f).ravel()
     squares = rates**2

@@ -1,7 +1,7 @@
 """Several arms at once, by priority: each further arm moves while the earlier arms follow their common path.
 
 M. Erdmann, T. Lozano-Perez, "On multiple moving objects", Algorithmica 2, 1987: the arms are planned one after the
-other, and time is a coordinate of each search after the first. Here, the coordinate is u, the fraction (0 to 1) of
+other, and time is a coordinate of each search after the first. Here, u replaces time: the fraction (0 to 1) of
 their path that the earlier arms have covered. u must not decrease: the earlier arms may wait for the new arm, but they
 neither leave their path nor go back. The result is one path of all arms. Bodies of all arms are tested along this whole
 path, so that the path is free of collisions with any timing.
@@ -144,7 +144,7 @@ class Behind(Space):
         return self.free_along(self.steer(a, b))
 
     def free_along(self, path: Path) -> bool:
-        """Return whether a path is free of collisions, and the earlier arms never move backwards on it."""
+        """Return whether no collision occurs on a path, and the earlier arms never move backwards."""
         if np.diff(path(np.linspace(0.0, 1.0, _SAMPLES))[:, -1]).min() < -ROUNDING:
             return False
         return all(self.whole.free_along(part) for part in self._parts(path))

@@ -213,7 +213,7 @@ class PhaseSpan:
         start, stop: indices of the first and the last sample, both included.
         t0, t1: times of these samples in s.
         waypoint: name of the waypoint at the end; None if there is none.
-        rcm: (3,) registered RCM in base in m; None if there is none.
+        rcm: (3,) registered RCM in m, in base; None if there is none.
         rcm_mode: "enforced", "monitored" or None.
         depth0, depth1: depth in m at both ends; NaN without RCM.
         optimal: optimal duration in s, before slowing down and rounding up.
@@ -306,7 +306,7 @@ class Trajectory:
 
     @property
     def rcm(self) -> Array:
-        """Registered RCM (k, 3) in base in m; NaN where there is none."""
+        """Registered RCM (k, 3) in m, in base; NaN where there is none."""
         out = np.full((len(self.t), 3), np.nan)
         for span in self.phases:
             if span.rcm is not None:

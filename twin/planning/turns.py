@@ -24,7 +24,7 @@ def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
     Args:
         course: start and end of the phase.
         phase: name of the phase.
-        waypoint: the waypoint at its end; if it has joint values, nothing is returned.
+        waypoint: the waypoint at the end of the phase; the result is empty if this waypoint has joint values.
     """
     out, where = [], f"waypoint '{waypoint.name}'"
     if waypoint.joints is not None:

@@ -1,10 +1,10 @@
 """Bounds of the distance between two surfaces, computed from balls and a grid of distances, for many poses at once.
 
-The first surface is covered by balls. For the second surface, lower bounds of the distance from it are stored on a grid
-in its own frame. For a ball, let v be the stored value at its centre, and r its radius. The distance of the surfaces is
-at least the minimum of v - r over all balls. As each ball contains a part of the first surface, the distance is also at
-most v + r plus the error of v, for any ball. A look-up (`lookup`) takes nanoseconds; computing the distance of two
-meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept on disk.
+The first surface is covered by balls. For the second surface, a grid in the frame of this surface stores lower bounds
+of the distance from the surface. For a ball, let v be the stored value at its centre, and r its radius. The distance of
+the surfaces is at least the minimum of v - r over all balls. As each ball contains a part of the first surface, the
+distance is also at most v + r plus the error of v, for any ball. A look-up (`lookup`) takes nanoseconds; computing the
+distance of two meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept on disk.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.core.units import MM
 from twin.reference.lookup import BALL, GRID, PAIR, look_up
 
 _NODES = 400_000
-"""Approximate number of grid nodes in the bounding box of a surface; it determines the edge of a cell."""
+"""Approximate number of grid nodes in the bounding box of a surface; this number determines the edge of a cell."""
 
 _CELL = (0.15 * MM, 6 * MM)
 """Smallest and largest edge of a grid cell in m."""
@@ -250,7 +250,7 @@ class Bounds:
         self._table = np.zeros((len(pairs), PAIR), np.int64)
 
     def load(self, pairs: np.ndarray) -> None:
-        """Load the grids and balls of `pairs` (n,) from the cache, or make them; otherwise `at` does so when called."""
+        """Load the grids and balls of `pairs` (n,) from the cache, or make them, before `at` requires them."""
         new = np.unique(pairs[~self._ready[pairs]])
         grids, values, size = [self._grids], [self._values], len(self._values)
         for n in (int(n) for n in np.unique(self._pairs[new, 0]) if int(n) not in self._grid):

@@ -177,7 +177,7 @@ def _contacts(
 
 
 _EVERY = 5
-"""Interval, in samples, of the checks of parts of jointed bodies; their relative motion is slow."""
+"""Interval in samples between tests of the parts of jointed bodies, whose relative motion is slow."""
 
 
 def _way(a: Shape, b: Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:

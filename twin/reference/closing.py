@@ -44,7 +44,7 @@ _ENOUGH = 1e-14
 """Sum of squares of loop gaps in m2 that is small enough for a search."""
 
 _FLOOR = 1e-12
-"""Damping of the linear equations of the rates, relative to their mean diagonal; see `newton`."""
+"""Damping of the linear equations of the rates, relative to the mean diagonal of the matrix; see `newton`."""
 
 _KNOWN = 20_000
 """Maximum number of stored states that were not reached in small steps; if exceeded, the older half is dropped."""
@@ -187,7 +187,7 @@ class Closing:
         return self._tree.loops.evaluate(X, poses, self._tree.columns(poses))
 
     def rates(self, X: Array) -> Array:
-        """Return the rates of the tree (k, nv, n) per rate of each driven joint at closed configurations X (k, nq)."""
+        """Return the rates of tree joints (k, nv, n) per rate of each driven joint at closed configurations (k, nq)."""
         tree = self._tree
         out = np.zeros((len(X), tree.model.nv, len(tree.active)))
         out[:, tree.active] = np.eye(len(tree.active))

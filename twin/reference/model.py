@@ -230,7 +230,7 @@ class ReferenceModel:
     def motion(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
         """Return (V, dV/dt, G): velocities and accelerations of the tree (k, nv) with closed loops, gains G (k, nv, n).
 
-        V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V). A is the loop Jacobian; A_p are its columns of the passive joints.
+        V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V). A is the loop Jacobian, A_p its columns for the passive joints.
         The equations of the passive joints are solved in the least-squares sense. `states` are configurations (k, nq);
         qd and qdd (k, n) are rates and accelerations of the active joints.
         """
@@ -329,7 +329,7 @@ class ReferenceModel:
         return minimise(self.tree, X, posed(self.tree, Ts), np.arange(self.tree.model.nv))
 
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
-        """Return the configuration at the target, reached from x in steps in which no coordinate jumps."""
+        """Return the configuration at the target, reached from x in steps of at most `_JUMP` in every coordinate."""
         start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
         origin, misfit = x, np.inf
         s, step = 0.0, 1.0 / max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
@@ -466,7 +466,7 @@ class ReferenceModel:
         return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))
 
     def gains(self, states: Array, A: Array | None = None) -> Array:
-        """Return the rates of the tree (k, nv, n) per rate of each active joint; passive joints by least squares."""
+        """Return the rates of tree joints (k, nv, n) per rate of each active joint, for passive joints by least squares."""
         A = self._jacobians(states)[0] if A is None else A
         active = self.tree.active
         gain = np.zeros((len(A), self.tree.model.nv, len(active)))

@@ -1,7 +1,7 @@
 """The pairs of bodies that could collide while a mechanism moves among obstacles, with tests of their distance.
 
-Tests from cheap to expensive: boxes along the axes of base; bounds from balls and a grid of distances (`bounds`), for
-many states at once; convex hulls; the meshes, by coal, for pairs that the bounds do not decide.
+The tests, from cheap to expensive, use boxes along the axes of base; bounds from balls and a grid of distances
+(`bounds`), for many states at once; convex hulls; the meshes, by coal, for pairs that the bounds do not decide.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _GJK = 1e-5
 """Maximum excess in m of a computed hull distance over the true distance."""
 
 SEARCHED = 2 * MM
-"""Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
+"""Radius in m of balls that are small enough for a search; a found path is tested with smaller balls."""
 
 _FEW = 3
 """Maximum number of revolute joints between two bodies for which results are stored in cells (see `Pairs.closer`)."""

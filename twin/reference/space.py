@@ -305,7 +305,7 @@ class JointSpace:
         return self._closing.placed(q)
 
     def _count(self, path: Callable[..., Array]) -> int:
-        """Return the number of stations of a path; between two of them, no driven joint moves more than `_STATION`."""
+        """Return the number of stations of a path; from one to the next, no driven joint moves more than `_STATION`."""
         coarse = path(np.linspace(0.0, 1.0, 65))
         return max(int(np.ceil(64 * (np.abs(np.diff(coarse, axis=0)) / self._steps).max(initial=0.0))) + 1, 2)
 
@@ -314,7 +314,7 @@ class JointSpace:
         return np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
 
     def _stations(self, path: Callable[..., Array]) -> Stations | None:
-        """Return the stations of a path; None if it exceeds limits, is not allowed, or its loops open."""
+        """Return the stations of a path; None if limits are exceeded, a state is not allowed, or the loops open."""
         fine = np.linspace(0.0, 1.0, _FINE + 1)
         q = path(fine)
         if not self._within(q).all():
@@ -352,7 +352,7 @@ class JointSpace:
     # -- distances ------------------------------------------------------------------------------------
 
     def _clear(self, seen: Stations) -> bool:
-        """Return whether all pairs have the required distance where tested, and half of it along the whole path."""
+        """Return whether all pairs have the required distance at the tested s, and half of this distance at all s."""
         if len(self._pairs) and self._pairs.near(seen.X).any():
             return False
 
@@ -367,7 +367,7 @@ class JointSpace:
         *,
         exact: bool = True,
     ) -> np.ndarray:
-        """Return (count,) bool: whether all pairs have the required distance where tested, and half of it elsewhere.
+        """Return (count,) bool: whether all pairs have the required distance at the tested s, and half of it at all s.
 
         If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
 
@@ -494,7 +494,7 @@ class JointSpace:
 
     @property
     def _gain(self) -> Array:
-        """Rates (nv, n) of the tree per rate of each driven joint, of a mechanism without loops."""
+        """Rates (nv, n) of the tree joints per rate of each driven joint, for a mechanism without loops."""
         assert self._closing.linear is not None
         return self._closing.linear[0]
 
@@ -511,7 +511,7 @@ class JointSpace:
             within: accepted difference in m between the smallest distance found and the bound.
 
         Raises:
-            MechanismError: the path exceeds joint limits, `keep` excludes a state, or loops do not close along it.
+            MechanismError: the path exceeds joint limits, `keep` excludes a state, or the loops open.
         """
         return nearest(self.certify_each(path, lambda a, b: "", within).values())
 

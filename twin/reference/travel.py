@@ -46,7 +46,7 @@ class Reach:
         self._slides = [(model.joints[n].idx_q, where) for n, where in adds.items() if where.any()]
 
     def _above(self, number: int) -> list[int]:
-        """Return a joint and all joints between it and the base."""
+        """Return the joint `number` and all joints between this joint and the base."""
         out = []
         while number:
             out.append(number)

@@ -210,7 +210,7 @@ class Tree:
         return J
 
     def step(self, X: Array, steps: Array) -> Array:
-        """Return configurations (k, nq) after tangent steps (k, nv); faster than `integrate` for many of them."""
+        """Return configurations (k, nq) after tangent steps (k, nv); faster than `integrate` for large k."""
         out = np.empty_like(X)
         for _, kind, place, column in self._chain:
             if kind in ("JointModelRZ", "JointModelPZ"):
@@ -227,7 +227,7 @@ class Tree:
         return self.unit(out)
 
     def unit(self, X: Array) -> Array:
-        """Return configurations (k, nq) with normalised quaternions; faster than `normalise` for many of them."""
+        """Return configurations (k, nq) with normalised quaternions; faster than `normalise` for large k."""
         X = X.copy()
         for place in self.quaternions:
             X[:, place : place + 4] /= np.linalg.norm(X[:, place : place + 4], axis=1, keepdims=True)
@@ -259,7 +259,7 @@ class Tree:
         return np.array([pin.integrate(self.model, x, v) for x, v in zip(X, steps, strict=True)])
 
     def normalise(self, X: Array) -> Array:
-        """Return configurations (k, nq) with normalised quaternions; interpolation changes their length."""
+        """Return configurations (k, nq) with normalised quaternions, for use after interpolation."""
         return np.array([pin.normalize(self.model, x) for x in X])
 
     def tool(self, poses: Array) -> Array:

@@ -82,9 +82,9 @@ class Protocol:
         limits: limits of each phase type in use, by type.
         tolerances: tolerances of the finished trajectory.
         rotation: axes of the three angles of a waypoint, in order, such as "zyx".
-        trocars: positions (3,) in base in m, by name; the name "" means the only trocar of the mechanism. A trocar of
+        trocars: positions (3,) in m, in base, by name; the name "" means the only trocar of the mechanism. A trocar of
             the mechanism without an entry has its drawn position.
-        rcm: RCM (3,) in base in m if it is registered from the start (instrument already in the patient), else None.
+        rcm: RCM (3,) in m, in base, if it is registered from the start (instrument already in the patient), else None.
         free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
             directions in which the robot cannot move; every waypoint must be a pose that the robot can assume.
         patient: place of the patient, or None; if None, `no_patient` may give the reason.
@@ -112,7 +112,7 @@ class Protocol:
 
     @property
     def first_rcm(self) -> Array | None:
-        """The RCM (3,) in base in m that the motion needs first.
+        """The first RCM (3,) that the motion needs, in m, in base.
 
         If the protocol has an unnamed trocar or an RCM, its position is returned. Otherwise, the position follows from
         the first phase that names a trocar (position of the trocar) or is an insertion (waypoint at its start). None if
@@ -130,7 +130,7 @@ class Protocol:
         return None
 
     def places_of(self, trocars: Sequence[str]) -> dict[str, Array]:
-        """Return the positions that the protocol assigns to the mechanism's trocars: (3,) in m in base, by name.
+        """Return the position (3,) in m, in base, that the protocol assigns to each trocar of the mechanism, by name.
 
         Args:
             trocars: names of the mechanism's trocars.

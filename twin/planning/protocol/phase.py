@@ -100,7 +100,7 @@ class Walk:
         return self._folder / name
 
     def text(self, path: Path, kind: str) -> str:
-        """Return the text of a file; `kind` is its kind in `core.foreign.budget`, which limits its size.
+        """Return the text of a file; the size is limited by the budget of this `kind` (`core.foreign.budget`).
 
         Raises:
             OSError, UnicodeDecodeError: the file cannot be read.
@@ -204,7 +204,7 @@ class Begin:
             known tool pose.
         angles, tip: (3,) orientation in rad and (3,) position in m of the moved frame.
         shaft: (3,) unit vector along the shaft in base.
-        rcm: (3,) registered RCM in base in m, or None.
+        rcm: (3,) registered RCM in m, in base, or None.
         depth: depth in m; NaN without RCM.
         mode: RCM mode of the previous phase, or None.
     """
@@ -297,7 +297,7 @@ class Phase(ABC):
         """
 
     def motion(self, course: Course, s: Array) -> Motion:
-        """Return the motion of the phase at the path parameters s (k,): a straight line, unless a type overrides it."""
+        """Return the motion of the phase at s (k,): along a straight line, unless a type overrides this method."""
         return course.line(s)
 
     def depth_at(self, course: Course, s: float) -> float:

@@ -31,7 +31,7 @@ than `_FAR`."""
 
 
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
-    """Yield a warning for each number that is implausible in its unit but usual in another."""
+    """Yield a warning for each number that is implausible in its unit but usual in another unit."""
     for name, w in table.waypoints.items():
         if w.angles_deg is not None and _radians(w.angles_deg):
             shown = ", ".join(f"{a:g}" for a in w.angles_deg)

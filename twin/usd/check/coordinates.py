@@ -28,7 +28,7 @@ RADIAN_LOOKS = tuple(np.pi * f for f in (2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3
 """Values of typical limits in radians; such values are unusual for limits in degrees."""
 
 RADIAN_SPEED = 4 * np.pi
-"""Value up to which a maximum speed is probably in rad/s; in degrees per second, it would be very low."""
+"""A maximum speed up to this value is probably in rad/s, because this speed in degrees per second is very low."""
 
 SPEED_MARGIN = 1.01
 """Factor by which a speed may exceed the maximum, because finite differences between samples have an error."""

@@ -162,7 +162,7 @@ def _shape(name: Sdf.ValueTypeName) -> tuple:
 
 
 def _refuse_unknown_types(scene: Scene) -> None:
-    """Raise `StageError` if the type of an attribute is unknown or differs from its schema: USD would misread it."""
+    """Raise `StageError` if an attribute has an unknown type, or not that of its schema; USD would misread values."""
     for layer in scene.stage.GetUsedLayers():
 
         def check(path: Sdf.Path, layer: Sdf.Layer = layer) -> None:

@@ -253,7 +253,7 @@ def _write_joint(
 
 
 def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> None:
-    """Rotate the child frame of a ball joint in the tree so that its two frames coincide at the written poses.
+    """Rotate the child frame of a ball joint in the tree so that both joint frames coincide at the written poses.
 
     Simulators start the ball joints of an articulation at zero and ignore their joint states (in PhysX, SILS started
     with a gap of 21 mm, SHER with 0.28 m). The original frame is stored in an attribute. A cone is relative to the
