@@ -466,7 +466,7 @@ class ReferenceModel:
         return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))
 
     def gains(self, states: Array, A: Array | None = None) -> Array:
-        """Return the rates of tree joints (k, nv, n) per rate of each active joint, for passive joints by least squares."""
+        """Return the rates (k, nv, n) of tree joints per rate of each active joint; passive rates by least squares."""
         A = self._jacobians(states)[0] if A is None else A
         active = self.tree.active
         gain = np.zeros((len(A), self.tree.model.nv, len(active)))
