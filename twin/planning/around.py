@@ -26,7 +26,7 @@ _ROUNDS_OF_SHORTCUTS, _SHORTCUTS = 8, 12
 """Number of rounds of shortcuts; number of shortcuts (between pairs of points) that are tried in each round."""
 
 _POLISHED = 5
-"""Number of times that all rounds of shortcuts are repeated when a path is improved."""
+"""Number of passes of `_ROUNDS_OF_SHORTCUTS` rounds each when a path is improved."""
 
 _ENCLOSED = 0.1
 """An end (start or goal) seems to be enclosed if it is connected with less than this fraction of the samples."""

@@ -88,7 +88,7 @@ COSTS: Mapping[str, Callable[[Space], Cost]] = MappingProxyType(
         "clearance": clearance,
     }
 )
-"""Functions that return a cost for a space, by the name of the cost in a protocol."""
+"""{name of a cost in a protocol: function of a space that returns this cost}."""
 
 UNITS: Mapping[str, str] = MappingProxyType({"length": "m", "acceleration": "m2/s3", "weighted": "", "clearance": "m"})
 """Unit of each cost; "" for the sum of two units."""

@@ -418,7 +418,7 @@ def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool
 
 
 def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str) -> tuple[PhasePath, ...]:
-    """Return the phases with the values of the auxiliary joints; each joint moves only in phases that name it.
+    """Return the phases with the values of the auxiliary joints; each joint moves only in phases that name the joint.
 
     Raises:
         ProtocolError: an auxiliary phase moves no joint, or a joint that is not auxiliary.

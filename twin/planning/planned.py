@@ -38,7 +38,7 @@ class Planned(Result):
 
     @property
     def rounds(self) -> Mapping[str, Rounds]:
-        """Rounds of the search for a path around obstacles, by name of the phase; none for phases without a search."""
+        """{name of the phase: rounds of the search for its path}; phases without a search are missing."""
         return {p.name: p.rounds for p in self.trajectory.phases if p.rounds is not None}
 
     def content(self) -> Mapping[str, Any]:

@@ -37,9 +37,9 @@ class CommonPhase:
         seen: minimum distance along the whole phase, over all tested pairs of bodies (arms and scene).
         near: minimum distance for each kind of pair in `KINDS` (two different arms, one arm, arm and scene); kinds
             without bodies to test are missing.
-        rounds: rounds of the search for each arm's path, by name of the arm; empty if no arm needed a search. A
-            later arm is searched in its joint values and the progress of the earlier arms; the path lengths in `rounds`
-            include both.
+        rounds: {name of the arm: rounds of the search for its path}; empty if no arm needed a search. The
+            path of a later arm is searched over the arm's joint values and the progress of the earlier arms; path
+            lengths in `rounds` include both.
     """
 
     name: str
@@ -61,7 +61,7 @@ class PlannedTogether(Result):
         order: names of the arms in the order of priority.
         t: (k,) times in s, one series for all arms.
         phases: the phases.
-        checked: findings of the check of every sample of each arm, by name of the arm.
+        checked: {name of the arm: findings of the check of every sample}.
         apart: distances of each pair of arms over time.
     """
 

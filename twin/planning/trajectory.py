@@ -118,7 +118,7 @@ class PathKinematics:
         joint_names: names of the n active joints, in the order of q.
         inverse: T_base_tool (k, 4, 4) -> q (k, n) in m or rad; rows without solution are NaN.
         reach: T_base_tool (k, 4, 4) -> margins (k,) in m, by limb; at least 0 where reachable.
-        singularity: T_base_tool (k, 4, 4), q (k, n) -> measures (k,) by name; each is 0 at a singularity.
+        singularity: T_base_tool (k, 4, 4), q (k, n) -> {name: measure (k,)}; a measure is 0 at a singularity.
         singularity_alarm: absolute value below which a measure is reported, by the beginning of the measure's name.
         lower, upper: (n,) hard limits in m or rad, never exceeded.
         soft_lower, soft_upper: (n,) limits in m or rad; exceeding them causes a warning.
@@ -132,7 +132,7 @@ class PathKinematics:
         carrier: the mechanism, for phases whose path it determines; None: not available.
         space: (scene or "", clearance in m, additional test) -> joint space in which the path of a free phase is
             searched; None: not available.
-        auxiliary: values of the auxiliary joints as drawn, in m or rad, by name; `inverse` returns these.
+        auxiliary: {name: value as drawn, in m or rad} of the auxiliary joints; `inverse` returns these values.
         takes: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always true. If
             false (fewer than six degrees of freedom, or no equations), the mechanism determines the path; see
             `following`.
@@ -254,7 +254,7 @@ class Trajectory:
         tip_velocity, tip_acceleration: (k, 3) of the origin of the moved frame, in m/s and m/s2.
         angular_velocity, angular_acceleration: (k, 3) of the moved frame, in rad/s and rad/s2.
         phases: time spans of the phases, in order.
-        waypoints: sample indices at which each waypoint is reached, by name.
+        waypoints: {name of the waypoint: indices of the samples at which it is reached}.
         rcm_error: (k,) distance in m from the RCM to the shaft axis; NaN without RCM.
         depth: (k,) depth in m; NaN without RCM.
         limit_margin: (k, n) distance to the nearer hard limit; negative if the limit is exceeded.

@@ -54,7 +54,7 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
 def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | None:
     """Return the closed assembly nearest to the given values of tree joints; None if the loops cannot be closed.
 
-    `values` contains joint values in m or rad by name; other joints start at the rest poses.
+    `values` is {name of the joint: value in m or rad}; other joints start at the rest poses.
     """
     start = model.tree.start(model.mechanism.rest)
     for name, value in values.items():

@@ -77,7 +77,7 @@ def _radius(triangles: Array) -> float:
 
 
 def _cell(triangles: Array) -> float:
-    """Return the edge in m of a cell of the grid around the surface of triangles (k, 3, 3)."""
+    """Return the edge length in m of the grid cells for the surface of triangles (k, 3, 3)."""
     size = np.ptp(triangles.reshape(-1, 3), axis=0) + _CELL[0]
     return float(np.clip((np.prod(size) / _NODES) ** (1 / 3), *_CELL))
 

@@ -17,7 +17,7 @@ _STEP = 1e-5
 
 
 def holding_efforts(model: ReferenceModel, state: Assembly) -> dict[str, float]:
-    """Return the efforts in N or N m of the active joints, by name, that hold the mechanism at rest in a state.
+    """Return {active joint: effort in N or N m}: the efforts that hold the mechanism at rest in a state.
 
     Bodies without inertia are massless.
 

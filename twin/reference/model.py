@@ -223,7 +223,7 @@ class ReferenceModel:
         )
 
     def link_poses(self, states: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body at configurations (k, nq), by name."""
+        """Return {name: T_base_body (k, 4, 4)} of all bodies at configurations (k, nq)."""
         poses, _ = self.tree.update(states)
         return {b.name: self._link(poses, b.name) for b in self.mechanism.bodies}
 

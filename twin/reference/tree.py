@@ -273,7 +273,7 @@ class Tree:
         return np.concatenate([own[:, :3] - spatial.hat(p) @ own[:, 3:], own[:, 3:]], axis=1)
 
     def start(self, rest: Mapping[str, Array]) -> Array:
-        """Return the configuration (nq,) that is nearest to the rest poses T_base_body (4, 4), by name of the body."""
+        """Return the configuration (nq,) nearest to the rest poses `rest`: {name of the body: T_base_body (4, 4)}."""
         x = pin.neutral(self.model)
         for joint in self.mechanism.tree:
             if joint.type == "fixed" or joint.parent not in rest or joint.child not in rest:

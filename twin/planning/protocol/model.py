@@ -77,12 +77,12 @@ class Protocol:
         frame: name of the moved frame.
         shaft_axis: (3,) unit vector in the moved frame, from the platform to the tip.
         start: name of the first waypoint.
-        waypoints: waypoints by name.
+        waypoints: {name: waypoint}.
         phases: phases in order.
-        limits: limits of each phase type in use, by type.
+        limits: {type of phases: limits}, for all types in use.
         tolerances: tolerances of the finished trajectory.
         rotation: axes of the three angles of a waypoint, in order, such as "zyx".
-        trocars: positions (3,) in m, in base, by name; the name "" means the only trocar of the mechanism. A trocar of
+        trocars: {name: position (3,) in m, in base}; the name "" means the only trocar of the mechanism. A trocar of
             the mechanism without an entry has its drawn position.
         rcm: RCM (3,) in m, in base, if it is registered from the start (instrument already in the patient), else None.
         free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
@@ -130,7 +130,7 @@ class Protocol:
         return None
 
     def places_of(self, trocars: Sequence[str]) -> dict[str, Array]:
-        """Return the position (3,) in m, in base, that the protocol assigns to each trocar of the mechanism, by name.
+        """Return {name: position (3,) in m, in base} of the mechanism's trocars, as assigned by the protocol.
 
         Args:
             trocars: names of the mechanism's trocars.

@@ -61,7 +61,7 @@ class Walk:
 
         Args:
             path: the file, for messages.
-            waypoints: waypoints by name.
+            waypoints: {name: waypoint}.
             trocars: names in [trocars_mm].
             start: name of the waypoint at the start.
             home: name of the waypoint of `home` phases.
@@ -196,7 +196,7 @@ class Begin:
 
     Attributes:
         where: names of protocol and phase, for messages.
-        waypoints: waypoints of the protocol, by name.
+        waypoints: {name: waypoint} of the protocol.
         order: rotation axes of `angles`, in order.
         n_tool_shaft: (3,) unit vector along the shaft, in the tool frame.
         tolerance: largest accepted distance in m between shaft and RCM.

@@ -98,7 +98,7 @@ def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
 
 
 def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> Array:
-    """Return unit normals (3 m, 3), one for each triangle corner, averaged over faces at angles below `crease`.
+    """Return unit normals (3 m, 3), one per triangle corner, averaged over faces that meet at angles below `crease`.
 
     Triangles (m, 3) are indices of vertices (n, 3); normals are averaged only over faces that share a vertex. Angles
     are in rad.

@@ -29,10 +29,10 @@ class Motion:
     Attributes:
         name: identifier of the protocol.
         times_s: times (k,) in s, increasing from 0.
-        link_poses: T_world_body (k, 4, 4) by body; bodies not listed stay at rest.
-        joint_values: coordinate (k,) in m or rad of joints with one coordinate; joints not listed get no samples.
-        trocars: positions (3,) in m, relative to the base frame, of trocars during the motion, by name; trocars not
-            listed are as in the CAD.
+        link_poses: {body: T_world_body (k, 4, 4)}; bodies not listed stay at rest.
+        joint_values: {name: coordinate (k,) in m or rad} of joints with one coordinate; other joints get no samples.
+        trocars: {name: position (3,) in m, in base} of trocars during the motion; trocars not listed are as in the
+            CAD.
     """
 
     name: str
