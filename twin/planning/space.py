@@ -89,7 +89,7 @@ class Space(Interface):
         ...
 
     def certify(self, path: Path) -> Certificate:
-        """Return a proven lower bound of the distance between bodies along a whole path that is free."""
+        """Return a certificate of a free path: a proven lower bound of the distance between bodies along the whole path."""
         ...
 
     def why(self, q: Array) -> str:

@@ -150,7 +150,7 @@ class Behind(Space):
         return all(self.whole.free_along(part) for part in self._parts(path))
 
     def certify(self, path: Path) -> Certificate:
-        """Return a proven lower bound of the distance between bodies of all arms along a whole path that is free."""
+        """Return a certificate of a free path: a proven lower bound of the distance between bodies of all arms."""
         parts = self._parts(path)
         seen = [self.whole.certify(part) for part in parts]
         k = min(range(len(parts)), key=lambda i: seen[i].found)

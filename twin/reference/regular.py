@@ -22,7 +22,7 @@ SINGULAR = 1e-4
 """Value of `Regularity.margin` below which a state is singular."""
 
 _RANK = 1e-6
-"""Relative size below which a singular value counts as zero: its constraint is redundant in all states."""
+"""Singular values below this fraction of the largest one count as zero: the constraint is redundant in all states."""
 
 _BESIDE = (0.03, 0.1, 0.3)
 """Standard deviations of the nearby states: in rad for rotations; for slides, a tenth of these numbers in m."""
