@@ -89,7 +89,7 @@ class Space(Interface):
         ...
 
     def certify(self, path: Path) -> Certificate:
-        """Return a certificate of a free path: a proven lower bound of the distance between bodies along the whole path."""
+        """Return a certificate of a free path: a proven lower bound of the distance between bodies."""
         ...
 
     def why(self, q: Array) -> str:

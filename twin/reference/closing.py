@@ -268,7 +268,7 @@ class Closing:
         return None
 
     def _along(self, q: Array, x: Array, ahead: int, check: Callable[[], None]) -> Array | None:
-        """Return the result of `along` for q (k, n) at the stations; about `ahead` stations are solved one by one first."""
+        """Return the result of `along` for q (k, n) at the stations; about `ahead` stations are solved one by one."""
         X = np.tile(x, (len(q), 1))
         done = np.unique(np.linspace(0, len(q) - 1, min(ahead, len(q) - 1) + 1).astype(int))
         for i, j in pairwise(done.tolist()):
