@@ -17,18 +17,18 @@ from twin.reference.certificate import Certificate
 from twin.reference.clearance import Clearance, between
 
 _SHOWN = 201
-"""Number of times at which the distances between the arms are computed."""
+"""Number of instants at which the distances between the arms are computed."""
 
 
 @dataclass(frozen=True)
 class Apart:
-    """Distances between arms at the times t (k,) in s; the keys of `by_pair` are the names of the two arms."""
+    """Distances of each pair of arms at the times t (k,) in s; each key of `by_pair` names two arms."""
 
     t: Array
     by_pair: Mapping[tuple[str, str], Clearance]
 
     def least(self, t0: float = -np.inf, t1: float = np.inf) -> tuple[float, float, tuple[str, str]]:
-        """Return (smallest distance in m, its time in s, names ARM_BODY of the two bodies) from t0 to t1 in s."""
+        """Return the smallest distance from t0 to t1: (distance in m, its time in s, names ARM_BODY of both bodies)."""
         rows = np.flatnonzero((self.t >= t0) & (self.t <= t1))
         found = min(self.by_pair.values(), key=lambda c: c.distance[rows].min())
         k = int(rows[np.argmin(found.distance[rows])])
@@ -38,7 +38,7 @@ class Apart:
 
 @dataclass(frozen=True)
 class Nearest:
-    """The two nearest bodies in a phase, for one kind of pair: certificate of their distance, and its time in s."""
+    """Smallest distance between bodies in a phase, for one kind of pair: certificate `seen` and time `t` in s."""
 
     seen: Certificate
     t: float
@@ -53,8 +53,8 @@ class Nearest:
         }
 
     def among(self, apart: Apart, t0: float, t1: float) -> Nearest:
-        """Return the nearer pair of bodies: this pair, or the nearest pair of `apart` from t0 to t1 in s."""
-        if not ((apart.t >= t0) & (apart.t <= t1)).any():  # a phase shorter than the steps of these times
+        """Return the smaller of two distances: this one, or the smallest distance in `apart` from t0 to t1 in s."""
+        if not ((apart.t >= t0) & (apart.t <= t1)).any():  # the phase is shorter than the time step of `apart`
             return self
         distance, t, bodies = apart.least(t0, t1)
         if distance >= self.seen.found:
@@ -63,9 +63,9 @@ class Nearest:
 
 
 def nearest_at(seen: Certificate, path: Path, q: Array, t: Array) -> Nearest:
-    """Return a certificate with its time in s.
+    """Return a certificate `seen` with the time in s of its smallest distance.
 
-    Among the samples q (k, n) at t (k,) in s, the sample nearest to path(seen.s) determines the time.
+    The time is that of the sample nearest to path(seen.s); the samples are q (k, n) at the times t (k,) in s.
     """
     off = np.abs(q - path(np.array([seen.s]))[0]).max(axis=1)
     return Nearest(seen, float(t[np.argmin(off)]))
@@ -77,10 +77,10 @@ def distances(
     """Return the distances of each pair of arms over time.
 
     Args:
-        arms: mechanism, and T_world_base (4, 4), by name of the arm.
+        arms: (mechanism, T_world_base (4, 4)) of each arm, by name of the arm.
         q: joint values (k, n) of each arm in m or rad.
         t: (k,) times in s.
-        check: called between the steps; its exception ends the computation.
+        check: called between the steps; an exception of `check` ends the computation.
     """
     rows = np.unique(np.linspace(0, len(t) - 1, min(_SHOWN, len(t))).round().astype(int))
     poses = {}

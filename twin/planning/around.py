@@ -20,19 +20,19 @@ from twin.planning.smooth import Smooth, fit, line
 from twin.planning.space import Space
 
 _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
-"""Searches, in order: (extension of the box beyond start and goal, relative to the limits; number of samples)."""
+"""Searches, in order: (extension of the box beyond start and goal, divided by the joint ranges; number of samples)."""
 
 _ROUNDS_OF_SHORTCUTS, _SHORTCUTS = 8, 12
 """Number of rounds of shortcuts; number of shortcuts (between pairs of points) that are tried in each round."""
 
 _POLISHED = 5
-"""Number of times that all rounds of shortcuts are repeated when a path is improved."""
+"""Number of passes of `_ROUNDS_OF_SHORTCUTS` rounds each when a path is improved."""
 
 _ENCLOSED = 0.1
 """An end (start or goal) seems to be enclosed if it is connected with less than this fraction of the samples."""
 
 _WIDTHS = (0.1, 0.05, 0.025, 0.0125)
-"""Standard deviations of the Gaussian that rounds corners, relative to the path length; the smoothest first."""
+"""Standard deviations of the Gaussian that rounds corners, divided by the path length; the largest first."""
 
 
 class NoPathError(ProtocolError):
@@ -74,16 +74,17 @@ def around(
             returns True. None: the search cannot be cancelled.
         cost: what the search minimises; None: the length of the path.
         straight: whether a free straight path is returned without a search; pass False if another path may cost less.
-        samples: maximum number of samples with which the first path found is improved; 0: that path is returned.
+        samples: maximum number of samples in the improvement of the first path found; 0: no improvement.
         grown: called with the tree of each search, after the search; not called if the straight path is returned
             without a search.
-        ended: called with each round (a search or an improvement) at its end; not called if the straight path is
-            returned without a search.
+        ended: called at the end of each round (a search or an improvement) with its `Round`; not called if the
+            straight path is returned without a search.
 
     Raises:
         CancelledError: `cancelled` returned True.
         ProtocolError: a joint value of start or goal is not finite.
-        NoPathError: start or goal collides or exceeds a limit, or no path was found; the message lists the searches.
+        NoPathError: the start or the goal collides or exceeds a limit; or no path was found, and the message then
+            lists the searches.
     """
     start, goal = np.asarray(start, float), np.asarray(goal, float)
     if cancelled is not None:
@@ -136,7 +137,7 @@ def around(
 
 
 def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
-    """Return a function that raises an error once `cancelled` is true."""
+    """Return a function that raises `CancelledError` if `cancelled` returns True."""
 
     def check() -> None:
         if cancelled():
@@ -146,7 +147,7 @@ def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
 
 
 def _recorder(ended: Callable[[Round], None]) -> Callable[[Tree, Cost, Array | None], None]:
-    """Return a function that calls `ended` with a `Round`, made from tree, cost and corners (k, n) of the best path.
+    """Return a function of (tree, cost, corners (k, n) of the best path) that calls `ended` with their `Round`.
 
     The times of all rounds are measured from this call.
     """
@@ -162,7 +163,7 @@ def _recorder(ended: Callable[[Round], None]) -> Callable[[Tree, Cost, Array | N
 
 @dataclass(frozen=True)
 class Way:
-    """A free path with rounded corners (`curve`), and its corners (k, n), whose straight connections seem free."""
+    """A free path `curve` with rounded corners, and its `corners` (k, n), between which straight lines seem free."""
 
     corners: Array
     curve: Smooth
@@ -171,10 +172,10 @@ class Way:
 def searched(
     search: Search, samples: int, rng: np.random.Generator, progress: Callable[[float], None] = lambda fraction: None
 ) -> tuple[bool, Way | None]:
-    """Return (whether a search found corners, the `Way` along these corners; None if they cannot be rounded).
+    """Return (whether a search found corners, the `Way` along these corners or None if they cannot be rounded).
 
     The smoothest path with all shortcuts is tested first, over its whole length, because it is often free. Only if this
-    path is not free, the connections between the corners are tested over their whole length. If some connections are
+    path is not free are the connections between the corners tested over their whole length. If some connections are
     not free, the search goes on without these connections; if all are free, less smooth paths and paths with fewer
     shortcuts are tried.
     """
@@ -222,8 +223,8 @@ def improved(
 ) -> Way:
     """Continue a search in rounds, each with twice as many samples, up to `samples`; return the best way found.
 
-    In each round, shortcuts are tried `_POLISHED` times as often as for a first path. With `informed`, samples through
-    which the path cannot become shorter are left out (`Search.inform`). `record` is called after each round with the
+    In each round, shortcuts are tried `_POLISHED` times as often as for a first path. With `informed`, samples that
+    cannot make the path shorter are left out (`Search.inform`). `record` is called after each round with the
     tree, the cost, and the corners (k, n) of the best way.
     """
     count, best = search.count, way
@@ -239,7 +240,7 @@ def improved(
 
 
 def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
-    """Return a way with further shortcuts, added `_POLISHED` times, each time as many as rounded corners allow."""
+    """Return a way with further shortcuts, added in `_POLISHED` passes; its rounded path is free after each pass."""
     for _ in range(_POLISHED):
         stages = [way.corners, *shortcuts(search.space, way.corners, rng, search.cost, partial=True)]
         if len(stages) > 1:
@@ -248,7 +249,10 @@ def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
 
 
 def _enclosed(reached: tuple[int, int], count: int) -> str:
-    """Return a text on the ends that seem enclosed, because few of `count` samples were `reached`; "" if none is."""
+    """Return a text on each end (start, goal) that seems to be enclosed, or "".
+
+    `reached` contains the numbers of samples connected with start and goal; the search has `count` samples.
+    """
     text = [
         f"the {name} seems to be enclosed, because only {n} of {count} samples are connected with it"
         for name, n in zip(("start", "goal"), reached, strict=True)
@@ -263,10 +267,11 @@ def shortcuts(
     """Yield the corners (k, n) of a path with one free shortcut, then with two free shortcuts, and so on.
 
     In each round, shortcuts between random pairs of points on the path are tested together. The free shortcut that
-    lowers the cost of the path most is applied; without `cost`, the cost is the length. A shortcut is straight. With
-    `partial`, every second shortcut is straight in some joints only, which are drawn at random; the other joints move
-    as before. Such shortcuts shorten paths along obstacles, where no straight shortcut is free (R. Geraerts,
-    M. H. Overmars, "Creating high-quality paths for motion planning", Int. J. Robotics Research 26(8), 2007).
+    lowers the cost of the path most is applied; without `cost`, the cost is the length. Without `partial`, all
+    shortcuts are straight. With `partial`, every second shortcut is straight in some joints only, which are drawn at
+    random; the other joints move as before. Such shortcuts shorten paths along obstacles, where no straight shortcut is
+    free (R. Geraerts, M. H. Overmars, "Creating high-quality paths for motion planning", Int. J. Robotics Research
+    26(8), 2007).
     """
     points, cost = np.asarray(corners), cost or length(space.weights)
     straight = np.ones((_SHORTCUTS, points.shape[1]), bool)
@@ -287,7 +292,7 @@ def shortcuts(
         pairs = np.concatenate([p[:-1] for p in parts]), np.concatenate([p[1:] for p in parts])
         until = np.concatenate([[0.0], np.cumsum(cost(points[:-1], points[1:]))])
         gain = until[j[tried] + 1] - until[i[tried]] - np.add.reduceat(cost(*pairs), first)
-        # all connections are tested: the loops at the ends of a straight part could be closed in another assembly mode
+        # test all connections: at the ends of a straight part, the loops could be closed in another assembly mode
         gain[~np.logical_and.reduceat(space.free_each(*pairs), first)] = 0.0
         if gain.max(initial=0.0) <= 0.0:
             continue
@@ -337,7 +342,7 @@ def rounded(corners: Array, weights: Array, width: float) -> Smooth:
         bends = width * (np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi) + x * ndtr(x))
         return bends @ changes
 
-    # the rest is a straight line between the ends
+    # add a straight line so that the path begins and ends exactly at the first and last corner
     series = fit(averaged)
     c = series.coefficients.copy()
     low, high = c.T @ (-1.0) ** np.arange(len(c)), c.sum(axis=0)

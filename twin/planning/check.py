@@ -31,7 +31,7 @@ _SINGULARITY = Kind("margin.singularity", "info", word="alarm")
 
 
 def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics) -> list[Finding]:
-    """Return the findings on a trajectory; the smallest margins are findings of severity "info".
+    """Return the findings on a trajectory; findings of severity "info" report the smallest margins.
 
     Args:
         trajectory: the samples; its stored margins and RCM errors are recomputed.

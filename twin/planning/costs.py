@@ -7,9 +7,9 @@ the weighted length in joint space, then takes 2 sqrt(l / a), and its integral i
 triangle inequality. If a path is divided into more connections, its second term grows: the term does not converge as
 the number of samples grows.
 
-The cost for clearance is a length in which parts near other bodies count more: at a distance d from the nearest body,
-the length is multiplied by 1 + 9 max(0, 1 - d / 20 mm). Both numbers are ASSUMED: a path may be ten times as long to
-avoid a contact, and distances above 20 mm do not matter.
+The cost for clearance is a length in which parts of a path near other bodies count more: at a distance d from the
+nearest body, the length is multiplied by 1 + 9 max(0, 1 - d / 20 mm). Both numbers are ASSUMED: a path may be ten times
+as long to avoid a contact, and distances above 20 mm do not matter.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ _WIDE, _MORE = 20 * MM, 9.0
 """Distance in m above which only the length counts; additional cost per length at distance 0 (ASSUMED)."""
 
 _STEP = 20 * MM
-"""Maximum spacing (weighted length in m) of the states of a connection at which distances are computed."""
+"""Along a connection, distances are computed at states with at most this spacing (weighted length in m)."""
 
 
 def clearance(space: Space) -> Cost:
-    """Return the cost for clearance: a length in m in which parts near other bodies count more (see the module).
+    """Return the cost for clearance: a length in m in which parts of a path near other bodies count more.
 
     The distances are lower bounds (`Space.clearances`) at states that are at most `_STEP` apart.
     """
@@ -88,7 +88,7 @@ COSTS: Mapping[str, Callable[[Space], Cost]] = MappingProxyType(
         "clearance": clearance,
     }
 )
-"""Functions that return a cost for a space, by the name of the cost in a protocol."""
+"""{name of a cost in a protocol: function of a space that returns this cost}."""
 
 UNITS: Mapping[str, str] = MappingProxyType({"length": "m", "acceleration": "m2/s3", "weighted": "", "clearance": "m"})
 """Unit of each cost; "" for the sum of two units."""

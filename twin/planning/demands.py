@@ -137,8 +137,8 @@ def timed(robots: Sequence[Demands], dt: float) -> Timing:
 def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematics) -> tuple[Array, Array]:
     """Return the maximum speeds and accelerations (n,) of the driven joints, in m or rad per s and per s2.
 
-    In a phase defined by joint values, a joint without limits of its own gets the tool limits of the phase type. If the
-    tool is at rest in such a phase (only a gripper's jaw moves), no other limit would slow down the joint.
+    In a phase in joint space, a joint without limits of its own gets the tool limits of the phase type: if only a
+    gripper's jaw moves, the tool is at rest, and no other limit would slow down the joint.
     """
     speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
     waypoint = protocol.waypoints.get(path.waypoint or "")

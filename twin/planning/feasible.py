@@ -18,7 +18,7 @@ _PROBES = 401
 """Number of points of a phase that are checked; the 1 kHz samples are checked again after timing."""
 
 Margins = dict[tuple[Cause, str], Array]
-"""Margins (k,) in m or rad by (cause, name); they are negative where a pose is unreachable."""
+"""Margins (k,) in m or rad by (cause, name); a margin is negative where a pose is unreachable."""
 
 
 def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, protocol: str) -> None:
@@ -84,7 +84,7 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
 
 @dataclass(frozen=True)
 class Anchor:
-    """Signs of the singularity measures, and working mode: both must not change during a phase.
+    """Signs of the singularity measures, and the working mode; neither may change during a phase.
 
     Attributes:
         signs: signs of the singularity measures at the start of the phase; empty if the joint values there are unknown.

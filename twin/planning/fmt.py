@@ -89,7 +89,7 @@ class Search:
             goal: (n,) joint values at the goal, free of collisions.
             box: (n, 2) lower and upper bounds of the samples; a joint with equal bounds does not move.
             rng: random generator; the same seed gives the same path.
-            cost: what the path minimises; None: its length. A connection that is not allowed has an infinite cost.
+            cost: what the path minimises; None: the length of the path. A forbidden connection has infinite cost.
 
         Raises:
             ProtocolError: start, goal or box have values that are not finite, or start or goal are not in the box.
@@ -123,7 +123,7 @@ class Search:
         """Return the corners (k, n) of the shortest path found; None if no path was found.
 
         Free samples are added until the search has `samples` free samples. After `inform`, samples through which no
-        path can be shorter are left out.
+        path can be shorter than the path of `inform` are left out.
 
         `progress` is called with the fraction done: 0 to 0.5 while samples are drawn, 0.5 to 1 while the tree grows. An
         exception raised by `progress` ends the search.
@@ -219,15 +219,15 @@ class Search:
         """
         count, back = len(near), ends[0] > ends[1]
         waiting, cost = np.ones(count, bool), np.full(count, np.inf)
-        front = cost.copy()  # the cost of a node of the front; infinite for all others
+        front = cost.copy()  # cost of each node of the front; infinite for all other nodes
         root, target = ends
         waiting[root], cost[root], front[root] = False, 0.0, 0.0
         heap, z = [(0.0, root)], root
 
         def candidates(to: np.ndarray) -> list[tuple[int, int]]:
-            """Return pairs (node of the front, sample i): the path to sample i is shortest through this node.
+            """Return pairs (node of the front, sample in `to`): the path to the sample is shortest through this node.
 
-            A sample that no node of the front can reach is in no pair.
+            There is no pair for a sample that no node of the front can reach.
             """
             out = []
             for i in to.tolist():
@@ -276,7 +276,7 @@ class Search:
 
 
 def neighbours(x: Array, radius: float) -> list[np.ndarray]:
-    """Return, for each point of x (k, n), the rows of the points nearer than the radius, in ascending order."""
+    """Return, for each point of x (k, n), the rows of the points within `radius` of it, in ascending order."""
     pairs = cKDTree(x).query_pairs(radius, output_type="ndarray")
     a, b = np.concatenate([pairs, pairs[:, ::-1]]).T
     order = np.lexsort((b, a))

@@ -2,9 +2,9 @@
 
 A robot with fewer than six degrees of freedom cannot reach every pose, and cannot follow every straight line between
 two poses. Therefore the number of controlled directions equals the number of degrees of freedom, and positions have
-priority over rotations; the other directions follow from the mechanism. At a waypoint with a pose, the tool must agree
-in every direction that the protocol does not declare free; otherwise the waypoint is unreachable and the protocol is
-wrong.
+priority over rotations; the other directions follow from the mechanism. At a waypoint with a pose, the tool must have
+this pose in every direction that the protocol does not declare free; otherwise the waypoint is unreachable and the
+protocol is wrong.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _STATIONS = 33
 """Number of points of a phase at which the mechanism is evaluated before fitting."""
 
 _STILL = 1e-12
-"""Maximum change (in m, or of a matrix entry) along a phase that counts as a rounding error."""
+"""Changes along a phase up to this value (in m, or of a matrix entry) count as rounding errors."""
 
 _NONE = 1e-9
 """Change (m, rad) of all driven joints below which a phase counts as having no length."""
@@ -40,7 +40,10 @@ _LENGTH = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of directions."""
 
 _INDEPENDENT = 1e-3
-"""Minimum rate of a controlled direction, relative to the largest rate."""
+"""Minimum relative singular value of independent directions.
+
+This value is the smallest singular value of the directions' Jacobian, divided by the largest row norm of the whole one.
+"""
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,7 @@ class Follower:
         return angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles), T[:3, 3] + T[:3, :3] @ lever
 
     def along(self, path: PhasePath) -> PhasePath:
-        """Return a phase with the actual motion of the mechanism, and move to its end.
+        """Move the mechanism along a phase to its end; return the phase with the actual motion of the mechanism.
 
         Raises:
             ProtocolError: the mechanism cannot follow the phase, or misses the waypoint at its end.
@@ -212,7 +215,7 @@ class Follower:
         return q[-1]
 
     def goal(self, name: str) -> Array:
-        """Return the driven joint values (n,) at a waypoint with joint values; other joints have the drawn values.
+        """Return the driven joint values (n,) at a waypoint; a joint without a value there has its drawn value.
 
         Raises:
             ProtocolError: the waypoint has a joint that is not driven, or a value in the wrong unit.
@@ -250,7 +253,7 @@ class Follower:
         return np.array([d in (self._protocol.free or ()) for d in DIRECTIONS])
 
     def _too_many(self, directions: np.ndarray) -> str:
-        """Return advice for a phase that prescribes more directions than there are driven joints; "" for others."""
+        """Return advice for a phase that prescribes more directions than there are driven joints, else ""."""
         wanted, joints = int(directions.sum()), len(self._names) - len(self._kinematics.auxiliary)
         if wanted <= joints:
             return ""
@@ -415,7 +418,7 @@ def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool
 
 
 def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str) -> tuple[PhasePath, ...]:
-    """Return the phases with the values of the auxiliary joints; each joint moves only in phases that name it.
+    """Return the phases with the values of the auxiliary joints; each joint moves only in phases that name the joint.
 
     Raises:
         ProtocolError: an auxiliary phase moves no joint, or a joint that is not auxiliary.

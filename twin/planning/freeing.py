@@ -22,9 +22,9 @@ Searched = Callable[[str, Rounds], None]
 
 
 def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
-    """Return a test of tool poses (k, 4, 4) with q (k, n) that returns (k,) bool: whether a state violates no limit.
+    """Return a function of T_base_tool (k, 4, 4) and q (k, n) that returns (k,) bool: whether limits are satisfied.
 
-    The limits are those of `margins_at`, including working mode and signs of `anchor`.
+    The limits are those of `margins_at`, including the working mode and the signs of `anchor`.
     """
 
     def keep(Ts: Array, q: Array) -> np.ndarray:
@@ -44,8 +44,8 @@ def way(
 ) -> Path:
     """Return the path of the driven joints in a free phase.
 
-    The path respects joint and motor limits, minimum distances of carriages on one rail, and the reach, like the path
-    of every phase. It stays on the same side of every singularity, and in the working mode of its start.
+    Like the path of every phase, this path respects joint and motor limits, minimum distances of carriages on one rail,
+    and the reach. It also stays on the same side of every singularity, and in the working mode of its start.
 
     Args:
         phase: the phase, with clearance, seed and scene.

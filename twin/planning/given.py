@@ -2,7 +2,7 @@
 
 Between the given samples, joint values are interpolated by cubic splines. Rates are central differences, so that the
 check of the trajectory tests what the samples contain. A phase begins and ends at rest: before the first and after
-the last sample, the motion counts as mirrored in time.
+the last sample, the motion is continued by its mirror image in time.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from twin.planning.timing import Timing
 from twin.planning.trajectory import Carrier
 
 _COARSE = 0.02
-"""Time step in s at which the mechanism is moved to the end of the phase."""
+"""Time step in s with which the mechanism is moved from the start to the end of the phase."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def given(
     state: Array,
     where: str,
 ) -> tuple[Given, Array, Array]:
-    """Return (phase of samples, driven joint values (n,) at its end, state (nq,) at its end).
+    """Return (the phase, driven joint values (n,) at the end of the phase, state (nq,) at the end of the phase).
 
     Args:
         path: the phase.
@@ -125,7 +125,7 @@ def given(
 def _rates(steps: Array, dt: float) -> tuple[Array, Array]:
     """Return the first and second time derivative, each (k + 1, n), from the steps (k, n) between samples.
 
-    The motion is at rest at both ends: before the first and after the last step, the motion is mirrored.
+    The motion is at rest at both ends: it is continued by its mirror image before the first and after the last step.
     """
     before, after = np.concatenate([-steps[:1], steps]), np.concatenate([steps, -steps[-1:]])
     return (before + after) / (2 * dt), (after - before) / dt**2

@@ -1,4 +1,4 @@
-"""Timing and check of several robots that follow given joint paths; all begin and end each phase together."""
+"""Timing and check of several robots that follow given joint paths; all robots begin and end each phase together."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def stops(robot: Led) -> tuple[Array, Array]:
     """Return (q (k, n), T_base_tool (k, 4, 4)) at the start and at each phase's end, reached on straight joint paths.
 
     Raises:
-        ProtocolError: a waypoint has no joint values, or the loops open on the straight path to it.
+        ProtocolError: a waypoint has no joint values, or the loops open on the straight path to a waypoint.
     """
     protocol, guide = robot.protocol, Follower(robot.protocol, robot.kinematics, robot.carrier)
     state, here = robot.carrier.drawn()

@@ -8,14 +8,14 @@ from twin.core.spatial import Array
 from twin.planning.space import Space
 
 _AROUND, _SAMPLES = (0.01, 0.03, 0.1, 0.3, 1.0), 200
-"""Half edges of the searched boxes, relative to the joint ranges, in order of search; number of samples in each box."""
+"""Half edges of the searched boxes in order of search, divided by the joint ranges; number of samples per box."""
 
 _HALVINGS = 8
 """Number of bisections between the nearest free sample and the configuration."""
 
 
 def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
-    """Return a free configuration (n,) near q (n,): the nearest free sample, moved towards q; None: no free sample."""
+    """Return a free configuration (n,) near q (n,): the nearest free sample, moved towards q; None if none is free."""
     rng, limits = np.random.default_rng(seed), space.limits
     inside = np.clip(q, limits[:, 0], limits[:, 1])
     if space.free(inside[None])[0]:
@@ -26,7 +26,7 @@ def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
         block = block[space.free(block)]
         if len(block):
             best = block[np.argmin(np.linalg.norm((block - inside) * space.weights, axis=1))]
-            low, high = 0.0, 1.0  # fractions of the way from best to inside: free, perhaps not free
+            low, high = 0.0, 1.0  # fractions of the line from best to inside; free at low
             for _ in range(_HALVINGS):
                 middle = (low + high) / 2
                 free = space.free((best + middle * (inside - best))[None])[0]

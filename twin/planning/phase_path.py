@@ -32,7 +32,7 @@ class PhasePath(Course):
 
     Attributes:
         phase: the phase of the protocol.
-        waypoint: name of the waypoint at its end; None if there is none.
+        waypoint: name of the waypoint at the end of the phase; None if there is none.
         extra_joints: auxiliary joints: (index in q, value at the start, value at the end), in m or rad.
     """
 
@@ -97,8 +97,8 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         guide: moves the mechanism along each phase; None: the tool follows every phase exactly in all directions.
 
     Raises:
-        ProtocolError: a phase has no length, or has joint values without a guide; a retraction ends deeper than it
-            begins; or the shaft misses the RCM or the trocar.
+        ProtocolError: a phase has no length; a phase has joint values, but there is no guide; a retraction ends deeper
+            than it begins; or the shaft misses the RCM or the trocar.
     """
     n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
     angles, tip = (

@@ -61,8 +61,8 @@ def plan(
         progress: called with the name of each phase before it is planned, and with a text for each step of free phases.
 
     Raises:
-        ProtocolError: a phase cannot be carried out; the message gives the point of the phase where it exceeds a limit,
-            the excess, and what is reachable.
+        ProtocolError: a phase cannot be carried out; the message names the point of the phase where a limit is
+            exceeded, the excess, and what is reachable.
         TimingError: no timing within the limits was found.
     """
     T_tool_frame = np.asarray(T_tool_frame, float)

@@ -38,7 +38,7 @@ class Planned(Result):
 
     @property
     def rounds(self) -> Mapping[str, Rounds]:
-        """Rounds of the search for a path around obstacles, by name of the phase; none for phases without a search."""
+        """{name of the phase: rounds of the search for its path}; phases without a search are missing."""
         return {p.name: p.rounds for p in self.trajectory.phases if p.rounds is not None}
 
     def content(self) -> Mapping[str, Any]:
@@ -70,7 +70,7 @@ class Planned(Result):
 
 
 def searches(found: Mapping[str, Rounds]) -> Table:
-    """Return a table with one row for each round of each search in `found`: rounds by name of the phase."""
+    """Return a table with one row for each round of each search; `found` has the rounds by name of the phase."""
     rows = [
         (name, str(r.samples), *(_cost(x, s.unit) for x in (r.tree, r.best)), f"{r.processor:.2f}", f"{r.wall:.2f}")
         for name, s in found.items()

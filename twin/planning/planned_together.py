@@ -37,9 +37,9 @@ class CommonPhase:
         seen: minimum distance along the whole phase, over all tested pairs of bodies (arms and scene).
         near: minimum distance for each kind of pair in `KINDS` (two different arms, one arm, arm and scene); kinds
             without bodies to test are missing.
-        rounds: rounds of the search for each arm's path, by name of the arm; empty if no arm needed a search. The
-            path of a later arm is searched over its joints and the progress of the earlier arms, and its length in
-            `rounds` counts both.
+        rounds: {name of the arm: rounds of the search for its path}; empty if no arm needed a search. The
+            path of a later arm is searched over the arm's joint values and the progress of the earlier arms; path
+            lengths in `rounds` include both.
     """
 
     name: str
@@ -57,11 +57,11 @@ class PlannedTogether(Result):
     Attributes:
         scene: the scene.
         required: required clearance in m.
-        robots: all robots of the scene with their samples, by name of their place; the robots in `order` come first.
+        robots: all robots with their samples, by the robot's name in the scene; the robots in `order` come first.
         order: names of the arms in the order of priority.
         t: (k,) times in s, one series for all arms.
         phases: the phases.
-        checked: findings of the check of every sample of each arm, by name of the arm.
+        checked: {name of the arm: findings of the check of every sample}.
         apart: distances of each pair of arms over time.
     """
 

@@ -1,7 +1,7 @@
-"""Files that play a plan of several robots: a protocol with the samples of each robot, and a scene of these protocols.
+"""Files that play a plan of several robots: a protocol with the samples of each robot, and a scene that names them.
 
-The written scene has the places, ports, cameras and props of the scene that was planned. Robots at rest are where the
-plan avoided them. Console and organs are omitted: they are not part of a plan.
+The written scene has the places, ports, cameras and props of the scene that was planned. Robots at rest have the
+joint values at which the plan avoided them. Console and organs are omitted: they are not part of a plan.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Moved:
 
 
 def protocol_files(robots: Iterable[str], scene: Scene) -> dict[str, str]:
-    """Return the name of each robot's protocol file; no two names are equal, and none is that of scene or props."""
+    """Return the name of each robot's protocol file; the names differ from each other and from those of other files."""
     taken, out = {SCENE, "" if scene.props is None else scene.props.name}, {}
     for robot in robots:
         stem = robot
@@ -78,7 +78,7 @@ def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearanc
 
     Args:
         scene: the scene of the plan.
-        robots: all robots of the scene, by the name of their place.
+        robots: all robots of the scene, by the robot's name in the scene.
         t: (k,) times in s of the samples.
         clearance: required clearance in m.
         folder: an existing folder.
@@ -112,11 +112,11 @@ def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearanc
 
 
 def props_files(props: Path) -> dict[Path, Path]:
-    """Return all files of the props, by path relative to the folder of the TOML file `props`.
+    """Return the files of the props: {path relative to the folder of the TOML file `props`: path of the file}.
 
     Raises:
         TwinError: the TOML file is malformed, has the name of the scene file of a plan, or names a file outside its
-            folder, which cannot be copied with it.
+            folder, which a plan cannot copy.
     """
     if props.name == SCENE:
         raise TwinError(f"{props}: a plan writes its scene to {SCENE}: give the file of the props another name")

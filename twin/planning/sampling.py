@@ -1,8 +1,8 @@
 """Sample a path parameter over time from its rates at grid points, optionally as a moving average.
 
 The moving average limits the jerk. It changes the timing but not the path: the mean of s over the last w seconds rises
-from 0 to 1 like s, is at rest at both ends, and arrives w later. Its acceleration, (ds/dt(t) - ds/dt(t - w)) / w, has
-no jumps, and its jerk is at most the range of d2s/dt2 divided by w. On a straight line with a part at constant
+from 0 to 1 like s, is at rest at both ends, and ends w seconds later. Its acceleration, (ds/dt(t) - ds/dt(t - w)) / w,
+has no jumps, and its jerk is at most the range of d2s/dt2 divided by w. On a straight line with a part at constant
 speed, this is the fastest motion with that jerk.
 """
 

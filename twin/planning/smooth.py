@@ -18,7 +18,7 @@ _FEWEST, _MOST = 17, 513
 """Smallest and largest number of coefficients of a fitted series."""
 
 _ROUNDING = 1e-13
-"""Size relative to the largest value, below which a coefficient counts as a rounding error."""
+"""A coefficient below this fraction of the largest value counts as a rounding error."""
 
 
 @dataclass(frozen=True)

@@ -38,12 +38,12 @@ class Certificate(Interface):
 class Space(Interface):
     """Joint values within limits, with tests for collisions.
 
-    A search needs no robot, only this interface. Other spaces (poses of a tool, two robots at once) can be searched by
-    other classes with these methods.
+    A search needs no robot, only this interface. Other spaces (poses of a tool, two robots at once) can be searched if
+    a class implements these methods for them.
     """
 
     def interruptible(self, check: Callable[[], None]) -> Space:
-        """Return the same space with tests that call `check` every few milliseconds; its exceptions end a test."""
+        """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test."""
         ...
 
     @property
@@ -66,7 +66,7 @@ class Space(Interface):
         ...
 
     def clearances(self, q: Array, most: float) -> Array:
-        """Return lower bounds (k,) in m, at most `most`, of the smallest distance at joint values q (k, n)."""
+        """Return lower bounds (k,) in m of the smallest distance between bodies at q (k, n); each is at most `most`."""
         ...
 
     def steer(self, a: Array, b: Array) -> Path:
@@ -89,7 +89,7 @@ class Space(Interface):
         ...
 
     def certify(self, path: Path) -> Certificate:
-        """Return a proven lower bound of the distance between bodies along a whole path that is free."""
+        """Return a certificate of a free path: a proven lower bound of the distance between bodies."""
         ...
 
     def why(self, q: Array) -> str:

@@ -1,7 +1,7 @@
 """Compute the time-optimal timing of a path within limits.
 
 Solvers have absolute tolerances, with which moves of micrometres would fail or lose accuracy. Every problem is
-therefore made dimensionless first: time is relative to the shortest possible duration, coordinates to their
+therefore made dimensionless first: time is divided by the shortest possible duration, each coordinate by its
 acceleration limit. A move of 1 um is then the same problem as a move of 1 m. The built-in solver (`topp`) is used
 first; if it fails, the package toppra is used, and the result names the solver. Between grid points the limits may
 still be exceeded a little. Each result is therefore checked within every grid interval, the grid is refined, and the
@@ -66,7 +66,7 @@ class Timing:
         s, sd, sdd: (k,) path parameter and its first and second time derivative.
         duration: duration in s, a multiple of dt.
         optimal: duration in s of the optimal solution, before slowing down and rounding up.
-        overshoot: largest relative excess of a speed or acceleration limit by the optimal solution; negative if none.
+        overshoot: largest relative excess of the optimal solution over a speed or acceleration limit; negative if none.
         knots: number of grid points.
         solver: solver that was used: "passes" (built in), or "toppra" if the built-in solver failed.
     """
@@ -86,7 +86,7 @@ _INSIDE = 5
 """Number of points per grid interval, both ends included, at which speed and acceleration are computed."""
 
 _BEYOND = 1e3
-"""A missing limit is replaced by this factor times the largest possible value."""
+"""A missing limit is replaced by this factor times a typical value, so that the limit is never reached."""
 
 
 def time_path(
@@ -142,7 +142,7 @@ def time_path(
     slower = max(1.0, speed, np.sqrt(acceleration))
 
     def paced(window: int, slower: float) -> tuple[Samples, float]:
-        """Return (samples of the motion, slowed down to satisfy the limits; their jerk divided by its limit)."""
+        """Return (samples of the motion, slowed down until limits are satisfied, their jerk divided by its limit)."""
         steps = 1
         for _ in range(_TRIES):
             # At least one step more: with few steps, rounding up the duration could undo the slowdown.
@@ -214,7 +214,7 @@ def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Ar
 
 
 def _peaks(grid: Array, rates: Array, load: Load) -> tuple[float, float]:
-    """Return the largest relative speed and the largest relative acceleration, also between grid points."""
+    """Return the largest speed and acceleration, each divided by its limit; points between grid points are included."""
     f = np.linspace(0.0, 1.0, _INSIDE)  # both ends: the path acceleration jumps at grid points
     s = (grid[:-1, None] + np.diff(grid)[:, None] * f).ravel()
     squares = rates**2

@@ -1,7 +1,7 @@
 """Several arms at once, by priority: each further arm moves while the earlier arms follow their common path.
 
 M. Erdmann, T. Lozano-Perez, "On multiple moving objects", Algorithmica 2, 1987: the arms are planned one after the
-other, and time is a coordinate of each search after the first. Here, the coordinate is u, the fraction (0 to 1) of
+other, and time is a coordinate of each search after the first. Here, u replaces time: the fraction (0 to 1) of
 their path that the earlier arms have covered. u must not decrease: the earlier arms may wait for the new arm, but they
 neither leave their path nor go back. The result is one path of all arms. Bodies of all arms are tested along this whole
 path, so that the path is free of collisions with any timing.
@@ -25,7 +25,7 @@ from twin.planning.smooth import line
 from twin.planning.space import Certificate, Space
 
 _SHORTEST = 0.05
-"""Minimum weight in m of the coordinate u; for a longer path of the earlier arms, the weight is its length."""
+"""Minimum weight in m of the coordinate u; if the path of the earlier arms is longer, its length is the weight."""
 
 _PARTS = 8
 """Number of straight parts that replace a connection in a search, if the path of the earlier arms is not straight."""
@@ -90,7 +90,7 @@ class Behind(Space):
         self._straight = bool(np.abs(first(np.linspace(0.0, 1.0, 9), 2)).max(initial=0.0) < 1e-9)
 
     def interruptible(self, check: Callable[[], None]) -> Behind:
-        """Return the same space with tests that call `check` every few milliseconds; its exceptions end a test."""
+        """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test."""
         return Behind(self.whole.interruptible(check), self.first)
 
     @property
@@ -105,7 +105,7 @@ class Behind(Space):
 
     @property
     def leads(self) -> np.ndarray:
-        """(n + 1,) bool: whether each coordinate can move the tool of the new arm; also true for u."""
+        """(n + 1,) bool: whether each coordinate can move the tool of the new arm; for u, always True."""
         return np.append(self.whole.leads[self._before :], True)
 
     @property
@@ -123,7 +123,7 @@ class Behind(Space):
         return self.whole.free(self.lifted(np.asarray(q, float)), exact=exact)
 
     def clearances(self, q: Array, most: float) -> Array:
-        """Return lower bounds (k,) in m, at most `most`, of the smallest distance of all arms at q (k, n + 1)."""
+        """Return lower bounds (k,) in m of the minimum distance between bodies at q (k, n + 1), each at most `most`."""
         return self.whole.clearances(self.lifted(np.asarray(q, float)), most)
 
     def steer(self, a: Array, b: Array) -> Path:
@@ -144,13 +144,13 @@ class Behind(Space):
         return self.free_along(self.steer(a, b))
 
     def free_along(self, path: Path) -> bool:
-        """Return whether a path is free of collisions, and the earlier arms never move backwards on it."""
+        """Return whether no collision occurs on a path, and the earlier arms never move backwards."""
         if np.diff(path(np.linspace(0.0, 1.0, _SAMPLES))[:, -1]).min() < -ROUNDING:
             return False
         return all(self.whole.free_along(part) for part in self._parts(path))
 
     def certify(self, path: Path) -> Certificate:
-        """Return a proven lower bound of the distance between bodies of all arms along a whole path that is free."""
+        """Return a certificate of a free path: a proven lower bound of the distance between bodies of all arms."""
         parts = self._parts(path)
         seen = [self.whole.certify(part) for part in parts]
         k = min(range(len(parts)), key=lambda i: seen[i].found)

@@ -1,10 +1,11 @@
 """Time-optimal motion along a path by TOPP-RA: a backward and a forward pass, with small problems solved exactly.
 
 At each grid point, the unknowns are the squared rate x = (ds/dt)^2 and the squared rate y at the next grid point. An
-acceleration limit gives two inequalities (rows) |p x + q y| <= 1 per grid interval, one for each end. They limit y to a
-range whose width is concave and piecewise linear in x, so that Newton's method from above finds the largest x exactly,
-in a few steps. The backward pass finds the largest rates from which the end can be reached at rest; the forward pass
-chooses the largest possible y. Because limits are symmetric, rest is always possible, and the smallest x is always 0.
+acceleration limit gives two inequalities (rows) |p x + q y| <= 1 per grid interval, one for each end. The rows limit y
+to a range whose width is concave and piecewise linear in x, so that Newton's method from above finds the largest x
+exactly, in a few steps. The backward pass finds the largest rates from which the end can be reached at rest; the
+forward pass chooses the largest possible y. Because limits are symmetric, rest is always possible, and the smallest x
+is always 0.
 
 Method: H. Pham, Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis,
 IEEE Trans. Robotics 34 (2018) 645-659; the two rows are their interpolation scheme.
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from twin.codegen import Kernel
 
 _FREE = 1e12
-"""Maximum of the squared rate (ds/dt)^2 without a limit of speed: 1e6 times the mean rate, which is about 1 here."""
+"""Maximum squared rate (ds/dt)^2 without a speed limit; the mean rate of the dimensionless problem is about 1."""
 
 _FLAT = 1e-24
 """Minimum coefficient of y, the squared rate at the next grid point; since y <= `_FREE`, a row changes by <= 1e-12."""

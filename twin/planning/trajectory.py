@@ -118,7 +118,7 @@ class PathKinematics:
         joint_names: names of the n active joints, in the order of q.
         inverse: T_base_tool (k, 4, 4) -> q (k, n) in m or rad; rows without solution are NaN.
         reach: T_base_tool (k, 4, 4) -> margins (k,) in m, by limb; at least 0 where reachable.
-        singularity: T_base_tool (k, 4, 4), q (k, n) -> measures (k,) by name; each is 0 at a singularity.
+        singularity: T_base_tool (k, 4, 4), q (k, n) -> {name: measure (k,)}; a measure is 0 at a singularity.
         singularity_alarm: absolute value below which a measure is reported, by the beginning of the measure's name.
         lower, upper: (n,) hard limits in m or rad, never exceeded.
         soft_lower, soft_upper: (n,) limits in m or rad; exceeding them causes a warning.
@@ -132,7 +132,7 @@ class PathKinematics:
         carrier: the mechanism, for phases whose path it determines; None: not available.
         space: (scene or "", clearance in m, additional test) -> joint space in which the path of a free phase is
             searched; None: not available.
-        auxiliary: values of the auxiliary joints as drawn, in m or rad, by name; `inverse` returns these.
+        auxiliary: {name: value as drawn, in m or rad} of the auxiliary joints; `inverse` returns these values.
         takes: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always true. If
             false (fewer than six degrees of freedom, or no equations), the mechanism determines the path; see
             `following`.
@@ -213,11 +213,11 @@ class PhaseSpan:
         start, stop: indices of the first and the last sample, both included.
         t0, t1: times of these samples in s.
         waypoint: name of the waypoint at the end; None if there is none.
-        rcm: (3,) registered RCM in base in m; None if there is none.
+        rcm: (3,) registered RCM in m, in base; None if there is none.
         rcm_mode: "enforced", "monitored" or None.
         depth0, depth1: depth in m at both ends; NaN without RCM.
         optimal: optimal duration in s, before slowing down and rounding up.
-        overshoot: largest relative excess of a limit by the optimal solution, before slowing down.
+        overshoot: largest relative excess of the optimal solution over a limit, before slowing down.
         rounds: rounds of the search for the path of a free phase; None without a search.
     """
 
@@ -251,10 +251,10 @@ class Trajectory:
         frame: name of the moved frame.
         Ts_base_frame: (k, 4, 4) poses of the moved frame.
         shaft_axis: (3,) direction of the shaft in the moved frame.
-        tip_velocity, tip_acceleration: (k, 3) of the origin of the moved frame.
-        angular_velocity, angular_acceleration: (k, 3) of the moved frame.
+        tip_velocity, tip_acceleration: (k, 3) of the origin of the moved frame, in m/s and m/s2.
+        angular_velocity, angular_acceleration: (k, 3) of the moved frame, in rad/s and rad/s2.
         phases: time spans of the phases, in order.
-        waypoints: sample indices at which each waypoint is reached, by name.
+        waypoints: {name of the waypoint: indices of the samples at which it is reached}.
         rcm_error: (k,) distance in m from the RCM to the shaft axis; NaN without RCM.
         depth: (k,) depth in m; NaN without RCM.
         limit_margin: (k, n) distance to the nearer hard limit; negative if the limit is exceeded.
@@ -306,7 +306,7 @@ class Trajectory:
 
     @property
     def rcm(self) -> Array:
-        """Registered RCM (k, 3) in base in m; NaN where there is none."""
+        """Registered RCM (k, 3) in m, in base; NaN where there is none."""
         out = np.full((len(self.t), 3), np.nan)
         for span in self.phases:
             if span.rcm is not None:
@@ -332,7 +332,7 @@ class Trajectory:
     def sample(self, t: float) -> tuple[Array, Array]:
         """Return q (n,) and T_base_tool (4, 4) at a time in s.
 
-        Before the start and after the end, the first and the last sample are returned. Between samples, q is a cubic
+        Before the start, the first sample is returned; after the end, the last sample. Between samples, q is a cubic
         that agrees with q and qd at the samples. The tool's position is interpolated linearly, and its rotation with a
         constant rate.
         """
@@ -347,7 +347,7 @@ class Trajectory:
         return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
 
     def on(self, model: Any, times: Array) -> Any:
-        """Return the `Run` of a `ReferenceModel` at times (k,) in s, for the poses or, if `followed`, the joint values.
+        """Return the `Run` of a `ReferenceModel` at times (k,) in s, solved for the poses or, if `followed`, for q.
 
         A robot with fewer than six degrees of freedom may be unable to assume an interpolated pose; it can assume
         interpolated joint values.

@@ -24,7 +24,7 @@ def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
     Args:
         course: start and end of the phase.
         phase: name of the phase.
-        waypoint: the waypoint at its end; if it has joint values, nothing is returned.
+        waypoint: the waypoint at the end of the phase; the result is empty if this waypoint has joint values.
     """
     out, where = [], f"waypoint '{waypoint.name}'"
     if waypoint.joints is not None:
@@ -46,7 +46,7 @@ def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
 
 
 def hint(course: Course, phase: str, waypoint: Waypoint | None) -> str:
-    """Return a text on the long turns of a failed phase, a possible cause of the failure; "" if there are none."""
+    """Return a text that names long turns of a failed phase as a possible cause; "" if there are no long turns."""
     found = [] if waypoint is None else long_turns(course, phase, waypoint)
     return "".join(f". {f.message}: {f.suggestion}" for f in found)
 

@@ -15,7 +15,7 @@ from twin.reference.newton import minimise
 from twin.reference.states import Assembly
 
 CLOSED = (1e-9, 1e-8)
-"""Gap in m and in rad up to which a loop counts as closed."""
+"""Maximum offset in m and maximum rotation in rad of a loop that counts as closed."""
 
 _SPREADS = (0.1, 0.3, 1.0, 2.0)
 """Standard deviations of the random starts around a state: in rad for rotations; for slides, a tenth of these in m."""
@@ -25,7 +25,7 @@ _TRIES = 3
 
 
 def assemble(model: ReferenceModel) -> Assembly:
-    """Return the assembly near the rest poses with the smallest loop gaps.
+    """Return the assembly with the smallest loop gaps that is found near the rest poses.
 
     If the passive joints alone can close the loops, the driven joints keep their values; otherwise they also move. The
     random starts are the same in every call.
@@ -54,7 +54,7 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
 def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | None:
     """Return the closed assembly nearest to the given values of tree joints; None if the loops cannot be closed.
 
-    `values` contains joint values in m or rad by name; other joints start at the rest poses.
+    `values` is {name of the joint: value in m or rad}; other joints start at the rest poses.
     """
     start = model.tree.start(model.mechanism.rest)
     for name, value in values.items():
@@ -77,7 +77,7 @@ def _misfit(state: Assembly) -> float:
 
 
 def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:
-    """Return the assembly reached from `starts` with the smallest gaps; if gaps are equal, the nearest to `drawn`."""
+    """Return the assembly with the smallest gaps reached from `starts`; if some are equal, the nearest to `drawn`."""
     X = minimise(model.tree, starts, model.loops_only, columns)[0]
     states = [model.state(x) for x in X[np.isfinite(X).all(axis=1)]]
     return min(states, key=lambda s: (_misfit(s), float(np.linalg.norm(s.x - drawn))))

@@ -36,7 +36,7 @@ _FLAT = 1e-2
 """Relative slope per radian of a margin below which the margin counts as being at its minimum."""
 
 _ENDS = 0.05
-"""Relative size below which another margin counts as zero; this margin is then the reason why the search ended."""
+"""Relative size below which another margin at the end of a search counts as zero, and as the reason for the end."""
 
 _MOSTLY = 0.3
 """Minimum of (sum of an aspect's values with the preferred sign) / (sum of its values with the other sign).
@@ -46,13 +46,13 @@ states may be in another assembly mode, or near a singularity.
 """
 
 _NEGATIVE = 1e-9
-"""A state counts as out of reach if a reach margin is below minus this length in m, which allows for rounding."""
+"""A pose is out of reach if a margin is below minus this length in m; smaller violations are rounding errors."""
 
 Status = Literal["agrees", "disagrees", "not judged"]
 
 
 class Stated(Protocol):
-    """Reach margins, singularity measures and aspects (rows) of a formula; see `twin.kinematics.margins.Margins`."""
+    """Rows of a formula (reach margins, singularity measures, aspects); see `twin.kinematics.margins.Margins`."""
 
     names: tuple[str, ...]
     symbols: tuple[str, ...]
@@ -65,15 +65,15 @@ class Stated(Protocol):
         ...
 
     def valid(self, s: Run, passive: bool) -> Mask:
-        """Return (k,) bool: whether the equations give the active (and, with `passive`, the passive) joint values."""
+        """Return (k,) bool: whether the equations reproduce each state (with `passive`: also its passive joints)."""
         ...
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the r reach margins (k, r) in m at tool poses, from the equations alone; negative: out of reach."""
+        """Return the r reach margins (k, r) in m at tool poses, from the equations alone; negative if out of reach."""
         ...
 
     def fails(self, s: Run) -> Array:
-        """Return the largest joint rate per rate of the pose (k,), from the formula; infinite at its singularities."""
+        """Return (k,) the largest joint rate per unit rate of the pose, from the formula; infinite if singular."""
         ...
 
     def homogeneous(self, s: Run, by: float) -> bool:
@@ -90,7 +90,7 @@ class Judged:
         kind: "reach", "type1", "type2" or "aspect".
         why: the result in one sentence ("the row is zero where ..."), or the reason why the row was not judged.
         at: example of a state, as active joint values in mm and degrees; "" if there is none.
-        size, unit: size of the disagreement, or None, and its unit.
+        size, unit: size of the disagreement (None: not measured), and the unit of this size.
     """
 
     name: str
@@ -110,15 +110,15 @@ class Boundary:
     def __init__(self, model: ReferenceModel, stated: Stated, states: Array) -> None:
         """Set up the search.
 
-        `stated` are the margins and measures of the formula; the search begins around the configurations `states` (k,
-        nq).
+        `stated` contains the margins and measures of the formula. The search begins around the configurations `states`
+        (k, nq).
         """
         self.model, self.stated = model, stated
         some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]
         run = model.collect(some)
         self._given = run
         self.motions = Degeneracy(model, some)
-        self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong (reported elsewhere)
+        self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong; reported elsewhere
         good = stated.valid(run, self._whole)
         self._drawn = some[good]
         self._why = "" if good.any() else "there is no state at which the equations agree with the joint values"
@@ -146,7 +146,7 @@ class Boundary:
     # -- checks at known states -------------------------------------------------------------------------------
 
     def _plain(self, i: int) -> Judged | None:
-        """Check a row at the known states for value, sign and dimension; None if these checks do not decide."""
+        """Check value, sign and dimension of a row at the known states; return None if these checks do not decide."""
         s, v = self.stated, self._values[:, i]
         unit, scale = ("mm", MM) if s.kinds[i] == "reach" else ("", 1.0)
         if not np.isfinite(v).all():
@@ -196,7 +196,7 @@ class Boundary:
         return self._row(i, "agrees", f"the row rejects all {len(poses)} tested poses that the mechanism cannot reach")
 
     def _beyond(self) -> Array:
-        """Return unreachable tool poses (k, 4, 4) near reachable poses; empty with six degrees of freedom."""
+        """Return unreachable tool poses (k, 4, 4) near reachable ones; empty if there are six degrees of freedom."""
         X = self._drawn
         if self.motions.freedom >= 6:
             return np.zeros((0, 4, 4))

@@ -1,10 +1,10 @@
 """Bounds of the distance between two surfaces, computed from balls and a grid of distances, for many poses at once.
 
-The first surface is covered by balls. For the second surface, lower bounds of the distance from it are stored on a grid
-in its own frame. For a ball, let v be the stored value at its centre, and r its radius. The distance of the surfaces is
-at least the minimum of v - r over all balls. As each ball contains a part of the first surface, the distance is also at
-most v + r plus the error of v, for any ball. A look-up (`lookup`) takes nanoseconds; computing the distance of two
-meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept on disk.
+The first surface is covered by balls. For the second surface, a grid in the frame of this surface stores lower bounds
+of the distance from the surface. For a ball, let v be the stored value at its centre, and r its radius. The distance of
+the surfaces is at least the minimum of v - r over all balls. As each ball contains a part of the first surface, the
+distance is also at most v + r plus the error of v, for any ball. A look-up (`lookup`) takes nanoseconds; computing the
+distance of two meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept on disk.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twin.core.units import MM
 from twin.reference.lookup import BALL, GRID, PAIR, look_up
 
 _NODES = 400_000
-"""Approximate number of grid nodes in the bounding box of a surface; it determines the edge of a cell."""
+"""Approximate number of grid nodes in the bounding box of a surface; this number determines the edge of a cell."""
 
 _CELL = (0.15 * MM, 6 * MM)
 """Smallest and largest edge of a grid cell in m."""
@@ -77,7 +77,7 @@ def _radius(triangles: Array) -> float:
 
 
 def _cell(triangles: Array) -> float:
-    """Return the edge in m of a cell of the grid around the surface of triangles (k, 3, 3)."""
+    """Return the edge length in m of the grid cells for the surface of triangles (k, 3, 3)."""
     size = np.ptp(triangles.reshape(-1, 3), axis=0) + _CELL[0]
     return float(np.clip((np.prod(size) / _NODES) ** (1 / 3), *_CELL))
 
@@ -169,7 +169,7 @@ class Grid:
         marked = np.ones(shape, bool)
         marked[tuple(np.rint((middles - start) / cell).astype(np.intp).T)] = False
         steps = np.asarray(distance_transform_edt(marked), float)
-        # a piece's centre is within half a cell's diagonal of its marked node; its points are within `spread` of it
+        # a piece's centre is within half a cell's diagonal of its node; its points are within `spread` of its centre
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         # near the surface: distance from the nearest centre minus `spread`; the centre is a point of the surface
         near = np.argwhere(steps <= _BAND)
@@ -202,8 +202,8 @@ def balls_of(triangles: Array) -> Array:
 def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Return named arrays from the user's cache folder; if they are not there, make them and store them there.
 
-    The key is a hash of the triangles. A file that cannot be read is made again; a cache that cannot be written is not
-    an error.
+    The key is a hash of the triangles. Arrays of a file that cannot be read are made again; a cache that cannot be
+    written is not an error.
     """
     digest = hashlib.sha256(f"{kind} {_VERSION} {triangles.shape}\n".encode())
     digest.update(np.ascontiguousarray(triangles, np.float64).data)
@@ -250,7 +250,7 @@ class Bounds:
         self._table = np.zeros((len(pairs), PAIR), np.int64)
 
     def load(self, pairs: np.ndarray) -> None:
-        """Load the grids and balls of `pairs` (n,) from the cache, or make them; otherwise `at` does so when called."""
+        """Load the grids and balls of `pairs` (n,) from the cache, or make them, before `at` requires them."""
         new = np.unique(pairs[~self._ready[pairs]])
         grids, values, size = [self._grids], [self._values], len(self._values)
         for n in (int(n) for n in np.unique(self._pairs[new, 0]) if int(n) not in self._grid):

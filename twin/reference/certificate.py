@@ -39,20 +39,20 @@ class Certificate:
 
 
 def nearest(found: Iterable[Certificate]) -> Certificate:
-    """Combine certificates of one path into one for all their pairs; without certificates, distances are infinite."""
+    """Combine certificates for different pairs on one path into one; without certificates, distances are infinite."""
     every = [Certificate(np.inf, np.inf, 0.0, ("", "")), *found]
     return replace(min(every, key=lambda c: c.found), proven=min(c.proven for c in every))
 
 
 def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, check: Callable[[], None]) -> Certificate:
-    """Return a proven lower bound of the distances of the pairs `which` (n,) along a path.
+    """Return the smallest distance, with a proven lower bound, of the pairs `which` (n,) along a path.
 
     Args:
         seen: the path with its stations.
         pairs: all pairs of bodies.
         which: (n,) indices of the pairs whose distance is bounded.
         within: accepted difference in m between the smallest distance found and the bound.
-        check: called every few milliseconds; its exception ends the computation.
+        check: called every few milliseconds; an exception of `check` ends the computation.
 
     Raises:
         MechanismError: loops do not close along the path.

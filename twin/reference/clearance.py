@@ -41,8 +41,8 @@ class Shape:
 
     Attributes:
         triangles: (k, 3, 3) corners of its triangles in m, in the frame of the body.
-        corners: (8, 3) corners of its bounding box in m; when the body moves, at least one corner moves as far as any
-            point of the mesh.
+        corners: (8, 3) corners of its bounding box in m; no point of the mesh moves farther than the corner that moves
+            most.
     """
 
     def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:
@@ -96,8 +96,8 @@ def clearance(
 ) -> Clearance:
     """Return the minimum clearances between the meshes of a mechanism.
 
-    A measured distance minus the subsequent motion of both bodies is a lower bound of their distance. A pair is
-    measured again only if this bound is below the smallest distance at the sample.
+    A measured distance minus the subsequent motion of both bodies is a lower bound of their distance. The pair is
+    measured again only if this bound is below the smallest distance already measured at the sample.
 
     Args:
         mechanism: the mechanism, with the meshes of its bodies.
@@ -146,7 +146,7 @@ def between(
 def _contacts(
     mechanism: Mechanism, jointed: set[frozenset[str]], link_poses: Mapping[str, Array]
 ) -> tuple[tuple[int, str, str], ...]:
-    """Return (sample, part, part) of the collisions of jointed bodies, without parts that mate or touch in the CAD."""
+    """Return (sample, part, part) of collisions of jointed bodies; parts that mate or touch in the CAD are skipped."""
     mating = {frozenset(p) for j in mechanism.joints for p in combinations(j.mating, 2)}
     found = []
     for a, b in (tuple(sorted(p)) for p in sorted(jointed, key=sorted)):
@@ -168,7 +168,7 @@ def _contacts(
                     continue
                 k = 0
                 while way[k:].max() >= apart > 0:
-                    k += int(np.argmax(way[k:] >= apart))  # before this sample, b has moved too little to touch
+                    k += int(np.argmax(way[k:] >= apart))  # before this sample, b has moved too little to touch a
                     apart = distance_between(p, q, np.eye(4), T_a_b[k])
                     way = np.linalg.norm(corners - corners[k], axis=-1).max(axis=-1)
                 if apart <= 0:
@@ -177,7 +177,7 @@ def _contacts(
 
 
 _EVERY = 5
-"""Interval, in samples, of the checks of parts of jointed bodies; their relative motion is slow."""
+"""Interval in samples between tests of the parts of jointed bodies, whose relative motion is slow."""
 
 
 def _way(a: Shape, b: Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:

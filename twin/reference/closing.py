@@ -44,10 +44,10 @@ _ENOUGH = 1e-14
 """Sum of squares of loop gaps in m2 that is small enough for a search."""
 
 _FLOOR = 1e-12
-"""Damping of the linear equations of the rates, relative to their mean diagonal; see `newton`."""
+"""Damping of the linear equations of the rates, relative to the mean diagonal of the matrix; see `newton`."""
 
 _KNOWN = 20_000
-"""Maximum number of stored states that were not reached in small steps; above it, their older half is dropped."""
+"""Maximum number of stored states that were not reached in small steps; if exceeded, the older half is dropped."""
 
 
 class Closing:
@@ -146,7 +146,7 @@ class Closing:
         """Return (configurations (k, nq) at q1, (k,) bool: whether the loops close without a change of the mode).
 
         `known` (k,) are the rows of the known states from which the walk starts. With `small`, no coordinate may change
-        by more than `_JUMP` in one of the steps.
+        by more than `_JUMP` in any step.
         """
         rows, of = np.unique(known, return_inverse=True)
         gain, sign = self.rates(self._x[rows])[of], self._signs(self._x[rows])[of]
@@ -187,7 +187,7 @@ class Closing:
         return self._tree.loops.evaluate(X, poses, self._tree.columns(poses))
 
     def rates(self, X: Array) -> Array:
-        """Return the rates of the tree (k, nv, n) per rate of each driven joint at closed configurations X (k, nq)."""
+        """Return the rates of tree joints (k, nv, n) per rate of each driven joint at closed configurations (k, nq)."""
         tree = self._tree
         out = np.zeros((len(X), tree.model.nv, len(tree.active)))
         out[:, tree.active] = np.eye(len(tree.active))
@@ -213,7 +213,7 @@ class Closing:
 
     @cached_property
     def _independent(self) -> np.ndarray:
-        """Independent rows of the loop equations in the rest poses, one per passive coordinate; empty if too few."""
+        """Independent loop equations (rows) in the rest poses, one per passive coordinate; empty if there are fewer."""
         A = self._loops(self._model.home().x[None], np.zeros(1, int))[1][0][:, self._tree.passive]
         if not A.size:
             return np.zeros(0, int)
@@ -257,10 +257,10 @@ class Closing:
         return self._tree.unit((1 - part)[:, None] * X0 + part[:, None] * end)
 
     def along(self, path: Callable[..., Array], x: Array, s: Array, check: Callable[[], None]) -> Array | None:
-        """Return configurations (k, nq) of a path at stations s (k,) from the configuration x at s[0].
+        """Return configurations (k, nq) of a path at stations s (k,), starting from the configuration x (nq,) at s[0].
 
-        None if the loops open, or if the assembly mode changes (a determinant changes its sign, or a coordinate changes
-        by more than `_JUMP` between two stations). `check` is called between the steps.
+        Return None if the loops open, or if the assembly mode changes (a determinant changes its sign, or a coordinate
+        changes by more than `_JUMP` between two stations). `check` is called between the steps.
         """
         for ahead in (_COARSE, len(s) - 1)[: 1 + (len(s) - 1 > _COARSE)]:
             if (X := self._along(path(s), x, ahead, check)) is not None:
@@ -268,7 +268,7 @@ class Closing:
         return None
 
     def _along(self, q: Array, x: Array, ahead: int, check: Callable[[], None]) -> Array | None:
-        """Return the result of `along` at q (k, n); loops are closed one by one at about `ahead` of these stations."""
+        """Return the result of `along` for q (k, n) at the stations; about `ahead` stations are solved one by one."""
         X = np.tile(x, (len(q), 1))
         done = np.unique(np.linspace(0, len(q) - 1, min(ahead, len(q) - 1) + 1).astype(int))
         for i, j in pairwise(done.tolist()):
@@ -304,7 +304,7 @@ class Closing:
         q = np.repeat(a[ok], stations, axis=0) + parts[:, None] * np.repeat((b - a)[ok], stations, axis=0)
         found, closed = self.near(self.between(first, last, parts), q, _ENOUGH)
         jumps = self.change(found[:-1], found[1:]) > _JUMP
-        jumps[stations - 1 :: stations] = False  # from one path to the next
+        jumps[stations - 1 :: stations] = False  # not on a path: from the end of one path to the start of the next
         good = closed.reshape(-1, stations).all(axis=1)
         good &= ~np.append(jumps, False).reshape(-1, stations).any(axis=1)
         out = np.zeros((m, stations, X.shape[1]))

@@ -24,7 +24,8 @@ def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[
 
     x (nq,) is the configuration at which a continuation is stuck. `move` moves starts (k, nq) to the target and returns
     the states (k, nq). `way` returns the distance of a state from x; infinity if the state is invalid. The best state
-    exceeds joint limits least; among equal states, the nearest is best. The random steps are the same in every call.
+    has the smallest excess over joint limits; among equal states, the nearest to x is best. The random steps are the
+    same in every call.
     """
     if not len(tree.passive) or not tree.loops.names:
         return None

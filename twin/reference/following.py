@@ -123,7 +123,7 @@ class Follower:
 
 
 def _stopped(T: Array, Ts: Array, sample: int, directions: np.ndarray, p_tool: Array) -> str:
-    """Return a text with the distances of the tool, stopped at T (4, 4), from a sample and from the end of path Ts."""
+    """Return, as text, how far the tool, stopped at T (4, 4), is from the pose of a sample and from the end of Ts."""
 
     def left(goal: Array) -> str:
         off = missed(T, goal, p_tool) * directions

@@ -17,7 +17,9 @@ _STEP = 1e-5
 
 
 def holding_efforts(model: ReferenceModel, state: Assembly) -> dict[str, float]:
-    """Return the effort in N or N m, by active joint, that holds a state; bodies without inertia are massless.
+    """Return {active joint: effort in N or N m}: the efforts that hold the mechanism at rest in a state.
+
+    Bodies without inertia are massless.
 
     Raises:
         AssemblyError: the loops cannot be closed at a small step from the state.

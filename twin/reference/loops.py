@@ -181,7 +181,7 @@ class Loops:
         return np.concatenate([out, np.stack([off * ~angle, off * angle], axis=-1)], axis=1)
 
     def coordinates(self, poses: Array) -> dict[str, Array]:
-        """Return the coordinate (k,) in m or rad of each revolute or prismatic loop joint, by name."""
+        """Return {name: coordinate (k,) in m or rad} of the revolute and prismatic loop joints."""
         _, T = self.relative(poses)
         out = {}
         for i, joint in enumerate(self.joints):

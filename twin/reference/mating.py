@@ -28,7 +28,7 @@ class Mate:
 
 
 def mates(mechanism: Mechanism) -> list[Mate]:
-    """Return the two nearest mating parts, in the rest poses, of each joint with mating parts on both bodies."""
+    """Return, for each joint with mating parts on both bodies, the two parts that are nearest in the rest poses."""
     out = []
     for joint in mechanism.joints:
         here, there = (_named(mechanism, joint, body) for body in (joint.parent, joint.child))

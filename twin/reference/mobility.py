@@ -13,7 +13,7 @@ _FLAT = 1e-9
 """Singular values below this fraction of the largest one of all constraints count as zero."""
 
 _SHARE = 1e-6
-"""A constraint row is repeated if the norm of its coefficients in the rows' linear dependencies exceeds this value."""
+"""A row is repeated if the norm of its coefficients in the left null space of the Jacobian exceeds this value."""
 
 
 @dataclass(frozen=True)

@@ -223,14 +223,14 @@ class ReferenceModel:
         )
 
     def link_poses(self, states: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body at configurations (k, nq), by name."""
+        """Return {name: T_base_body (k, 4, 4)} of all bodies at configurations (k, nq)."""
         poses, _ = self.tree.update(states)
         return {b.name: self._link(poses, b.name) for b in self.mechanism.bodies}
 
     def motion(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
         """Return (V, dV/dt, G): velocities and accelerations of the tree (k, nv) with closed loops, gains G (k, nv, n).
 
-        V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V). A is the loop Jacobian; A_p are its columns of the passive joints.
+        V = G qd and dV/dt = G qdd - A_p^+ (dA/dt V). A is the loop Jacobian, A_p its columns for the passive joints.
         The equations of the passive joints are solved in the least-squares sense. `states` are configurations (k, nq);
         qd and qdd (k, n) are rates and accelerations of the active joints.
         """
@@ -291,12 +291,13 @@ class ReferenceModel:
         return self._in_turns(start, q, lambda x: self._reach(x, q, self._move_driven))
 
     def _in_turns(self, start: Array, q: Array, reach: Callable[[Array], Array]) -> Array:
-        """Return `reach(x)` for x = `start` unwound towards q (n,); if blocked, for the x with the turns nearest to q.
+        """Return `reach(x)`, where x is `start` with driven joints changed by full turns towards q (n,).
 
-        Unwinding by full turns changes no pose; see `_unwound`.
+        Full turns change no pose. First, x is the result of `_unwound` with its default; if `reach` fails for this x,
+        the number of turns is the one that brings x nearest to q.
 
         Raises:
-            AssemblyError: `reach` fails for both.
+            AssemblyError: `reach` fails for both x.
         """
         direct, nearest = self._unwound(start, q), self._unwound(start, q, np.rint)
         try:
@@ -328,7 +329,7 @@ class ReferenceModel:
         return minimise(self.tree, X, posed(self.tree, Ts), np.arange(self.tree.model.nv))
 
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
-        """Return the configuration at the target, reached from x in steps in which no coordinate jumps."""
+        """Return the configuration at the target, reached from x in steps of at most `_JUMP` in every coordinate."""
         start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
         origin, misfit = x, np.inf
         s, step = 0.0, 1.0 / max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
@@ -362,7 +363,7 @@ class ReferenceModel:
         return x if away is None else away
 
     def _depart(self, x: Array, target: Array, move: Move) -> Array | None:
-        """Return a state at the target, found by random steps from x, where Newton steps fail; None if not found."""
+        """Return a state at the target, reached by random steps from x (where Newton steps fail); None if not found."""
 
         def way(new: Array) -> float:
             far = self.jumps(x[None], new[None])[0]
@@ -371,7 +372,7 @@ class ReferenceModel:
         return departing.depart(self.tree, x, lambda X: move(X, np.array([target] * len(X)))[0], way)
 
     def _misfits(self, X: Array, targets: Array) -> Array:
-        """Return the misfit (k,): the largest loop gap in m or, for tool poses, the larger of gap and pose error."""
+        """Return the misfit (k,): the largest loop gap in m; for tool poses, the maximum of gap and pose error."""
         poses, _ = self.tree.update(X, closing_only=True)
         gap = self.tree.loops.gaps(X, poses)[..., 0].max(axis=1, initial=0.0)
         if targets.ndim == 3:
@@ -465,7 +466,7 @@ class ReferenceModel:
         return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))
 
     def gains(self, states: Array, A: Array | None = None) -> Array:
-        """Return the rates of the tree (k, nv, n) per rate of each active joint; passive joints by least squares."""
+        """Return the rates (k, nv, n) of tree joints per rate of each active joint; passive rates by least squares."""
         A = self._jacobians(states)[0] if A is None else A
         active = self.tree.active
         gain = np.zeros((len(A), self.tree.model.nv, len(active)))

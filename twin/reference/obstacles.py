@@ -24,11 +24,11 @@ def obstacles(
 
     Args:
         scene: the scene; the pairs in its `touching` touch intentionally.
-        own: {name in the scene: prefix of the robot's bodies in `Still.touches`} for the robots that are planned.
+        own: for each planned robot, {name in the scene: prefix of the names of its bodies in `Still.touches`}.
         T_world_base: pose (4, 4) of the frame in which the poses of the obstacles are returned.
-        mechanisms: mechanism of each robot, by the name of its place; places without a mechanism are no obstacles.
+        mechanisms: mechanism of each robot, by its name in the scene; robots without a mechanism are no obstacles.
         props: mechanism of the props; None: there are none.
-        poses: poses T_world_body (4, 4) of the bodies of other robots, by place and body; a robot without poses is in
+        poses: poses T_world_body (4, 4) of the bodies of other robots, by robot and body; a robot without poses is in
             its rest pose.
     """
     others = [p for p in scene.places if p.name in mechanisms and p.name not in own]

@@ -1,7 +1,7 @@
 """The pairs of bodies that could collide while a mechanism moves among obstacles, with tests of their distance.
 
-Tests from cheap to expensive: boxes along the axes of base; bounds from balls and a grid of distances (`bounds`), for
-many states at once; convex hulls; the meshes, by coal, for pairs that the bounds do not decide.
+The tests, from cheap to expensive, use boxes along the axes of base; bounds from balls and a grid of distances
+(`bounds`), for many states at once; convex hulls; the meshes, by coal, for pairs that the bounds do not decide.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _GJK = 1e-5
 """Maximum excess in m of a computed hull distance over the true distance."""
 
 SEARCHED = 2 * MM
-"""Radius in m of balls that are small enough for a search; a found path is tested with smaller ones."""
+"""Radius in m of balls that are small enough for a search; a found path is tested with smaller balls."""
 
 _FEW = 3
 """Maximum number of revolute joints between two bodies for which results are stored in cells (see `Pairs.closer`)."""
@@ -181,14 +181,14 @@ class Pairs:
         return np.sqrt((way * way).sum(axis=1))
 
     def hulls_apart(self, pair: int, poses: Array) -> float:
-        """Return the distance in m of a pair's convex hulls, a lower bound, at shape poses (shapes, 4, 4)."""
+        """Return a lower bound in m of a pair's distance at shape poses (shapes, 4, 4), from the convex hulls."""
         a, b = self.rows[pair]
         request, result = coal.DistanceRequest(), coal.DistanceResult()
         at, bt = placed(poses[a]), placed(poses[b])
         return float(coal.distance(self.shapes[a].hull, at, self.shapes[b].hull, bt, request, result)) - _GJK
 
     def nearer(self, pair: int, poses: Array, margin: float) -> bool:
-        """Return whether a pair is nearer than `margin` in m at shape poses (shapes, 4, 4): hulls, then meshes."""
+        """Return whether the distance of a pair is below `margin` in m at shape poses (shapes, 4, 4)."""
         return self.hulls_apart(pair, poses) < margin and self.distance(pair, poses, margin) < margin
 
     def distance(self, pair: int, poses: Array, most: float = np.inf) -> float:
@@ -204,12 +204,12 @@ class Pairs:
         return pair in self._turns
 
     def closer(self, pair: int, X: Array, poses: Array) -> np.ndarray:
-        """Return (k,) bool: whether a pair is nearer than required at configurations X (k, nq), by exact distances.
+        """Return (k,) bool: whether the exact distance of a pair is below its required distance at X (k, nq).
 
         The relative motion of some pairs (jaws and wrist of an instrument) depends on few joint angles, and their two
         bodies are often close. Distance tests of close meshes are slow, so these angles are divided into cells, and
-        one result is stored for each cell. Within a cell, the two bodies move relative to each other, from the middle
-        of the cell, by at most half of the required distance.
+        one result is stored for each cell. Between the middle and any other point of a cell, the relative motion of the
+        two bodies is at most half of the required distance.
         """
         required, left = float(self.required[pair]), np.ones(len(X), bool)
         if pair in self._turns:
@@ -222,7 +222,7 @@ class Pairs:
         return out
 
     def _free_cell(self, pair: int, cell: tuple[int, ...], x: Array) -> bool:
-        """Return whether a pair has the required distance in a whole cell; x (nq,) gives all other coordinates."""
+        """Return whether a pair has its required distance in a whole cell; x (nq,) contains the other coordinates."""
         key = (pair, *cell)
         if key not in self._cells:
             moving, edges = self._turns[pair]
@@ -235,12 +235,12 @@ class Pairs:
     def seem_near(
         self, X: Array, poses: Array, states: np.ndarray, pairs: np.ndarray, low: Array, high: Array, matter: np.ndarray
     ) -> np.ndarray:
-        """Return (n,) bool: whether `pairs` (n,) in `states` (n,) seem nearer than required, for a search.
+        """Return (n,) bool: whether distances of `pairs` (n,) in `states` (n,) seem to be below the required ones.
 
-        A pair seems near if the mean of the bounds `low` and `high` (n,) is below its required distance. For large
-        bodies, which have large balls, the mean may be too large. Therefore, if `low` is 0 and the required distance is
-        the full clearance, the exact distance decides. Exact distances are computed only in the states for which
-        `matter` (k,) is true, and in each of these states only until one pair is near.
+        This is a fast test for searches. A pair seems near if the mean of the bounds `low` and `high` (n,) is below its
+        required distance. For large bodies, which have large balls, the mean may be too large. Therefore, if `low` is 0
+        and the required distance is the full clearance, the exact distance decides. Exact distances are computed only
+        in the states for which `matter` (k,) is true, and in each of these states only until one pair is near.
         """
         required = self.required[pairs]
         out = (low + high) / 2 < required
@@ -254,7 +254,7 @@ class Pairs:
         return out
 
     def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
-        """Return (k,) bool: whether any pair is nearer than required at configurations X (k, nq).
+        """Return (k,) bool: whether the distance of any pair is below its required distance at X (k, nq).
 
         Pairs that the bounds do not decide are decided by the exact distance or, without `exact`, by `seem_near`.
         """

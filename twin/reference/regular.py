@@ -1,7 +1,7 @@
 """Regularity of a closed state: rank of the loop Jacobian in the passive joints, compared with nearby states.
 
-If the rank is lower than nearby, assembly modes meet (stretched links, cranks in line). The passive joints can then
-follow either mode, Newton's method has no unique direction, and small motions of the driven joints fail.
+If the rank is lower than at nearby states, assembly modes meet (stretched links, cranks in line). The passive joints
+can then follow either mode, Newton's method has no unique direction, and small motions of the driven joints fail.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SINGULAR = 1e-4
 """Value of `Regularity.margin` below which a state is singular."""
 
 _RANK = 1e-6
-"""Relative size below which a singular value counts as zero: its constraint is redundant in all states."""
+"""Singular values below this fraction of the largest one count as zero: the constraint is redundant in all states."""
 
 _BESIDE = (0.03, 0.1, 0.3)
 """Standard deviations of the nearby states: in rad for rotations; for slides, a tenth of these numbers in m."""
@@ -52,7 +52,7 @@ class Regularity:
 
 
 def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularity]:
-    """Return the regularity of each closed state (nq,); `usual` is the largest rank at all these and near the first."""
+    """Return the regularity of closed states (nq,); `usual` is the largest rank at these states and near the first."""
     beside = closed_beside(model, states[0])
     every = [_values(model, x) for x in (*states, *beside)]
     ranks = [int((s > _RANK * max(s[0], 1e-12)).sum()) if len(s) else 0 for s in every]

@@ -114,7 +114,7 @@ class JointSpace:
         return out
 
     def interruptible(self, check: Callable[[], None]) -> JointSpace:
-        """Return the same space, whose tests call `check` every few milliseconds; an exception of `check` ends a test.
+        """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test.
 
         Shapes and stored distances are shared.
         """
@@ -188,7 +188,7 @@ class JointSpace:
         return ok
 
     def clearances(self, q: Array, most: float) -> Array:
-        """Return lower bounds (k,) in m, at most `most`, of the smallest distance at joint values q (k, n).
+        """Return lower bounds (k,) in m of the smallest distance between bodies at q (k, n); each is at most `most`.
 
         Pairs of bodies of the mechanism that are nearer than twice the clearance in the rest poses are not included.
         Where loops do not close, the value is 0.
@@ -305,7 +305,7 @@ class JointSpace:
         return self._closing.placed(q)
 
     def _count(self, path: Callable[..., Array]) -> int:
-        """Return the number of stations of a path; between two of them, no driven joint moves more than `_STATION`."""
+        """Return the number of stations of a path; from one to the next, no driven joint moves more than `_STATION`."""
         coarse = path(np.linspace(0.0, 1.0, 65))
         return max(int(np.ceil(64 * (np.abs(np.diff(coarse, axis=0)) / self._steps).max(initial=0.0))) + 1, 2)
 
@@ -314,7 +314,7 @@ class JointSpace:
         return np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
 
     def _stations(self, path: Callable[..., Array]) -> Stations | None:
-        """Return the stations of a path; None if it exceeds limits, is not allowed, or its loops open."""
+        """Return the stations of a path; None if limits are exceeded, a state is not allowed, or the loops open."""
         fine = np.linspace(0.0, 1.0, _FINE + 1)
         q = path(fine)
         if not self._within(q).all():
@@ -341,7 +341,7 @@ class JointSpace:
         return Stations(path, self._closing, s, X, speeds_at, moved)
 
     def _same(self, x: Array, q: Array) -> bool:
-        """Return whether x is in the assembly mode already stored for joint values q; store x if none is stored."""
+        """Return whether x is in the assembly mode of the state stored for q; if none is stored, store x."""
         known = self._closing.known(q)
         if known is None:
             self._closing.keep(q[None], x[None])
@@ -352,7 +352,7 @@ class JointSpace:
     # -- distances ------------------------------------------------------------------------------------
 
     def _clear(self, seen: Stations) -> bool:
-        """Return whether all pairs have the required distance where tested, and half of it along the whole path."""
+        """Return whether all pairs have the required distance at the tested s, and half of this distance at all s."""
         if len(self._pairs) and self._pairs.near(seen.X).any():
             return False
 
@@ -367,7 +367,7 @@ class JointSpace:
         *,
         exact: bool = True,
     ) -> np.ndarray:
-        """Return (count,) bool: whether all pairs have the required distance where tested, and half of it elsewhere.
+        """Return (count,) bool: whether all pairs have the required distance at the tested s, and half of it at all s.
 
         If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
 
@@ -494,7 +494,7 @@ class JointSpace:
 
     @property
     def _gain(self) -> Array:
-        """Rates (nv, n) of the tree per rate of each driven joint, of a mechanism without loops."""
+        """Rates (nv, n) of the tree joints per rate of each driven joint, for a mechanism without loops."""
         assert self._closing.linear is not None
         return self._closing.linear[0]
 
@@ -511,14 +511,14 @@ class JointSpace:
             within: accepted difference in m between the smallest distance found and the bound.
 
         Raises:
-            MechanismError: the path exceeds joint limits, `keep` excludes a state, or loops do not close along it.
+            MechanismError: the path exceeds joint limits, `keep` excludes a state, or the loops open.
         """
         return nearest(self.certify_each(path, lambda a, b: "", within).values())
 
     def certify_each(
         self, path: Callable[..., Array], group: Callable[[str, str], str], within: float = 0.5 * MM
     ) -> dict[str, Certificate]:
-        """Return the result of `certify` for each group of pairs, by name; `group(a, b)` names the group of two bodies.
+        """Return the result of `certify` for each group of pairs; `group(a, b)` is the group name of bodies a, b.
 
         Raises:
             MechanismError: as in `certify`.

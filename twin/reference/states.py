@@ -14,10 +14,10 @@ class Assembly:
     Attributes:
         T_base_tool: (4, 4) pose of the tool.
         q: (n,) active joint values in m or rad.
-        q_full: value in m or rad of each joint with a single coordinate, including loop joints, by name.
+        q_full: {name: value in m or rad} of the joints with a single coordinate, including loop joints.
         link_poses: T_base_body (4, 4) by name of the body.
         points: named points (3,) in base, in m.
-        gap: (offset in m, rotation in rad) in the locked directions of each loop joint, by name.
+        gap: {name: (offset in m, rotation in rad)} of the loop joints, in their locked directions.
         x: (nq,) configuration in Pinocchio's coordinates; further solutions can start from this configuration.
     """
 
@@ -43,7 +43,7 @@ class Run:
         x: (k, nq) configurations.
         q: (k, n) active joint values in m or rad.
         Ts_base_tool: (k, 4, 4) tool poses.
-        q_passive: values (k,) of each passive joint with a single coordinate, by name.
+        q_passive: {name: values (k,) in m or rad} of the passive joints with a single coordinate.
         points: positions (k, 3) of each named point in base, in m.
         gaps: (k, loops, 2) loop gaps: offset in m, rotation in rad.
         loop_names: names of the loops, in the order of the second axis of `gaps`.

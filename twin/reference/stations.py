@@ -13,15 +13,15 @@ from twin.reference.closing import Closing
 
 @dataclass(frozen=True)
 class Stations:
-    """A path with its stations, and bounds of the relative motions.
+    """A path with its stations, and bounds of the motion of each coordinate.
 
     Attributes:
         path: the path q(s).
         closing: closes the loops of the mechanism.
         s: (k,) values of s at the stations.
         X: (k, nq) configurations at the stations.
-        fine: (m,) values of s from 0 to 1.
-        moved: (m, nv) in m or rad, upper bound of the path length of each coordinate from s = 0 to each `fine`.
+        fine: (m,) values of s from 0 to 1 for `moved`.
+        moved: (m, nv) in m or rad, upper bound of the path length of each coordinate from s = 0 to each s in `fine`.
     """
 
     path: Callable[[Array], Array]

@@ -6,8 +6,8 @@ Let the axis be that of joint 1, and let joints 2, 3, ... follow up to the body.
 sum of four terms: the distance of the origin of joint 2 from the axis; the lengths of the offsets from joint 2 to joint
 3 and so on; the largest distance of the body's points from the origin of its last joint; the extensions of sliding
 joints between axis and body. For a slide, let rho be 1. Let L(s0, s1) be the path length of a coordinate along q(s)
-from s0 to s1: there, two points of the pair approach each other by at most the sum of rho L(s0, s1) over all
-coordinates.
+from s0 to s1. In this interval, two points of the pair approach each other by at most the sum of rho L(s0, s1) over
+all coordinates.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Reach:
         self._slides = [(model.joints[n].idx_q, where) for n, where in adds.items() if where.any()]
 
     def _above(self, number: int) -> list[int]:
-        """Return a joint and all joints between it and the base."""
+        """Return the joint `number` and all joints between this joint and the base."""
         out = []
         while number:
             out.append(number)
@@ -144,7 +144,7 @@ class Levers:
         off = centres[self._bodies] - place[self._joints, :, 1]
         along = (off * place[self._joints, :, 0]).sum(axis=1)
         for n in np.flatnonzero(self._balls):
-            # the sum, not the norm: the rotations about the three axes may follow each other
+            # the sum, not the norm: the body may rotate about the three axes one after the other
             steps[n] = moved[:, self._columns[n] : self._columns[n] + 3].sum(axis=1)
             along[self._joints == n] = 0.0
         rho = np.sqrt(np.maximum((off * off).sum(axis=1) - along**2, 0.0)) + radii[self._bodies, None]

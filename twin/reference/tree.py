@@ -23,7 +23,7 @@ _JOINT_MODELS = {
 
 
 def _depth_first(mechanism: Mechanism) -> Iterator[Joint]:
-    """Yield the joints of the tree branch by branch; Pinocchio's mass matrix requires consecutive subtrees."""
+    """Yield the joints of the tree depth first; Pinocchio's mass matrix requires consecutive numbers in a subtree."""
     beyond: dict[str, list[Joint]] = {}
     for joint in mechanism.tree:
         beyond.setdefault(joint.parent, []).append(joint)
@@ -210,7 +210,7 @@ class Tree:
         return J
 
     def step(self, X: Array, steps: Array) -> Array:
-        """Return configurations (k, nq) after tangent steps (k, nv); faster than `integrate` for many of them."""
+        """Return configurations (k, nq) after tangent steps (k, nv); faster than `integrate` for large k."""
         out = np.empty_like(X)
         for _, kind, place, column in self._chain:
             if kind in ("JointModelRZ", "JointModelPZ"):
@@ -227,7 +227,7 @@ class Tree:
         return self.unit(out)
 
     def unit(self, X: Array) -> Array:
-        """Return configurations (k, nq) with normalised quaternions; faster than `normalise` for many of them."""
+        """Return configurations (k, nq) with normalised quaternions; faster than `normalise` for large k."""
         X = X.copy()
         for place in self.quaternions:
             X[:, place : place + 4] /= np.linalg.norm(X[:, place : place + 4], axis=1, keepdims=True)
@@ -259,7 +259,7 @@ class Tree:
         return np.array([pin.integrate(self.model, x, v) for x, v in zip(X, steps, strict=True)])
 
     def normalise(self, X: Array) -> Array:
-        """Return configurations (k, nq) with normalised quaternions; interpolation changes their length."""
+        """Return configurations (k, nq) with normalised quaternions, for use after interpolation."""
         return np.array([pin.normalize(self.model, x) for x in X])
 
     def tool(self, poses: Array) -> Array:
@@ -273,7 +273,7 @@ class Tree:
         return np.concatenate([own[:, :3] - spatial.hat(p) @ own[:, 3:], own[:, 3:]], axis=1)
 
     def start(self, rest: Mapping[str, Array]) -> Array:
-        """Return the configuration (nq,) that is nearest to the rest poses T_base_body (4, 4), by name of the body."""
+        """Return the configuration (nq,) nearest to the rest poses `rest`: {name of the body: T_base_body (4, 4)}."""
         x = pin.neutral(self.model)
         for joint in self.mechanism.tree:
             if joint.type == "fixed" or joint.parent not in rest or joint.child not in rest:

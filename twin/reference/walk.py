@@ -41,7 +41,7 @@ def distance(a: Array, b: Array) -> float:
 
 
 def between(a: Array, b: Array, s: float) -> Array:
-    """Return the target at fraction s from a to b: joint values, or poses with separate position and rotation."""
+    """Return the target at fraction s from a to b; position and rotation of a pose are interpolated separately."""
     if s == 1:
         return b
     if a.ndim == 1:

@@ -32,7 +32,7 @@ def same_layer(a: Path, b: Path) -> bool:
 def _numbers(text: str) -> tuple[Array, Array]:
     """Return (numbers of a layer file, absolute tolerance of each number).
 
-    Angles of joint drives and joint states are in degrees, and their tolerances as well.
+    The angles of joint drives and joint states, and the tolerances of these angles, are in degrees.
     """
     numbers, tolerances, unit = [], [], 1.0
     for line in text.splitlines():

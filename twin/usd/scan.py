@@ -166,7 +166,7 @@ class Scene:
         return None
 
     def raw_transform(self, prim: Usd.Prim) -> Array:
-        """Return T_stage_prim (4, 4) at rest in units of the stage, with scale."""
+        """Return T_stage_prim (4, 4) at the default time, with scale; lengths are in units of the stage."""
         with self._evaluating():
             return gf.affine(UsdGeom.XformCache().GetLocalToWorldTransform(prim))
 

@@ -1,11 +1,11 @@
-"""A medical protocol, read from TOML: waypoints, and phases that move the robot from one to the next.
+"""A medical protocol, read from TOML: waypoints, and phases that move the robot from one waypoint to the next.
 
 A protocol names the frame that it moves (`tool`, `endoscope_tip`, ...). Positions are positions of the origin of this
 frame in base. Angles are always the angles of the `tool` frame, about the axes named by `rotation`, in this order
-("zyx": R_base_tool = Rz(psi) Ry(theta) Rx(phi)). A table of poses in a paper can therefore be copied, whatever its
-reference point. The shaft passes through the origin of the moved frame. Its direction is `shaft_axis`, a vector in the
-moved frame that points from the platform to the tip. The depth is the distance along the shaft from the RCM to the
-origin of the moved frame.
+("zyx": R_base_tool = Rz(psi) Ry(theta) Rx(phi)). A table of poses in a paper can therefore be copied, whatever the
+reference point of its positions. The shaft passes through the origin of the moved frame. The direction of the shaft is
+`shaft_axis`, a vector in the moved frame that points from the platform to the tip. The depth is the distance along the
+shaft from the RCM to the origin of the moved frame.
 
 Each phase type is defined in one file in `phases`.
 

@@ -15,7 +15,7 @@ from twin.planning.protocol.phases.positioning import Positioning
 
 
 def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed: int = 0) -> Protocol:
-    """Return the protocol; each `joints`, `positioning` and `home` phase becomes a `free` phase to the same waypoint.
+    """Return the protocol with `free` phases instead of `joints`, `positioning` and `home` phases; waypoints are kept.
 
     Args:
         protocol: the protocol.

@@ -51,8 +51,8 @@ class Course:
         n_tool_shaft: (3,) unit vector along the shaft towards the tip, in the tool frame.
         order: axes of the rotation angles.
         angles0, angles1: (3,) angles in rad at both ends, about the axes of `order`.
-        tip0, tip1: (3,) origin of the moved frame in base in m, at both ends.
-        rcm: (3,) registered RCM in base in m; None if there is none.
+        tip0, tip1: (3,) origin of the moved frame at both ends, in m, in base.
+        rcm: (3,) registered RCM in m, in base; None if there is none.
         rcm_mode: "enforced" or "monitored"; None without RCM.
         depth0, depth1: depth in m at both ends; NaN without RCM.
     """
@@ -77,7 +77,7 @@ class Course:
         return self.moved(R, p, p1, np.zeros((len(s), 3)), w1, w2)
 
     def about(self, rcm: Array, s: Array) -> Motion:
-        """Return the motion about an RCM (3,) in base in m, at the path parameters s (k,)."""
+        """Return the motion about an RCM (3,) (in m, in base) at the path parameters s (k,)."""
         R, w1, w2 = _turning(self.angles0, self.angles1 - self.angles0, s, self.order)
         n = R @ self.n_tool_shaft
         n1 = np.cross(w1, n)
@@ -101,7 +101,7 @@ def rotation(angles: Array, order: RotationOrder) -> Array:
 
 
 def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
-    """Return the angles (3,) in rad of R (3, 3), about the axes of `order`, that are nearest to `near` (3,).
+    """Return the angles (3,) in rad of R (3, 3) about the axes of `order`: of all solutions, the nearest to `near`.
 
     The angles change linearly in a phase: a difference of 2 pi would rotate the tool by a full turn. If
     the middle angle is a right angle, the first angle is taken from `near`.

@@ -77,14 +77,14 @@ class Protocol:
         frame: name of the moved frame.
         shaft_axis: (3,) unit vector in the moved frame, from the platform to the tip.
         start: name of the first waypoint.
-        waypoints: waypoints by name.
+        waypoints: {name: waypoint}.
         phases: phases in order.
-        limits: limits of each phase type in use, by type.
+        limits: {type of phases: limits}, for all types in use.
         tolerances: tolerances of the finished trajectory.
         rotation: axes of the three angles of a waypoint, in order, such as "zyx".
-        trocars: positions (3,) in base in m, by name; "" is the only trocar of the mechanism. Trocars of the mechanism
-            that are not given are as drawn.
-        rcm: (3,) in base in m, RCM registered from the start (the instrument is already in the patient), or None.
+        trocars: {name: position (3,) in m, in base}; the name "" means the only trocar of the mechanism. A trocar of
+            the mechanism without an entry has its drawn position.
+        rcm: RCM (3,) in m, in base, if it is registered from the start (instrument already in the patient), else None.
         free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
             directions in which the robot cannot move; every waypoint must be a pose that the robot can assume.
         patient: place of the patient, or None; if None, `no_patient` may give the reason.
@@ -112,9 +112,9 @@ class Protocol:
 
     @property
     def first_rcm(self) -> Array | None:
-        """The RCM (3,) in base in m that the motion needs first.
+        """The first RCM (3,) that the motion needs, in m, in base.
 
-        If the protocol has an unnamed trocar or an RCM, this position is returned. Otherwise, the position follows from
+        If the protocol has an unnamed trocar or an RCM, its position is returned. Otherwise, the position follows from
         the first phase that names a trocar (position of the trocar) or is an insertion (waypoint at its start). None if
         the protocol has no RCM, or if only the mechanism defines the position of its trocar.
         """
@@ -130,7 +130,7 @@ class Protocol:
         return None
 
     def places_of(self, trocars: Sequence[str]) -> dict[str, Array]:
-        """Return the positions that the protocol assigns to the mechanism's trocars: (3,) in m in base, by name.
+        """Return {name: position (3,) in m, in base} of the mechanism's trocars, as assigned by the protocol.
 
         Args:
             trocars: names of the mechanism's trocars.

@@ -61,7 +61,7 @@ class Walk:
 
         Args:
             path: the file, for messages.
-            waypoints: waypoints by name.
+            waypoints: {name: waypoint}.
             trocars: names in [trocars_mm].
             start: name of the waypoint at the start.
             home: name of the waypoint of `home` phases.
@@ -100,7 +100,7 @@ class Walk:
         return self._folder / name
 
     def text(self, path: Path, kind: str) -> str:
-        """Return the text of a file; `kind` is its kind in `core.foreign.budget`, which limits its size.
+        """Return the text of a file; the size is limited by the budget of this `kind` (`core.foreign.budget`).
 
         Raises:
             OSError, UnicodeDecodeError: the file cannot be read.
@@ -196,7 +196,7 @@ class Begin:
 
     Attributes:
         where: names of protocol and phase, for messages.
-        waypoints: waypoints of the protocol, by name.
+        waypoints: {name: waypoint} of the protocol.
         order: rotation axes of `angles`, in order.
         n_tool_shaft: (3,) unit vector along the shaft, in the tool frame.
         tolerance: largest accepted distance in m between shaft and RCM.
@@ -204,7 +204,7 @@ class Begin:
             known tool pose.
         angles, tip: (3,) orientation in rad and (3,) position in m of the moved frame.
         shaft: (3,) unit vector along the shaft in base.
-        rcm: (3,) registered RCM in base in m, or None.
+        rcm: (3,) registered RCM in m, in base, or None.
         depth: depth in m; NaN without RCM.
         mode: RCM mode of the previous phase, or None.
     """
@@ -254,9 +254,10 @@ def pose_of(waypoints: Mapping[str, Waypoint], name: str, protocol: str) -> tupl
 
 @dataclass(frozen=True)
 class End:
-    """State at the end of a phase: angles, position and RCM (3,), waypoint, RCM mode, and depth in m; see `Begin`.
+    """State at the end of a phase; `angles`, `tip`, `rcm` and `mode` are those of `Begin`, but at the end.
 
-    `depth0` is the depth in m at the start, if the phase registers an RCM there; None: the depth is unchanged.
+    `waypoint` is the name of the waypoint at the end, or None. `depth1` is the depth in m at the end. `depth0` is the
+    depth in m at the start if the phase registers an RCM there; None: the depth there is `Begin.depth`.
     """
 
     angles: Array
@@ -276,7 +277,7 @@ class Phase(ABC):
         type: value of `type` in the file.
         registers: whether the phase registers an RCM at its start.
         places: whether the phase is a straight motion to a waypoint `to`, outside the patient.
-        by_joints: whether the phase moves the driven joints if its waypoint has joint values.
+        by_joints: whether the phase is a motion in joint space if its waypoint has joint values.
         has_length: whether the end of the phase must differ from its start.
     """
 
@@ -296,7 +297,7 @@ class Phase(ABC):
         """
 
     def motion(self, course: Course, s: Array) -> Motion:
-        """Return the motion of the phase at the path parameters s (k,): a straight line, unless a type overrides it."""
+        """Return the motion of the phase at s (k,): along a straight line, unless a type overrides this method."""
         return course.line(s)
 
     def depth_at(self, course: Course, s: float) -> float:

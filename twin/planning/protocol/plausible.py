@@ -17,7 +17,10 @@ _TIP, _TURN = (0.2, 2000.0), (1.0, 720.0)
 """Plausible ranges of tip speed in mm/s and rotation speed in deg/s."""
 
 _RAMP = (2e-3, 30.0)
-"""Plausible range in s of the time from rest to full speed; to full acceleration, a tenth of the minimum suffices."""
+"""Plausible range in s of the time from rest to full speed.
+
+The range of the time from zero to full acceleration has the same maximum, and a tenth of this minimum.
+"""
 
 _DEPTH = 0.5
 """Insertion depth in mm below which the number looks like metres."""
@@ -28,7 +31,7 @@ than `_FAR`."""
 
 
 def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
-    """Yield a warning for each number that is implausible in its unit but usual in another."""
+    """Yield a warning for each number that is implausible in its unit but usual in another unit."""
     for name, w in table.waypoints.items():
         if w.angles_deg is not None and _radians(w.angles_deg):
             shown = ", ".join(f"{a:g}" for a in w.angles_deg)

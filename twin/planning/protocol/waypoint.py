@@ -20,7 +20,7 @@ class Waypoint:
         position: (3,) in m, for a pose; None otherwise.
         depth: depth in m, for an orientation about the RCM; None otherwise.
         label, provenance, note: text for readers.
-        joints: values of driven joints in m or rad, by name; other joints are as drawn. None: no joint values.
+        joints: {name: value in m or rad} of driven joints; other joints are as drawn. None: no joint values.
         angle_joints: names in `joints` whose values were given in degrees.
     """
 

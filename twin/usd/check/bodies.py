@@ -21,7 +21,7 @@ QUATERNION_TOL = 1e-4
 """Maximum difference of a quaternion's length from 1 that is taken as a rounding error of single precision."""
 
 COM_MARGIN = 1 * MM
-"""Maximum distance in m of a centre of mass from the bounding box of the meshes, which may be thin or coarse."""
+"""Maximum distance in m of a centre of mass from the bounding box of the meshes; meshes may be thin or coarse."""
 
 GYRATION = (0.02, 1.0)
 """Plausible range of the maximum radius of gyration, divided by the diagonal of the meshes' bounding box."""

@@ -28,7 +28,7 @@ RADIAN_LOOKS = tuple(np.pi * f for f in (2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3
 """Values of typical limits in radians; such values are unusual for limits in degrees."""
 
 RADIAN_SPEED = 4 * np.pi
-"""Value up to which a maximum speed is probably in rad/s; in degrees per second, it would be very low."""
+"""A maximum speed up to this value is probably in rad/s, because this speed in degrees per second is very low."""
 
 SPEED_MARGIN = 1.01
 """Factor by which a speed may exceed the maximum, because finite differences between samples have an error."""
@@ -55,7 +55,7 @@ _DRIVE_TARGET = Kind("stage.drive_target", "disagreement", "author a target with
 
 
 def coordinate(joint: RawJoint, A: Array) -> Array:
-    """Return the coordinate (k,) of a joint in degrees (first in -180..180, then unwrapped) or metres."""
+    """Return the coordinate (k,) of a joint in metres or degrees (the first in -180..180, the others unwrapped)."""
     if joint.type == "prismatic":
         return A[:, 2, 3]
     return np.unwrap(spatial.angle_about_z(A)) / DEG
@@ -65,7 +65,7 @@ def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -
     """Yield findings on a revolute or prismatic joint.
 
     `q` (k + 1,) is the joint's coordinate at rest and at the k samples of the timeline, in degrees or metres.
-    `ordered` states whether the lower limit is at most the upper limit; if False, the limits are not checked.
+    `ordered` is False if the lower limit exceeds the upper limit; the limits are then not checked.
     """
     if joint.limits and ordered:
         yield from _check_limits(joint, line, q)
@@ -86,7 +86,8 @@ def _radians(joint: RawJoint, text: str, size: float) -> Finding:
 def _breach(q: Array, low: float, high: float, wraps: bool) -> Array:
     """Return the distances (k,) of q (k,) from the range low..high.
 
-    If `wraps`, the same number of full turns, -3 to 3, is added to all samples, so that the distances are minimal.
+    If `wraps`, the same number of full turns, -3 to 3, is added to all samples; this number minimises the largest
+    distance.
     """
     turns = 360.0 * np.arange(-3, 4) if wraps else np.zeros(1)
     each = [np.maximum(np.maximum(low - (q + t), q + t - high), 0) for t in turns]

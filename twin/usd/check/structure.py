@@ -38,7 +38,7 @@ def check_structure(scene: Scene) -> Iterator[Finding]:
 
 
 def _check_drives(joints: list[RawJoint]) -> Iterator[Finding]:
-    """Yield a finding if no joint has a drive; otherwise a finding for each active joint without a drive or gains."""
+    """Yield one finding if no joint has a drive, else one for each active joint whose drive or gains are missing."""
     code, active = "stage.drive_missing", [j for j in joints if _is_active(j)]
     if not any(j.prim.HasAPI(UsdPhysics.DriveAPI) for j in joints):
         text = "no joint has a drive: in a simulator the robot collapses"

@@ -82,8 +82,8 @@ def read_motion(path: str | Path) -> tuple[Array, dict[str, Array]]:
     different time codes, all bodies are evaluated at every time code of any body; USD then interpolates poses.
 
     Returns:
-        (times, poses): times (k,) in s from time code 0; T_world_body (k, 4, 4) in metres, world z up, by the body
-        names of `read_stage`.
+        (times, poses): times (k,) in s from time code 0; poses {name: T_world_body (k, 4, 4)} in metres, world z up,
+        with the body names of `read_stage`.
 
     Raises:
         StageError: the file cannot be read or no body moves.
@@ -162,7 +162,7 @@ def _shape(name: Sdf.ValueTypeName) -> tuple:
 
 
 def _refuse_unknown_types(scene: Scene) -> None:
-    """Raise `StageError` if the type of an attribute is unknown or differs from its schema: USD would misread it."""
+    """Raise `StageError` if an attribute has an unknown type, or not that of its schema; USD would misread values."""
     for layer in scene.stage.GetUsedLayers():
 
         def check(path: Sdf.Path, layer: Sdf.Layer = layer) -> None:

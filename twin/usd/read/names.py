@@ -18,7 +18,7 @@ def identifier(name: str) -> str:
 
 
 def unique(wanted: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return a unique identifier for each key; equal ones are numbered in the order of `wanted` (arm, arm_2, ...).
+    """Return a unique identifier for each key; equal identifiers are numbered in the given order (arm, arm_2, ...).
 
     `wanted` has (key, name) of each object; all keys, such as prim paths, must be different.
     """

@@ -16,7 +16,7 @@ from twin.usd import gf
 from twin.usd.write.layers import Leaves, describe, new_layer, save
 
 CREASE = 30 * DEG
-"""Angle in rad between two faces below which their normals are averaged: bores look smooth, edges stay visible."""
+"""Angle in rad between two faces, below which their normals are averaged: bores look smooth, edges stay visible."""
 
 RESERVED = {"joints", "materials"}
 """Names of the scopes below the robot's prim; bodies must not have these names."""
@@ -98,7 +98,7 @@ def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
 
 
 def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> Array:
-    """Return unit normals (3 m, 3), one for each triangle corner, averaged over faces at angles below `crease`.
+    """Return unit normals (3 m, 3), one per triangle corner, averaged over faces that meet at angles below `crease`.
 
     Triangles (m, 3) are indices of vertices (n, 3); normals are averaged only over faces that share a vertex. Angles
     are in rad.

@@ -77,7 +77,7 @@ class Leaves:
         self._taken = set(reserved)
 
     def take(self, name: str, suffix: str) -> str:
-        """Return `name`; if it is already used, append `_<suffix>` and, if necessary, a number."""
+        """Return `name` if it is not used yet; otherwise append `_<suffix>` and, if necessary, a number."""
         free, i = name, 1
         while free in self._taken:
             free = f"{name}_{suffix}" if i == 1 else f"{name}_{suffix}_{i}"

@@ -29,10 +29,10 @@ class Motion:
     Attributes:
         name: identifier of the protocol.
         times_s: times (k,) in s, increasing from 0.
-        link_poses: T_world_body (k, 4, 4) by body; bodies not listed stay at rest.
-        joint_values: coordinate (k,) in m or rad of joints with one coordinate; joints not listed get no samples.
-        trocars: positions (3,) in m, relative to the base frame, of trocars during the motion, by name; trocars not
-            listed are as in the CAD.
+        link_poses: {body: T_world_body (k, 4, 4)}; bodies not listed stay at rest.
+        joint_values: {name: coordinate (k,) in m or rad} of joints with one coordinate; other joints get no samples.
+        trocars: {name: position (3,) in m, in base} of trocars during the motion; trocars not listed are as in the
+            CAD.
     """
 
     name: str
@@ -78,7 +78,7 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
     for name, p in moved.items():
         place = f"/{mechanism.name}/joints/{name}.physics:localPos0"
         layer.GetAttributeAtPath(_attribute(layer, place, Sdf.ValueTypeNames.Point3f)).default = gf.vec3f(p)
-    # At home the robot does not pass through these trocars: the rest pose is the first pose of the motion instead.
+    # In its home pose, the robot does not pass through these trocars: use the first pose of the motion as rest pose.
     for path, values in samples if moved else ():
         layer.GetAttributeAtPath(path).default = values[0]
     save(layer, layer_path)

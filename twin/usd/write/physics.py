@@ -253,7 +253,7 @@ def _write_joint(
 
 
 def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> None:
-    """Rotate the child frame of a ball joint in the tree so that its two frames coincide at the written poses.
+    """Rotate the child frame of a ball joint in the tree so that both joint frames coincide at the written poses.
 
     Simulators start the ball joints of an articulation at zero and ignore their joint states (in PhysX, SILS started
     with a gap of 21 mm, SHER with 0.28 m). The original frame is stored in an attribute. A cone is relative to the
@@ -276,7 +276,7 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
 
 
 def _mimics(mechanism: Mechanism) -> dict[str, Following]:
-    """Return leader and follower of each coupling that a mimic joint can express, by name of the coupling.
+    """Return {coupling: its leader and follower} for the couplings that a mimic joint can express.
 
     PhysX and Newton accept only joints of the articulation as mimic joints, and PhysX requires limits on hinges. The
     offset must be zero, because PhysX reads it in degrees and Newton in rad.
@@ -298,7 +298,7 @@ def _write_mimic(stage: Usd.Stage, mechanism: Mechanism, follows: Following) -> 
 
 
 def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, link_poses: Mapping[str, Array]) -> None:
-    """Write a PhysX tendon for a coupling that mimic joints cannot express; the joint nearest to the base is first.
+    """Write a PhysX tendon for a coupling that mimic joints cannot express; its root is the joint nearest to the base.
 
     UsdPhysics cannot express couplings; without the tendon, a passive joint of a belt drive moves freely in PhysX. The
     tendon has the stiffness of the drives: PhysX integrates tendons explicitly, and a tendon with damping or much

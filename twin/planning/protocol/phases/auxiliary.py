@@ -33,7 +33,7 @@ class AuxiliaryTable(PhaseTable):
 
 @dataclass(frozen=True)
 class Auxiliary(Phase):
-    """Move auxiliary joints (such as a jaw) synchronously to `joints`: values in m or rad by name. The tool is at rest.
+    """Move auxiliary joints (such as a jaw) synchronously to `joints`: {name: value in m or rad}. The tool is at rest.
 
     `angle_joints` are the names of the joints whose values were given in degrees.
     """

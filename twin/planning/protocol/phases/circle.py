@@ -79,7 +79,7 @@ class Circle(Phase):
         return End(at.angles, at.tip, at.rcm, None, "enforced", at.depth)
 
     def motion(self, course: Course, s: Array) -> Motion:
-        """Return the motion at s (k,); the smallest rotation turns the shaft from its initial to its new direction."""
+        """Return the motion at s (k,); the tool rotates minimally from the initial to the current shaft direction."""
         R0 = rotation(course.angles0, course.order)
         out = course.tip0 - self.centre
         out, along = out - (out @ self.normal) * self.normal, (out @ self.normal) * self.normal

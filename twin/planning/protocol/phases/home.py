@@ -1,4 +1,4 @@
-"""home: move to the home waypoint on a straight line, or by the driven joints if the waypoint has joint values."""
+"""home: move to the home waypoint on a straight line, or in joint space if the waypoint has joint values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class HomeTable(PhaseTable):
 
 @dataclass(frozen=True)
 class Home(Reaching):
-    """Move to the home waypoint `to` on a straight line, or by the driven joints if the waypoint has joint values."""
+    """Move to the home waypoint `to` on a straight line, or in joint space if the waypoint has joint values."""
 
     type: ClassVar[str] = "home"
     places: ClassVar[bool] = True

@@ -40,7 +40,7 @@ class InsertionTable(PhaseTable):
 
 @dataclass(frozen=True)
 class Insertion(Phase):
-    """Move along the shaft by `depth` in m; the tip's initial position, at the `trocar` if named, becomes the RCM."""
+    """Move along the shaft by `depth` in m; the initial position of the tip (at the named `trocar`) becomes the RCM."""
 
     depth: float
     to: str | None = None

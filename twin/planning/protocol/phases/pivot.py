@@ -54,7 +54,7 @@ class Pivot(Phase):
     type: ClassVar[str] = "pivot"
 
     def end_after(self, at: Begin) -> End:
-        """Return the state at the end: the pose of the waypoint, or its angles and depth about the RCM."""
+        """Return the state at the end: the waypoint's pose ("monitored"), or its angles and depth ("enforced")."""
         if at.rcm is None:
             raise at.refuse("no RCM is registered yet; add an insertion before this pivot")
         if self.rcm == "monitored":

@@ -25,7 +25,7 @@ class RetractionTable(PhaseTable):
     in_patient: ClassVar[bool] = True
 
     def follow(self, walk: Walk) -> None:
-        """Check that an RCM is registered, or register the trocar; the phase ends at no waypoint."""
+        """Register the named trocar, if any, and check that an RCM is registered; the phase ends at no waypoint."""
         walk.through(self.trocar)
         walk.registered(self.type)
         walk.inside = self.depth_mm > 0

@@ -41,7 +41,7 @@ class SamplesTable(PhaseTable):
     rank: ClassVar[int] = 9
 
     def follow(self, walk: Walk) -> None:
-        """Check that no RCM is registered, and that a waypoint `to` has joint values; end the phase there."""
+        """Check that no RCM is registered; if `to` is given, end the phase there and check that it has joint values."""
         walk.outside(self.type)
         if self.to is not None:
             walk.go(self.to, "a motion by samples", "joints")
