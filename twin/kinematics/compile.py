@@ -27,9 +27,9 @@ def compile_formula(
 
     Args:
         formula: the equations.
-        variants: {equation: variant}, or one name for all equations that have this variant; default: the default of
-            each equation.
-        parameters: {parameter: value in SI}; the values replace published values.
+        variants: {equation: variant}, or the name of one variant, used for all equations that have it; default: the
+            default variant of each equation.
+        parameters: {parameter: value in SI}; these values replace the published values.
         extra_joints: auxiliary joints (joints of the robot that are not in the equations), by ascending index in q.
 
     Raises:
@@ -57,7 +57,8 @@ class Kinematics(Compiled):
         values of the seed.
 
         Raises:
-            KinematicsError: the pose is not rigid, or out of reach; the message names the chain and the distance.
+            KinematicsError: the pose is not rigid, or out of reach; the message gives the chain that does not reach
+                and the missing length.
         """
         T = poses(T_base_tool, batch=False)
         if not self.closed_inverse:
@@ -92,8 +93,8 @@ class Kinematics(Compiled):
         pose starts from the previous solution.
 
         Raises:
-            KinematicsError: a pose has no solution; the message gives the index of the first such pose, the error of
-                `inverse` for it, and the number of poses without a solution.
+            KinematicsError: a pose has no solution; the message gives the index of the first such pose, the error
+                message of `inverse` at this pose, and the number of poses without a solution.
         """
         Ts = poses(Ts_base_tool)
         q = self.inverse_many(Ts) if self.closed_inverse else assembly.inverse_by_solver_many(self, Ts, seed)

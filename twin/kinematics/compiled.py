@@ -33,10 +33,10 @@ class Compiled(ABC):
     Attributes:
         formula: the formula from which the functions are compiled.
         joints: active joints, in the order of q.
-        auxiliary: (n,) bool, whether a joint is not in the equations and cannot move the tool. For such a joint, the
-            inverse returns the value given at compilation; the forward equations ignore the joint.
-        variants: the variant in use, by equation.
-        choices: names of the existing variants, by equation.
+        auxiliary: (n,) bool, whether a joint is auxiliary: it is not in the equations and cannot move the tool. For
+            such a joint, the inverse returns the value given at compilation; the forward equations ignore the joint.
+        variants: {equation: name of the variant in use}.
+        choices: {equation: names of all its variants}.
         parameters: the values in use, in SI, by name.
         closed_inverse: whether the formula has equations for q from the pose (inverse equations).
         closed_forward: whether the formula has equations for the pose from q (forward equations).
@@ -92,7 +92,7 @@ class Compiled(ABC):
         """Return poses (k, 4, 4) at qs (k, n); NaN where no solution exists."""
 
     def joints_from_points(self, points: Mapping[str, ArrayLike]) -> Array:
-        """Return q (k, n) from named points {name: (k, 3)} in m, with only the equations that use the points.
+        """Return q (k, n) from named points {name: (k, 3)} in m; only equations that use these points are evaluated.
 
         Raises:
             KinematicsError: a point is unknown or missing, or the equations also require the pose.
@@ -121,7 +121,7 @@ class Compiled(ABC):
     def inverse_jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
         """Return the inverse Jacobian (n, 6), joint rates per tool twist, at the pose T or at q.
 
-        If both T and q are given, T is used; if the formula has no inverse equations, q is used.
+        If both T and q are given, T is used, except for a formula without inverse equations, which uses q.
         """
         return self.inverse_jacobian_many(_one(T), _one(q))[0]
 
@@ -201,7 +201,7 @@ class Compiled(ABC):
         return singularity.condition_many(J)
 
     def why(self, T: Array) -> str:
-        """Return which line of a formula file gives NaN or infinity at a pose (4, 4), and why, as text.
+        """Return a text: the line of a formula file whose result at a pose (4, 4) is NaN or infinite, and the cause.
 
         Only files with functions `inverse` or `forward` are traced (see `twin.formula.plain`). "": no line was found.
         """

@@ -148,7 +148,7 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
 def descend(
     kin: Compiled, task: Task, start: Array, bounds: Array | None = None, length_scale: float | None = None
 ) -> Descent:
-    """Run one descent from a state, which must be within reach; return the result, converged or not."""
+    """Run one descent from a reachable state; return its result even if the descent does not converge."""
     scale = kin.characteristic_length if length_scale is None else float(length_scale)
     if not scale > 0:
         raise KinematicsError(f"length_scale {length_scale} m must be positive.")
@@ -171,7 +171,7 @@ def descend(
 
 
 def _from_formula(kin: Compiled, seed: Array) -> Array:
-    """Return the state of a formula's seed; the seed is coordinates, or q if the formula has no inverse equations."""
+    """Convert a seed of the formula to a state; the seed is pose coordinates or, without inverse equations, q."""
     if not kin.closed_inverse:
         q = np.zeros(len(kin.joints))
         q[~kin.auxiliary], q[kin.auxiliary] = seed, [value for *_, value in kin.extra_joints]

@@ -21,7 +21,7 @@ from twin.formula import symbolic
 
 @dataclass(frozen=True)
 class Term:
-    """One weighted residual: `kind` names its function, `numbers` are its arguments, `rows` are the rows in use."""
+    """One weighted residual: `kind` names its function, `numbers` its arguments, `rows` the rows in use."""
 
     kind: str
     numbers: Array

@@ -24,7 +24,7 @@ class Block:
     Attributes:
         rows: indices of the equations.
         unknowns: indices of the joints in `Equations.passive`.
-        columns: indices of these joints' steps, which are columns of `Equations.jacobian`.
+        columns: columns of `Equations.jacobian` that belong to the steps of these joints.
         pattern: (rows, columns) bool, whether an entry of the Jacobian can differ from 0.
     """
 
