@@ -65,8 +65,8 @@ class AnatomyTable(Sourced):
     """The organs of a scene. `file` is a description file, like that of the props, with one body for each organ.
 
     `touching` names the links of instruments that can touch organs, each as "robot/body"; other links pass through
-    organs. If the drawing of the organs has a frame of its own, `axes` are the directions of that frame's x, y and z
-    in the world frame, such as ["-y", "x", "z"]; `origin_mm` is that frame's origin in the world frame; `scale` is a
+    organs. If the frame of the drawing is not the world frame, `axes` are the directions of the drawing's x, y and z in
+    the world frame, such as ["-y", "x", "z"]; `origin_mm` is the origin of the drawing in the world frame; `scale` is a
     length in the world divided by the same length in the drawing.
     """
 

@@ -24,7 +24,7 @@ class StereoTable(Table):
 
 
 class CameraTable(Sourced):
-    """A camera on a frame of a robot: it looks along z of the frame, with -y up, and is rotated about z by `roll_deg`.
+    """A camera on a frame of a robot: it looks along z of the frame, and -y is up; `roll_deg` rotates it about z.
 
     `view_deg` is the angle of view. With `stereo`, the camera has two lenses, each at half the baseline from the
     frame's origin.
@@ -64,10 +64,10 @@ class ConsoleTable(Sourced):
 
     A tap on the clutch selects the next robot in `right` or `left`. `scale` is the tool displacement divided by the
     hand displacement. `tip` is the name of a frame that each of these robots has; default: the tool frame. The origin
-    of this frame is the point that must touch the targets, and whose path length is measured. `instrument_mm` is the
-    length of a robot's instrument from its tip to its outer end; with this length, the hand can control either end.
-    `through` names the robots without a mechanical RCM: the controller keeps the shaft of such a robot (the z axis of
-    its tool) in its port. `camera_range` replaces the range of the da Vinci's endoscope.
+    of this frame must touch the targets, and its path length is measured. `instrument_mm` is the length of a robot's
+    instrument from the tip to the outer end; if it is given, the hand can control either end. `through` names the
+    robots without a mechanical RCM: the controller guides the shaft of such a robot (the z axis of the tool) through
+    the robot's port. `camera_range` replaces the range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)

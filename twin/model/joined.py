@@ -1,4 +1,4 @@
-"""Combine the mechanisms of several arms into one; each name then begins with the name of the arm."""
+"""Combine the mechanisms of several arms into one mechanism, in which each name begins with the name of its arm."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The format-neutral model: bodies, joints and loops.
 
-The tree connects every body to the base by exactly one path of joints. A joint that is not in the tree closes a loop;
-it also has two frames, but its coordinate follows from the other joints. All values are in SI units; all objects are
-immutable.
+The tree connects every body to the base by exactly one path of joints. A joint that is not in the tree closes a loop:
+it has two frames like every joint, but its coordinate follows from the other joints. All values are in SI units; all
+objects are immutable.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ class Mechanism:
     Attributes:
         name: identifier.
         base: name of the fixed body; its frame is the base frame.
-        bodies, joints, frames, points: in file order; the order decides which joint of a loop closes the loop.
+        bodies, joints, frames, points: in file order; the order of the joints decides which of them closes a loop.
         rest: T_base_body (4, 4) of every body as in the CAD or in the file; loop closure starts from these poses.
         postures: named values of the active joints in m or rad.
         tool: name of the tool frame of inverse and forward kinematics.
-        parameters: numbers with provenance that the description adds (limits, drives, densities).
+        parameters: the numbers of the description that are not in the CAD (limits, drives, densities), with provenance.
         actuators, transmissions: motors, and their transmissions to active joints; other active joints are driven
             directly.
         couplings: belts, gears and cables between joints.
@@ -158,7 +158,7 @@ class Mechanism:
 
     @cached_property
     def motor_names(self) -> tuple[str, ...]:
-        """Motor names (n,) in the order of q: the actuator of a transmission or, without one, the name of the joint."""
+        """Names (n,) of the motors, in the order of q; the motor of a directly driven joint has the joint's name."""
         names = {j: a for t in self.transmissions for j, a in zip(t.joints, t.actuators, strict=True)}
         return tuple(names.get(j.name, j.name) for j in self.active)
 
@@ -280,7 +280,7 @@ class Mechanism:
 
     @cached_property
     def _inward(self) -> dict[str, Joint]:
-        """Tree joint that has a body as its child, by name of the body."""
+        """{name of a body: the tree joint whose child is this body}."""
         return {j.child: j for j in self.tree}
 
     def posture(self, name: str) -> Array:
@@ -335,7 +335,7 @@ class Mechanism:
         return out
 
     def shaft_through(self, name: str = "") -> Frame | None:
-        """Return the instrument frame whose z axis is the shaft axis; None if no body slides in the trocar.
+        """Return the frame of the instrument with z along the shaft axis; None if no body slides in the trocar.
 
         The sliding joint is on the trocar's body, or on a body that revolute joints connect to it (a gimbal ring).
         """

@@ -1,4 +1,4 @@
-"""A soft organ: a closed surface that follows the moving nodes of a grid, its material, and pins that fix nodes."""
+"""A soft organ: a grid of moving nodes, a surface that follows these nodes, a material, and pins that fix nodes."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Tissue:
         return np.stack([self._interpolated(self.local, axis) for axis in range(3)])
 
     def _interpolated(self, local: Array, axis: int | None) -> Array:
-        """Return weights (n, k) of the nodes at points (n, 3) in the grid frame, or their slopes along `axis`."""
+        """Return weights (n, k) of the nodes at points (n, 3) in the grid frame, or the derivatives along `axis`."""
         cells = np.array(self.cells)
         at = local / self.cell
         low = np.clip(np.floor(at).astype(int), 0, cells - 1)
@@ -123,7 +123,7 @@ class Tissue:
         """Indices of the nodes that pins fix.
 
         Raises:
-            TwinError: a pin holds no node; or all pins together hold fewer than three nodes, or only nodes in one line.
+            TwinError: a pin contains no node; or the nodes in all pins are fewer than three, or are all on one line.
         """
         found = np.zeros(len(self.nodes), bool)
         for pin in self.pins:

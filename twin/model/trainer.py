@@ -1,4 +1,4 @@
-"""The section `[trainer]` of a scene: machines, the model of each machine, and the limits of their motions.
+"""The section `[trainer]` of a scene: machines, and the limits of the motions of machines and their models.
 
 A machine is a robot with motors and control software that runs as a separate process and is commanded by packets. Its
 model is a simulated robot that gets the same packets; differences between machine and model reveal faults of the
