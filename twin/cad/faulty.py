@@ -1,8 +1,8 @@
 """Find the wrong part if the two frames of a joint (one on each part) do not coincide in the CAD.
 
-A feature (a face of a part that defines a joint) is a suspect if a displacement of this feature alone makes both frames
-of the joint coincide. Often the CAD contains evidence for or against a suspect: lengths that several parts have in
-common, and identical parts.
+A feature (a face of a part that defines a joint) is a suspect if a displacement of this feature alone makes the two
+frames of every joint that uses the feature coincide. Often the CAD contains evidence for or against a suspect: lengths
+that several parts have in common, and identical parts.
 """
 
 from __future__ import annotations
@@ -229,9 +229,9 @@ def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect
 
 
 def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
-    """Yield (equal, text) for each length of the part that the correction makes equal to its other values, or unequal.
+    """Yield (equal, text) for each length that equals its value elsewhere only before, or only after, the correction.
 
-    Other values are those on other parts and in `nominal`.
+    `equal`: whether the length is equal after the correction. Elsewhere: on other parts, and in `nominal`.
     """
     limit = cad.description.tolerance.meeting_um * UM
     try:
@@ -259,7 +259,7 @@ def _apart_mm(value: float, true: float) -> str:
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
-    """Yield (equal, text) if the correction makes the part equal to the parts with the same features, or unequal."""
+    """Yield (equal, text) if the part equals one with the same features only before, or only after, the correction."""
     kinds = {b: {n: (m.face.kind, round(m.face.radius, 6)) for n, m in f.items()} for b, f in cad.measured.items()}
     twins = [b for b in kinds if b != s.body and kinds[b] == kinds[s.body]]
     if not twins or not s.features:
