@@ -80,9 +80,9 @@ class Margins:
             return kin.program.margins_at(tuple(self._passive), self._points).many(np.ascontiguousarray(np.hstack(z)))
 
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
-        """Return (k,) bool: whether the equations reproduce each state (with `passive`: also its passive joints).
+        """Return (k,) bool: whether the equations reproduce each state (with `passive`: including its passive joints).
 
-        If a state is not reproduced, the equations are on another branch.
+        The equations do not reproduce a state if their solution is on another branch.
         """
         kin = self._kin
         with np.errstate(all="ignore"):
@@ -101,7 +101,7 @@ class Margins:
         return np.asarray(good, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the r reach margins (k, r) in m from the equations, at poses that the mechanism cannot reach."""
+        """Return the r reach margins (k, r) in m of the equations, at k poses out of reach of the mechanism."""
         with np.errstate(all="ignore"):
             found = self._kin.reach(Ts_base_tool)
         return np.stack([found[n] for n in self._kin.formula.reach], axis=1)

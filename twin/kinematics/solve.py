@@ -77,11 +77,12 @@ def solve(
         limits: (n, 2) lower and upper limit of each joint, in m or rad; infinite where a joint has no limit.
         starts: number of starting states: the seed, the formula's seeds, then random states.
         rng: seed of the random states; the same number gives the same solution.
-        any_branch: whether to accept any branch, not only the branch of the seed or the preferred branch.
+        any_branch: whether to accept a solution on any branch; if false, only the branch under Returns is accepted.
         length_scale: length in m that counts as much as 1 rad; default: the robot's characteristic length.
 
     Returns:
-        The first solution within the limits on the seed's branch (without a seed: the preferred branch).
+        The first solution that is within the limits and on the branch of the seed (without a seed: on the preferred
+        branch).
 
     Raises:
         KinematicsError: no solution is found from any start; `best` is the best `Solution`.

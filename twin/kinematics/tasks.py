@@ -51,8 +51,8 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
 
     Args:
         T_base_tool: target pose.
-        mask: six flags; an error whose flag is 0 is ignored. The errors are x, y, z of the position, then x, y, z of
-            the rotation vector, in the axes of the target. (1, 1, 1, 1, 1, 0) leaves the rotation about the target's z
+        mask: six flags, one for each error: x, y, z of the position, then x, y, z of the rotation vector, in the axes
+            of the target. An error with flag 0 is ignored: (1, 1, 1, 1, 1, 0) leaves the rotation about the target's z
             axis free.
     """
     T = np.asarray(T_base_tool, float)
@@ -109,12 +109,12 @@ def Joints(q: ArrayLike) -> Task:  # noqa: N802
 
 
 def is_length(term: Term) -> np.ndarray:
-    """Return whether each row of a term is a length; not for the kind "joints", whose units depend on the robot."""
+    """Return (rows,) bool: whether each row of a term is a length; invalid for "joints": their units vary by robot."""
     return np.array(_KINDS[term.kind][2])[list(term.rows)]
 
 
 def count(kind: str, joints: int) -> int:
-    """Return the number of arguments of a term of a kind, for a robot with `joints` joints."""
+    """Return the number of arguments of a term of the kind `kind`, for a robot with `joints` joints."""
     return joints if kind == "joints" else _KINDS[kind][1]
 
 

@@ -169,7 +169,7 @@ class Mechanism:
 
     @cached_property
     def _motor_rows(self) -> Array:
-        """Inverse (n, n) of `motor_matrix`, block by block, so that rows of directly driven joints stay exact."""
+        """Inverse (n, n) of `motor_matrix`, computed block by block: the rows of directly driven joints stay exact."""
         return self._blocks({t.name: t.inverse for t in self.transmissions})
 
     def _blocks(self, blocks: Mapping[str, Array]) -> Array:

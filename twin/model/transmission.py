@@ -86,7 +86,7 @@ class Transmission:
         return "; ".join(f"{joint} = {row}" for joint, row in zip(self.joints, rows, strict=True))
 
     def single(self, joint: str) -> tuple[str, float] | None:
-        """Return (actuator, matrix entry) if one actuator alone moves the joint and moves no other joint; else None."""
+        """Return (actuator, matrix entry) if the joint has only one actuator, which moves no other joint; else None."""
         row = self.joints.index(joint)
         (columns,) = np.nonzero(self.matrix[row])
         if len(columns) != 1 or np.count_nonzero(self.matrix[:, columns[0]]) != 1:

@@ -29,7 +29,7 @@ STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical
 """Count of numbers in the state (STATES) and in a step (STEPS) of a passive joint, by type; lengths before angles."""
 
 _ROUNDED = 4e-16
-"""Maximum difference from 0, 1 or -1 at which an entry of a measured rotation is rounded."""
+"""Difference from 0, 1 or -1 below which an entry of a measured rotation is rounded to this number."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Passive:
 
     @property
     def key(self) -> str:
-        """Name of the joint's state in kernels; its prefix makes it differ from all input and result names."""
+        """Name of the joint's state in kernels, with a prefix that no input name and no result name has."""
         return f"joint.{self.joint.name}"
 
     def stepped(self, step: ca.SX) -> ca.SX:
@@ -91,7 +91,7 @@ class Equations:
         passive: the passive joints, whose coordinates are the unknowns.
         residual: (m,) offsets in m and misalignments in rad times `LENGTH_SCALE`; couplings last.
         jacobian: (m, steps) derivative of the residual with respect to the steps of all unknowns, joint by joint.
-        row_names: name of the loop joint or coupling of each row.
+        row_names: for each row, the name of the loop joint or coupling to which the row belongs.
         offset, tilt: norm of the offsets of all loops in m; norm of the misalignments of all loops in rad, in which
             an inverted joint counts as 1 rad.
         T_base_tool: (4, 4) pose of the tool.

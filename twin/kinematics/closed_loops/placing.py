@@ -12,7 +12,7 @@ _JUMP = 0.5
 
 
 class LinkPoses:
-    """Function object that returns the body poses at joint values; each call starts from the state of the last call."""
+    """Function object that returns the body poses at joint values; each call starts from the previous solution."""
 
     def __init__(self, loops: LoopSolver) -> None:
         """Store the loop solver of a mechanism; the first call starts from the rest poses."""

@@ -27,7 +27,7 @@ from twin.kinematics.closed_loops.structure import Block, blocks
 from twin.model.mechanism import Mechanism
 
 GAP, TILT = 1e-9, 1e-8
-"""Maximum gap in m and rad of a closed loop; convergence is quadratic, so most remaining gaps are rounding errors."""
+"""Maximum gap in m and misalignment in rad of a closed loop; most remaining values are mere rounding errors."""
 
 _LAST = 1e-8
 """Step size (m, rad) below which the iteration ends."""
@@ -53,7 +53,7 @@ class Closed:
         Ts_base_tool: (k, 4, 4); NaN where the loops cannot be closed.
         states: (m, k) values of all loop unknowns; usable as seeds of the next call.
         offset, tilt: (k,) norm of the gaps of all loops in m; (k,) norm of the misalignments of all loops in rad.
-        margin: (k,) smallest determinant of a block relative to its value in the rest poses, at most 1; 0 at a
+        margin: (k,) minimum over the blocks of (determinant / determinant in the rest poses), at most 1; 0 at a
             singularity of the loops, negative in another assembly mode.
     """
 
@@ -70,7 +70,7 @@ class LoopSolver:
     Attributes:
         equations: loop equations of the mechanism.
         blocks: blocks of equations, in the order of solution.
-        q, home: active joints (n,) and unknowns in the rest poses, with closed loops.
+        q, home: active joints (n,), and state of each passive joint, in the rest poses after loop closure.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -99,7 +99,7 @@ class LoopSolver:
         if not (offset < 1e-3 and tilt < 0.1):
             text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
-        # If the parts of a loop do not meet in the CAD, a gap remains in every state; this is a finding, not an error.
+        # If a loop does not close exactly in the CAD, a gap remains in every state; this is a finding, not an error.
         self._gap, self._tilt = max(GAP, 10 * offset), max(TILT, 10 * tilt)
 
     def forward(self, q: Array, seed: Array | None = None) -> Array:
