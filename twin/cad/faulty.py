@@ -68,7 +68,7 @@ class Suspect:
 
 @dataclass(frozen=True)
 class Fault:
-    """Joints whose two frames do not coincide, and the suspects; empty if no single part explains the fault."""
+    """Joints whose two frames do not coincide, and the suspects (none if no single part explains the fault)."""
 
     joints: tuple[str, ...]
     suspects: tuple[Suspect, ...]

@@ -26,7 +26,7 @@ class Drawn:
 
     Attributes:
         on: {joint: (frame on the parent, frame on the child)}.
-        named: the named frames, by name.
+        named: {name of a frame: frame}.
         bodies: {body: its frame}: the named frame that the description selects; otherwise, the child frame of the first
             joint whose child is the body.
     """

@@ -19,9 +19,9 @@ from twin.core.machine import compiled, lanes
 from twin.core.spatial import Array
 
 _CHUNK, _PIECES = 4096, 64
-"""Minimum number of samples in a chunk, and maximum number of chunks; each chunk acquires Python's global lock once."""
+"""Minimum number of samples in a chunk, and maximum number of chunks. A chunk acquires Python's lock once."""
 _BLOCK = 1024
-"""Number of samples that are transposed at once; two blocks of 20 numbers fit into the cache of a core."""
+"""Number of samples in a block that is transposed at once: input and output (20 numbers each) fit into the cache."""
 _WORTH = 2e-4
 """Minimum computing time in s for which a further thread is used."""
 

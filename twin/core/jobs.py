@@ -23,7 +23,7 @@ Piece = TypeVar("Piece")
 
 
 class Call:
-    """A function call in a separate process, which ends at the end of the `with` block or at `close`.
+    """A function call in a separate process; the process ends at the end of the `with` block, or at `close`.
 
     Args:
         function: function at the top level of a module; function, arguments and result are pickled.

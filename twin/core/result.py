@@ -97,7 +97,7 @@ def record(
 
     Args:
         kind: name of the schema, twin/<kind>/1.
-        content: data of this kind, by key.
+        content: {key: data} of this kind.
         findings: findings in any order; the returned list begins with the most severe.
         judged: the verdict; None: the verdict is computed from the findings.
     """

@@ -158,7 +158,7 @@ def _cold(kin: Compiled, q: Array) -> Array:
 
 
 def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Array]:
-    """Return (pose (4, 4), joint error, travel, aspect signs) of Newton's method from T; failure: the error is NaN."""
+    """Return (pose (4, 4), joint error, travel, aspect signs) after Newton's method from T; failed: joint error NaN."""
     out = kin.program.newton.one(np.concatenate([q, T.ravel()]))
     return out[:16].reshape(4, 4), out[16], out[17], np.sign(out[18:])
 

@@ -37,7 +37,7 @@ class Compiled(ABC):
             such a joint, the inverse returns the value given at compilation; the forward equations ignore the joint.
         variants: {equation: name of the variant in use}.
         choices: {equation: names of all its variants}.
-        parameters: the values in use, in SI, by name.
+        parameters: {name: value in use, in SI}.
         closed_inverse: whether the formula has equations for q from the pose (inverse equations).
         closed_forward: whether the formula has equations for the pose from q (forward equations).
         characteristic_length: length in m; a rotation by 1 rad counts as much as a translation by this length.

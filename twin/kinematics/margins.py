@@ -18,7 +18,7 @@ _LENGTHS = ("mm", "m", "cm", "um")
 
 
 class States(Protocol):
-    """Given states of a mechanism: poses (k, 4, 4), q (k, n), passive joints (k,) and points (k, 3) by name."""
+    """k given states of a mechanism: tool poses, values of active and passive joints, and positions of named points."""
 
     @property
     def Ts_base_tool(self) -> Array:  # noqa: N802 - T_a_b is a pose everywhere
@@ -32,12 +32,12 @@ class States(Protocol):
 
     @property
     def q_passive(self) -> Mapping[str, Array]:
-        """Passive joints (k,) in m or rad, by name."""
+        """{name of a passive joint: values (k,) in m or rad}."""
         ...
 
     @property
     def points(self) -> Mapping[str, Array]:
-        """Named points (k, 3) in base in m, by name."""
+        """{name of a point: positions (k, 3) in base, in m}."""
         ...
 
 

@@ -121,7 +121,7 @@ class Alignment:
 
 
 def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | None:
-    """Return the props of a scene together with the plate of a task; both are fixed in the World.
+    """Return one mechanism with the props of a scene and the plate of a task, all fixed in the World.
 
     Without an alignment, the props are returned as they are.
     """

@@ -111,8 +111,8 @@ def tissues(
 ) -> tuple[Tissue, ...]:
     """Return the organs of a scene, in the World.
 
-    `whole` gives the frame of the drawing; `tables` gives the material of each organ, by the name of its body in
-    `anatomy`; `poses` gives T_drawing_body (4, 4) of each body. Error messages name the scene file `file`.
+    `whole` describes the frame of the drawing; `tables` is {name of the organ's body in `anatomy`: material}; `poses`
+    is {body: T_drawing_body (4, 4)}. Error messages name the scene file `file`.
 
     Raises:
         TwinError: a body is missing, or its surface is open, inverted or too fine.
@@ -141,7 +141,7 @@ def tissues(
 
 
 def listed(tables: Mapping[str, TissueTable]) -> Iterator[Parameter]:
-    """Yield each number of the organs, with its provenance."""
+    """Yield the numbers of the organs as parameters with provenance."""
     for name, t in tables.items():
         rows = (
             ("edge", t.edge_mm, "mm"),

@@ -130,7 +130,7 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
 
 
 def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
-    """Yield each number of a console, and of the forces on its hands, with its provenance."""
+    """Yield the numbers of a console, and of the forces on the hands, as parameters with provenance."""
     if console is not None:
         lengths = [(f"instrument {name}", v, "mm") for name, v in console.instrument_mm.items()]
         yield from console.parameters("console", [("scale", console.scale, "1"), *lengths])

@@ -106,7 +106,7 @@ class Joint:
 
 
 def reversed_joint(joint: Joint) -> Joint:
-    """Return the joint with parent and child swapped; both frames are rotated by 180 deg about x to keep the sign of q.
+    """Return the joint with parent and child swapped, and both frames rotated by 180 deg about x to keep the sign of q.
 
     T_child_parent = T_child_joint @ inverse(motion(q)) @ inverse(T_parent_joint), and a half turn H about x
     gives H @ motion(q) @ H = inverse(motion(q)) for motion along or about z.

@@ -210,11 +210,11 @@ class Mechanism:
 
     @cached_property
     def materials(self) -> dict[str, Material]:
-        """Material of every mesh, by mesh name; all written formats use these names and finishes.
+        """{name of a mesh: its material}; all written formats use the names and finishes of these materials.
 
-        A name consists of the part's material and its colour, such as `steel_8a8f96`. The name is the same for all
-        robots and does not change with the drawing, so that a user's replacement material in another program stays
-        assigned.
+        The name of a `Material` consists of the part's material and the colour, such as `steel_8a8f96`. This name is
+        the same for all robots and does not change with the drawing, so that a user's replacement material in another
+        program stays assigned.
         """
         known: dict[tuple[tuple[float, ...], Finish], Material] = {}
         taken: set[str] = set()
@@ -241,11 +241,11 @@ class Mechanism:
         return _find("joint", self.joints, name)
 
     def frame(self, name: str) -> Frame:
-        """Return the frame with a name, or raise `MechanismError` that lists the existing names."""
+        """Return the frame called `name`, or raise a `MechanismError` that lists all names."""
         return _find("frame", self.frames, name)
 
     def frame_in_tool(self, name: str) -> Array:
-        """Return T_tool_frame (4, 4) of a frame; raise `MechanismError` if it is not on the tool's body."""
+        """Return T_tool_frame (4, 4) of a frame; raise `MechanismError` if the frame is not on the tool's body."""
         tool, it = self.frame(self.tool), self.frame(name)
         if tool.body != it.body:
             raise MechanismError(
@@ -254,7 +254,7 @@ class Mechanism:
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
 
     def actuator(self, name: str) -> Actuator:
-        """Return the actuator with a name, or raise `MechanismError` that lists the existing names."""
+        """Return the actuator called `name`, or raise a `MechanismError` that lists all names."""
         return _find("actuator", self.actuators, name)
 
     def transmission_of(self, joint: str) -> Transmission | None:
@@ -262,7 +262,7 @@ class Mechanism:
         return next((t for t in self.transmissions if joint in t.joints), None)
 
     def point(self, name: str) -> Point:
-        """Return the point with a name, or raise `MechanismError` that lists the existing names."""
+        """Return the point called `name`, or raise a `MechanismError` that lists all names."""
         return _find("point", self.points, name)
 
     @property
@@ -284,22 +284,22 @@ class Mechanism:
         return {j.child: j for j in self.tree}
 
     def posture(self, name: str) -> Array:
-        """Return q (n,) of a named posture, or raise `MechanismError` that lists the existing names."""
+        """Return q (n,) of the posture called `name`, or raise a `MechanismError` that lists all names."""
         if name not in self.postures:
             raise MechanismError(f"{self.name}: {unknown('posture', name, self.postures)}")
         return np.array([self.postures[name][j.name] for j in self.active])
 
     def with_rest(self, rest: Mapping[str, Array]) -> Mechanism:
-        """Return the same mechanism with the rest poses `rest`: T_base_body (4, 4), by name of the body."""
+        """Return the same mechanism with other rest poses; `rest` is {body: T_base_body (4, 4)}."""
         return replace(self, rest=dict(rest))
 
     @property
     def trocar_places(self) -> dict[str, Array]:
-        """Position (3,) of each trocar in base in m, by name; empty if the mechanism has no trocar."""
+        """{name of a trocar: position (3,) in base, in m}; empty if the mechanism has no trocar."""
         return {n: self.joint(n).T_parent_joint[:3, 3] for n in self.trocars}
 
     def trocar_at(self, name: str = "") -> Array:
-        """Return the position (3,) of a trocar in base in m; for `name` and errors, see `trocar_named`."""
+        """Return the position (3,) of a trocar in base, in m; for `name` and errors, see `trocar_named`."""
         return self.trocar_places[self.trocar_named(name)]
 
     def trocar_named(self, name: str = "") -> str:
@@ -321,14 +321,14 @@ class Mechanism:
         raise MechanismError(f"{self.name} has the trocars {', '.join(self.trocars)}: choose one by name")
 
     def with_trocar(self, p_base: Array, name: str = "") -> Mechanism:
-        """Return the same mechanism with a trocar at p_base (3,) in m, orientation unchanged; see `trocar_named`."""
+        """Return the same mechanism with a trocar moved to p_base (3,) in m but not rotated; see `trocar_named`."""
         name = self.trocar_named(name)
         T = self.joint(name).T_parent_joint.copy()
         T[:3, 3] += np.asarray(p_base, float) - self.trocar_at(name)
         return replace(self, joints=tuple(replace(j, T_parent_joint=T) if j.name == name else j for j in self.joints))
 
     def with_trocars(self, places: Mapping[str, Array]) -> Mechanism:
-        """Return the same mechanism with each named trocar at its position (3,) in base in m; others are unchanged."""
+        """Return the same mechanism with the trocars moved to `places`: {name: position (3,) in base, in m}."""
         out = self
         for name, p_base in places.items():
             out = out.with_trocar(p_base, name)

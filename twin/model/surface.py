@@ -82,7 +82,7 @@ def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
 
 
 def rings(triangles: Index, start: int) -> Index:
-    """Return the level (m,) of each triangle around the triangle `start`; -1 if it is not connected with `start`.
+    """Return the level (m,) of each triangle around the triangle `start`; -1 for triangles not connected with `start`.
 
     Level 0 is the triangle `start`. Level 1 are the triangles that share a corner with level 0, level 2 are further
     triangles that share a corner with level 1, and so on, as in figure 19 of the paper on the PA-10 virtual surgery

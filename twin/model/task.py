@@ -82,7 +82,7 @@ class TaskTable(Sourced):
 
 @dataclass(frozen=True)
 class Target:
-    """A target of a task: its name and, by hand ("right", "left"), the point (3,) in m in the world frame."""
+    """A target of a task: its name, and {hand ("right", "left"): point (3,) in the world frame, in m}."""
 
     name: str
     p_world: Mapping[str, Array]
@@ -160,7 +160,7 @@ def _check_ring(path: Path, keys: tuple[str | int, ...], name: str, objects: Map
 
 
 def listed(name: str, task: TaskTable) -> Iterator[Parameter]:
-    """Yield each number of task `name`, with its provenance."""
+    """Yield the numbers of task `name` as parameters with provenance."""
     rows: list[Row] = [("tolerance", task.tolerance_mm, "mm"), ("hold", task.hold_s, "s")]
     if task.guide is not None:
         rows += guide.rows(task.guide)

@@ -83,7 +83,7 @@ def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None
 
 
 def listed(trainer: TrainerTable | None) -> Iterator[Parameter]:
-    """Yield each number of a trainer, with its provenance."""
+    """Yield the numbers of a trainer as parameters with provenance."""
     if trainer is None:
         return
     cue = trainer.cue

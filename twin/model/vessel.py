@@ -157,7 +157,7 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
 
 
 def listed(name: str, t: VesselTable) -> Iterator[Parameter]:
-    """Yield each number of a vessel, with its provenance."""
+    """Yield the numbers of a vessel as parameters with provenance."""
     rows = (("radius", t.radius_mm, "mm"), ("segment", t.segment_mm, "mm"), ("Young's modulus", t.young_kpa, "kPa"))
     points = ((str(k), point, "mm") for k, point in enumerate(t.line_mm, 1))
     return t.parameters(f"vessel {name}", (*rows, *points))

@@ -214,7 +214,7 @@ class Dragger:
         return new, ""
 
     def determinants(self, before: Look, look: Look, tool: bool) -> dict[str, tuple[float, float]]:
-        """Return the determinants {name: (before, now)} of loops and tool; a sign changes only at a singularity.
+        """Return the determinants {name: (before, now)} of loops and tool; their signs change only at singularities.
 
         Matrices that are not square are first projected onto the singular vectors of the matrix in state `before`.
         """
@@ -266,7 +266,7 @@ class Grip:
     def to(self, target: Array, seconds: float = np.inf) -> Dragged:
         """Move the point towards a target.
 
-        `target` (3,) is in base in m. After `seconds` of processor time the motion stops; call again with the same
+        `target` (3,) is in base, in m. After `seconds` of processor time the motion stops; call again with the same
         target to continue.
         """
         until, walk = time.thread_time() + seconds, self._walk
@@ -328,7 +328,8 @@ class _Walk:
         """Move one step nearer to the goal; return the joint motion (n,), scaled to m; None if no step is found."""
         dragger, now = self.dragger, self.look
         scale, miss = dragger._scale, goal - now.p
-        # Smallest joint motion from `first`; with the mean Jacobian of both ends, the error is of second order.
+        # The total joint motion from `first` is minimised. With the mean Jacobian of both ends, the error of this
+        # minimum is of second order.
         J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, dragger._G
         self.singular, self.open, self._pull = "", False, -here.T @ miss
         self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in dragger.bounds])) / dragger._size

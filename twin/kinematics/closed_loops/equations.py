@@ -156,7 +156,7 @@ class Equations:
         return ca.Function("split", [seed], [seed[a:b] for a, b in pairwise(ends.tolist())])
 
     def links(self) -> dict[str, ca.SX]:
-        """Return T_base_body (3, 4) of every body, by name; each pose is composed from the pose of the parent body.
+        """Return {body: T_base_body (3, 4)} of all bodies; each pose is composed from the pose of the parent body.
 
         For a single frame, `pose` is faster: it transforms vectors along the whole path from the base.
         """

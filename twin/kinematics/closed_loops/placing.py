@@ -21,7 +21,7 @@ class LinkPoses:
         self._states: Array | None = None
 
     def __call__(self, q: Array) -> dict[str, Array]:
-        """Return T_base_body (4, 4) of every body at active joint values q (n,) in m or rad, by name.
+        """Return {body: T_base_body (4, 4)} of all bodies at active joint values q (n,) in m or rad.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.

@@ -176,7 +176,7 @@ class LoopSolver:
         return Closed(Ts, states, *gaps)
 
     def link_poses(self, qs: Array, states: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body at active joints qs (k, n) and loop unknowns `states` (m, k)."""
+        """Return {body: T_base_body (k, 4, 4)} at active joints qs (k, n) and loop unknowns `states` (m, k)."""
         (rows,) = self._links(np.ascontiguousarray(np.asarray(qs, float).T), np.ascontiguousarray(states))
         rows = rows.T
         Ts = np.zeros((len(rows), len(self.mechanism.bodies), 4, 4))
