@@ -323,7 +323,7 @@ class PairGap(Sourced):
 
 
 class LengthSpec(Table):
-    """A length between two features of one body; `parameter` names the same length in the equations."""
+    """A length between two features of one body; `parameter` is the name of this length in the equations."""
 
     body: Identifier
     between: tuple[Identifier, Identifier]

@@ -251,7 +251,7 @@ def _back(base: Path, own: Path) -> None:
 
 
 def _inside(base: Path, name: str) -> Path:
-    """Return the path of a file named in a journal, which another user may have written.
+    """Return the path of a file that a journal names; the journal is untrusted: another user may have written it.
 
     Raises:
         ValueError: the path is outside `base`.

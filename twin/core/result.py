@@ -24,7 +24,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of text and its terminal style, as a style name of rich."""
+    """A line of text, and the name of its style in rich, the library for terminals."""
 
     text: str
     style: str = ""

@@ -39,7 +39,7 @@ def exp_so3(w: ArrayLike) -> Array:
 
 
 def log_so3(R: ArrayLike) -> Array:
-    """Return the rotation vector (..., 3) in rad of R (..., 3, 3); accurate near 0 and near pi."""
+    """Return the rotation vector (..., 3) in rad of R (..., 3, 3); angles near 0 and near pi are also accurate."""
     q = quat_from_matrix_wxyz(R)
     v, w = q[..., 1:], q[..., 0]
     n = np.linalg.norm(v, axis=-1)

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt solver for every robot; unknowns: the joints if there is a forward equation, else the pose.
+"""Levenberg-Marquardt solver for every robot. The unknowns are the joints or, without a forward equation, the pose.
 
 Residuals are made dimensionless: an error of `length_scale` counts as much as an error of 1 rad.
 """

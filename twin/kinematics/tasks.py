@@ -1,7 +1,7 @@
 """Solver tasks: residuals of the tool pose that can be weighted and added.
 
-The residual of a task is zero if, and only if, the task is fulfilled. Its rows are in m or rad. The solver divides
-lengths by a length scale, so that residuals and weights are dimensionless.
+The residual of a task is zero if, and only if, the task is fulfilled. The rows of a residual are in m or rad. The
+solver divides lengths by a length scale, so that residuals and weights are dimensionless.
 """
 
 from __future__ import annotations
@@ -79,9 +79,9 @@ def Trocar(  # noqa: N802
     """Return the task of guiding a shaft through a trocar, with the tip beyond the trocar.
 
     With w = p - tip (p: the trocar) and the shaft direction a (towards the tip), the residual is w + |w| a. For a small
-    error, its length is the distance from trocar to shaft axis in m. If the tip is on the wrong side of the trocar, the
-    length of the residual is 2 |w|, so that this side is not a solution. The usual residual a x w is zero on both
-    sides.
+    error, the length of the residual is the distance from trocar to shaft axis in m. If the tip is on the wrong side of
+    the trocar, the length of the residual is 2 |w|, so that this side is not a solution. The usual residual a x w, by
+    contrast, is zero on both sides.
 
     Args:
         p_base: trocar (3,) in m.

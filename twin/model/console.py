@@ -17,7 +17,7 @@ from twin.schema import Identifier, Sourced, Table, at, error_at
 
 
 class StereoTable(Table):
-    """Two lenses, `baseline_mm` apart, side by side; their lines of sight cross `converge_mm` in front of them."""
+    """Two lenses side by side, `baseline_mm` apart; their lines of sight cross `converge_mm` in front of the lenses."""
 
     baseline_mm: float = Field(gt=0, le=200)
     converge_mm: float = Field(gt=0, le=10_000)
@@ -43,7 +43,7 @@ class CameraTable(Sourced):
 
 
 class CameraRangeTable(Table):
-    """Permitted motion of a console's camera about its port: (minimum, maximum) of each angle and of the depth."""
+    """Permitted motion of a console's camera about its port: (minimum, maximum) for each angle and for the depth."""
 
     pan_deg: tuple[float, float]
     tilt_deg: tuple[float, float]

@@ -24,7 +24,7 @@ class Surface:
     """
 
     def __init__(self, name: str, vertices: Array, triangles: Index, edge: float = np.inf) -> None:
-        """Weld equal vertices and halve edges until none is longer than `edge` in m.
+        """Merge equal vertices, then halve edges until no edge is longer than `edge` in m.
 
         Raises:
             TwinError: the surface is empty, not finite, open, inverted, or has more than `VERTICES` vertices.

@@ -25,7 +25,7 @@ from twin.schema import Identifier, Row, Sourced, Table, Vector, at, error_at
 
 
 class Transfer(Table):
-    """A ring to bring to a peg: name of the object (ring), and name of the mesh of a solid body (peg)."""
+    """A ring to bring to a peg: `ring` names the object, `peg` names a mesh of a solid body."""
 
     ring: Identifier
     peg: Identifier

@@ -40,8 +40,8 @@ class Tissue:
         friction: coefficient of sliding friction.
         pins: boxes in which nodes are fixed.
         color_rgba: linear, 0..1.
-        upright: whether the axes of the grid are those of the World; else they are the principal axes of the surface,
-            the longest first.
+        upright: true: the axes of the grid are the axes of the World; false: they are the principal axes of the
+            surface, the longest first.
     """
 
     name: str
@@ -123,7 +123,7 @@ class Tissue:
         """Indices of the nodes that pins fix.
 
         Raises:
-            TwinError: a pin contains no node; or the nodes in all pins are fewer than three, or are all on one line.
+            TwinError: a pin contains no node, or all pins together do not contain three nodes that form a triangle.
         """
         found = np.zeros(len(self.nodes), bool)
         for pin in self.pins:

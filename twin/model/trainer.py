@@ -42,9 +42,9 @@ class TrainerTable(Sourced):
     """Robots of the scene that are machines (commanded by packets), and the limits of teleoperation and rehearsal.
 
     `speed_mm_s` and `turn_deg_s` limit the tool speed that packets command. A motion rehearsed with the model is not
-    replayed on the machine if its tip speed exceeded `rehearsed_mm_s`, or if the tool of the machine is more than
-    `start_mm` or `start_deg` from the start of the motion. A replay is stopped if the tip speed exceeds `replayed_mm_s`
-    or the deviation from the model exceeds `deviation_mm`.
+    replayed on the machine if the tip speed of the rehearsal exceeded `rehearsed_mm_s`, or if the tool of the machine
+    is more than `start_mm` or `start_deg` from the start of the motion. A replay is stopped if the tip speed exceeds
+    `replayed_mm_s` or the deviation from the model exceeds `deviation_mm`.
     """
 
     robots: list[Identifier] = Field(min_length=1)

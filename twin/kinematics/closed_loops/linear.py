@@ -1,4 +1,4 @@
-"""Solve small linear systems by unrolled code, without loops, run-time pivoting or products with zero."""
+"""Solve small linear systems by unrolled code: it has no loops, no run-time pivoting and no products with zero."""
 
 from __future__ import annotations
 
