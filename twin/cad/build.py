@@ -43,10 +43,10 @@ class CadModel:
         findings: findings on joints (gap between the two parts), on meshes (open surfaces), and on placements (single
             precision).
         description: the content of the TOML file.
-        measured: every measured feature by body and name, in drawn coordinates (coordinates of the STEP file, in m).
+        measured: {body: {name: measured feature}}, in drawn coordinates (coordinates of the STEP file, in m).
         dimensions: the dimensions from which the CAD was drawn, with provenance.
-        gaps: (lower joint, upper joint, minimum difference of their coordinates in m), one for each pair of joints that
-            slide on the same rail.
+        gaps: (lower joint, upper joint, minimum difference upper - lower of the coordinates in m) for each pair of
+            joints that slide on the same rail.
     """
 
     mechanism: Mechanism
@@ -113,7 +113,7 @@ def read_mechanism(
 ) -> CadModel:
     """Build the mechanism of a robot from its description and CAD.
 
-    `with_mass`: whether masses are computed, from a finer mesh; this takes about one second more. `tolerance` is the
+    `with_mass`: whether masses are computed from a finer mesh, which takes about one second more. `tolerance` is the
     chord tolerance of the triangles in m. `read` returns the bytes of TOML and STEP files; by default, each file is
     read from disk once.
 
@@ -211,7 +211,7 @@ def _shapes(
 
 
 def _loaded(folder: Path, spec: BodySpec, found: list[Finding]) -> Iterator[Mesh]:
-    """Yield the meshes in the mesh files of a body, in drawn coordinates; findings on these are added to `found`."""
+    """Yield the meshes in the mesh files of a body, in drawn coordinates; add findings on these meshes to `found`."""
     for file in spec.meshes:
         loaded, notes = mesh.load_mesh(folder / file.file, file.unit, file.up, file.color)
         found += [n for n in notes if n.code != "cad.open_mesh"]
@@ -232,7 +232,7 @@ def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
 
 
 def _material(d: Description, part: str) -> str | None:
-    """Return the name of the last material in the description with a pattern that matches the part, or None."""
+    """Return the name of the last material with a pattern that matches the name of the part, or None."""
     named = [name for name, m in d.material.items() if any(fnmatch.fnmatch(part, p) for p in m.parts)]
     return named[-1] if named else None
 

@@ -48,11 +48,12 @@ class FrameSpec(Table):
     """A frame on one body, measured on its features or, without exact geometry, given by numbers.
 
     Measured frame: `origin` is a sphere centre, the centroid of several sphere centres, or a point on a cylinder axis.
-    The point on the axis is its intersection with the plane `at`, or the point nearest to the axis or centre of feature
-    `at`. `z` is the direction of a feature, or the normal of three sphere centres in counter-clockwise order. x or y
-    points towards a feature (`x_towards`, `y_towards`; for a list: towards the centroid of its features), or along a
-    direction (`x_along`). `offset_mm` shifts the frame along its z by a distance that no face defines. `angles_deg`
-    defines the directions that no face defines: the direction of x if `z` is given, else the directions of all axes.
+    Feature `at` selects this point of the axis: the intersection of the axis with a plane, or the point of the axis
+    nearest to another axis or to a sphere centre. `z` is the direction of a feature, or the normal of three sphere
+    centres in counter-clockwise order. x or y points towards a feature (`x_towards`, `y_towards`; for a list: towards
+    the centroid of its features), or along a direction (`x_along`). `offset_mm` shifts the frame along its z by a
+    distance that no face defines. `angles_deg` defines the directions that no face defines: if `z` is given, the
+    direction of x; otherwise, all three axes.
 
     Given frame: `position_mm` and `angles_deg` (angles about z, y, x: R = Rz Ry Rx), in drawn coordinates.
     """
@@ -104,8 +105,8 @@ class MassSpec(Sourced):
 class BodySpec(Table):
     """A rigid body: the STEP node `node` (default: the node with the body's name), or mesh files with a declared unit.
 
-    `mass` states the mass properties of the body; without `mass`, they are computed from the densities and volumes of
-    its parts.
+    `mass` states the mass properties of the body. Without `mass`, the mass properties are computed from the densities
+    and volumes of the body's parts.
     """
 
     node: str | None = None
@@ -126,8 +127,8 @@ class MeshSpec(Table):
 class Material(Sourced):
     """Density and appearance of a material.
 
-    `parts` are shell patterns; the material applies to parts whose names match. If several materials match a part, the
-    last one applies.
+    `parts` are shell patterns; the material applies to parts whose names match a pattern. If several materials match a
+    part, the last of these materials applies.
 
     `metallic` is 1 for bare metal, 0 for paint, plastic and glass; `roughness` is 0 for a mirror, 1 for chalk.
     """
@@ -289,7 +290,7 @@ class MatrixSpec(Sourced):
 class TransmissionSpec(Sourced):
     """Transmission from motors to active joints: q_joints = matrix @ m_actuators in rad or m, one row per joint.
 
-    `matrix` is in use; `variants` are other matrices by name.
+    `matrix` is the default; `variants` are alternative matrices, by name.
     """
 
     name: Identifier
@@ -314,7 +315,7 @@ class TransmissionSpec(Sourced):
 
 
 class PairGap(Sourced):
-    """Minimum allowed difference `upper` - `lower` of the coordinates of two prismatic joints on a common rail."""
+    """Minimum allowed distance on a rail: coordinate of prismatic joint `upper` minus coordinate of joint `lower`."""
 
     lower: Identifier
     upper: Identifier
@@ -322,7 +323,7 @@ class PairGap(Sourced):
 
 
 class LengthSpec(Table):
-    """A length between two features of one body; `parameter` names the same length in the equations."""
+    """A length between two features of one body; `parameter` is the name of this length in the equations."""
 
     body: Identifier
     between: tuple[Identifier, Identifier]

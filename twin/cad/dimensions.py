@@ -1,6 +1,7 @@
 """Read the dimensions from which the CAD was drawn, `cad/<robot>/dimensions.toml`, to report their provenance.
 
-The mechanism is measured on the STEP file and does not use these dimensions; reports list the unpublished dimensions.
+The mechanism is measured on the STEP file and does not depend on these dimensions. Reports list those that are not
+published.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
 
 
 def _numbers(value: float | Vector | list[list[float]]) -> list[tuple[str, float]]:
-    """Return (suffix, number) of each number of a dimension; the suffix extends the name of the dimension."""
+    """Return (suffix, value) of each number of a dimension; the suffix is added to the name of the dimension."""
     if isinstance(value, tuple):
         return [(f".{axis}", v) for axis, v in zip("xyz", value, strict=True)]
     if isinstance(value, list):

@@ -1,8 +1,8 @@
 """Find the wrong part if the two frames of a joint (one on each part) do not coincide in the CAD.
 
-A feature of a part (a face that defines a joint) is a suspect if moving this feature alone makes the two frames of each
-joint on the feature coincide. Often the CAD contains evidence for or against a suspect: lengths that several parts have
-in common, and identical parts.
+A feature (a face of a part that defines a joint) is a suspect if a displacement of this feature alone makes the two
+frames of every joint that uses the feature coincide. Often the CAD contains evidence for or against a suspect: lengths
+that several parts have in common, and identical parts.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Suspect:
     Attributes:
         body: name of the part.
         features: names of the faulty features; empty if only the placement of the part is wrong.
-        joints: the joints that meet after the correction.
-        offset, tilt: errors of the features in m and rad.
+        joints: the joints whose two frames coincide after the correction.
+        offset, tilt: position error in m and orientation error in rad of the features.
         faces: every feature of every part, with the faulty features corrected.
         given: corrected frames by (joint, part), only for frames that the description gives by numbers.
         for_it, against_it: texts of the evidence in the CAD for and against this suspect.
@@ -68,7 +68,7 @@ class Suspect:
 
 @dataclass(frozen=True)
 class Fault:
-    """Joints whose sides do not meet, and the suspects; no suspect if no single part explains the fault."""
+    """Joints whose two frames do not coincide, and the suspects (none if no single part explains the fault)."""
 
     joints: tuple[str, ...]
     suspects: tuple[Suspect, ...]
@@ -77,7 +77,7 @@ class Fault:
 def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fault]:
     """Return the faults of a CAD model, each with its suspects, the most likely first.
 
-    `nominal` is {parameter name in the description: length in m from another source}; lengths may be missing.
+    `nominal` is {parameter name in the description: length in m from another source}; it may be incomplete.
     """
     d = cad.description
     bad = _apart(d, drawn(d, cad.measured))
@@ -93,15 +93,15 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fa
 
 
 def _apart(d: Description, at: Drawn) -> list[str]:
-    """Return the names of the joints whose two sides do not meet."""
+    """Return the names of the joints whose two frames do not coincide."""
     return list(dict.fromkeys(f.where for f in meeting.meetings(d, at)))
 
 
 def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Suspect]:
-    """Return, for each part, the suspects with the fewest features, and suspects that can be distinguished from them.
+    """Return, for each part, the suspects with the fewest features, and suspects that can be distinguished from these.
 
-    A suspect can be distinguished, by comparison with the equations, if one of its additional features defines a frame
-    or a point.
+    A suspect with more features can be distinguished, by comparison with the equations, if one of the additional
+    features defines a named frame or point.
     """
     few = {s.body: min(len(o.features) or 99 for o in suspects if o.body == s.body) for s in suspects}
     plain = [s for s in suspects if not s.features or len(s.features) == few[s.body]]
@@ -110,7 +110,7 @@ def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Sus
 
 
 def _placed(d: Description) -> set[tuple[str, str]]:
-    """Return the features, as (body, name), that define frames and points."""
+    """Return the features that define named frames and points, each as (body, name)."""
     frames = {(f.body, n) for f in d.frame.values() for n in f.at.features(*_ENTRIES)}
     points = {(p.body, n) for p in d.point.values() for n in (p.origin, p.at) if n}
     return frames | points
@@ -141,7 +141,7 @@ def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str,
 
 
 def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
-    """Return the cylinders of a part that are coaxial with a feature and may be misplaced together."""
+    """Return the cylinders of a part that are coaxial with the feature `name` and may be misplaced together with it."""
     a = own[name].face
     return tuple(
         n
@@ -153,14 +153,14 @@ def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
 
 
 def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: list[str]) -> Suspect | None:
-    """Return the suspect with its features moved so that their joints meet; None if no such move exists.
+    """Return a part as a suspect, with features moved so that the frames of its joints coincide; None if impossible.
 
     Args:
         cad: the CAD model.
         body: the part.
         names: the features that may move; empty: all features of the part.
-        typed: joint whose frame on the part is given by numbers and is moved instead; "" if features are moved.
-        bad: joints whose sides do not meet.
+        typed: a joint whose frame on the part is given by numbers: this frame is moved instead of features; else "".
+        bad: joints whose two frames do not coincide.
     """
     d, still = cad.description, drawn(cad.description, cad.measured).on
     own = cad.measured.get(body, {})
@@ -229,7 +229,10 @@ def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect
 
 
 def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
-    """Yield (equal, text) for lengths that the correction makes equal or unequal to their values elsewhere."""
+    """Yield (equal, text) for each length that equals its value elsewhere only before, or only after, the correction.
+
+    `equal`: whether the length is equal after the correction. Elsewhere: on other parts, and in `nominal`.
+    """
     limit = cad.description.tolerance.meeting_um * UM
     try:
         before, after = measure(cad), measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
@@ -256,7 +259,7 @@ def _apart_mm(value: float, true: float) -> str:
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
-    """Yield (equal, text) if the correction makes the part equal or unequal to parts with the same features."""
+    """Yield (equal, text) if the part equals one with the same features only before, or only after, the correction."""
     kinds = {b: {n: (m.face.kind, round(m.face.radius, 6)) for n, m in f.items()} for b, f in cad.measured.items()}
     twins = [b for b in kinds if b != s.body and kinds[b] == kinds[s.body]]
     if not twins or not s.features:

@@ -27,7 +27,7 @@ _ALIKE = 0.001 * MM
 
 @dataclass(frozen=True)
 class Measured:
-    """A measured feature: its face, its unit direction with the sign from the description, and the part it is on."""
+    """A measured feature: its face, its unit direction with the sign of the description, and the name of its part."""
 
     name: str
     face: Face
@@ -41,8 +41,8 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     Among the faces of the body with the kind and radius of `spec`, the face nearest to `spec.near_mm` is returned.
 
     Raises:
-        CadError: the body has no face of this kind and radius, or none within the gross tolerance; the message gives
-            the nearest face and its distance.
+        CadError: the body has no face of this kind and radius, or no such face is within the gross tolerance; the
+            message gives the nearest face and its distance.
     """
     label = f"feature '{name}' of body '{body}'"
     if spec.part is not None:
@@ -112,8 +112,8 @@ def _same(a: Face, b: Face) -> bool:
 def _distance(face: Face, near: Array) -> float:
     """Return the distance in m from `near` to a sphere's centre, a cylinder's axis, or a plane.
 
-    The distance to the middle of the face along its plane or axis is added with weight 0.001. As a result, the nearer
-    of two bores on one axis is chosen.
+    For planes and cylinders, the distance from `near` to the middle of the face, measured along the plane or axis, is
+    added with weight 0.001. As a result, the nearer of two bores on one axis is chosen.
     """
     x, y, z = (near - face.point).tolist()
     if face.kind == "sphere":
@@ -129,8 +129,8 @@ def _distance(face: Face, near: Array) -> float:
 def centre(names: str | list[str], features: Mapping[str, Measured], at: str | None = None) -> Array:
     """Return the point (3,) in m of a feature, or the centroid of several features.
 
-    If `at` is given, the point of a cylinder is the intersection of the cylinder axis with the plane `at`, or the point
-    on the cylinder axis nearest to the axis or centre of feature `at`.
+    The feature `at` selects the point on the axis of a cylinder: the intersection of the axis with a plane, or the
+    point nearest to another axis or to a sphere centre.
     """
     if isinstance(names, list):
         return np.mean([centre(n, features) for n in names], axis=0)

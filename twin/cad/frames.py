@@ -26,8 +26,8 @@ class Drawn:
 
     Attributes:
         on: {joint: (frame on the parent, frame on the child)}.
-        named: the named frames, by name.
-        bodies: frame of each body: the named frame that the description selects, else the frame of the first
+        named: {name of a frame: frame}.
+        bodies: {body: its frame}: the named frame that the description selects; otherwise, the child frame of the first
             joint whose child is the body.
     """
 
@@ -45,11 +45,11 @@ class Drawn:
 
 
 Given = Mapping[tuple[str, str], Array]
-"""{(joint, body): frame (4, 4) in drawn coordinates} that replace frames given by numbers in the description."""
+"""{(joint, body): frame (4, 4) in drawn coordinates}; replaces the frames that the description gives by numbers."""
 
 
 def drawn(d: Description, faces: Faces, given: Given | None = None) -> Drawn:
-    """Return the frames that the description defines on measured faces.
+    """Return all frames of the description, computed from the measured faces; `given` replaces frames of joints.
 
     Raises:
         CadError: a feature is unknown, or features do not define a frame.

@@ -1,6 +1,6 @@
-"""Lengths within one body that are also parameters of the equations, measured between two faces of the body.
+"""Lengths measured between two faces of one body that are also parameters of the equations.
 
-If a pin is misplaced, the two sides of a joint do not meet; these lengths show which of the two bodies is wrong.
+If a pin is misplaced, the two frames of its joint do not coincide; these lengths show which of the two bodies is wrong.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Length:
 
 
 def measure(cad: CadModel) -> tuple[Length, ...]:
-    """Return the lengths that the description declares.
+    """Return the measured values of the lengths that the description declares.
 
     Raises:
         CadError: two axes are not parallel, so that their distance is undefined.
@@ -48,7 +48,7 @@ def measure(cad: CadModel) -> tuple[Length, ...]:
 
 
 def _distance(body: str, a: Measured, b: Measured) -> float:
-    """Return the distance in m between two faces: points (spheres), axes (cylinders) or planes."""
+    """Return the distance in m between two faces: of a sphere, the centre is used; of a cylinder, the axis."""
     angle, distance = pair(a, b)
     tilt = np.cos(angle) if {a.face.kind, b.face.kind} == {"plane", "cylinder"} else np.sin(angle)
     if tilt > _PARALLEL:
@@ -59,7 +59,7 @@ def _distance(body: str, a: Measured, b: Measured) -> float:
 
 
 def pair(a: Measured, b: Measured) -> tuple[float, float]:
-    """Return the angle (rad) and the distance (m) between two faces; NaN where undefined."""
+    """Return (angle in rad, distance in m) between two faces; an undefined value is NaN."""
     offset = b.face.point - a.face.point
     kinds = {a.face.kind, b.face.kind}
     if kinds == {"sphere"}:

@@ -14,7 +14,7 @@ from twin.core.units import UM
 
 
 def meetings(d: Description, at: Drawn) -> list[Finding]:
-    """Return findings on joints whose two frames are offset or tilted in the CAD, except in the free directions."""
+    """Return findings on joints whose two frames are offset or tilted in the CAD; free directions are ignored."""
     found = []
     for joint in d.joint:
         offset, tilt = locked_error(between(at, joint.name), joint.type)
@@ -47,7 +47,7 @@ def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
     """Return (offset in m, rotation vector in rad), (3,) each, of a joint's child frame relative to its parent frame.
 
     `T` (4, 4) is the pose from `between`. Components in the free directions of the joint are 0.
-    For revolute and cylindrical joints, the rotation is the rotation between the two axes.
+    For revolute and cylindrical joints, the rotation is the one that turns the parent's axis to the child's axis.
     """
     p, turn = T[:3, 3].copy(), np.zeros(3)
     if joint_type == "free":

@@ -1,7 +1,7 @@
 """Triangle meshes: read files with a declared unit, find open surfaces, and compute mass properties.
 
-Mesh files do not state a unit (except 3MF, whose unit must equal the declared unit), so the description must declare
-it. A part with an implausible size is reported as a finding.
+Mesh files (except 3MF) do not state a unit, so the description must declare the unit; for 3MF, the stated and the
+declared unit must be equal. A part with an implausible size is reported as a finding.
 """
 
 from __future__ import annotations

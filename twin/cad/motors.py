@@ -16,7 +16,7 @@ def actuators(d: Description) -> tuple[Actuator, ...]:
 
 
 def transmissions(d: Description, variant: str = "") -> tuple[Transmission, ...]:
-    """Return the transmissions of a description; those that have a matrix named `variant` use this matrix.
+    """Return the transmissions of a description; a transmission with a matrix named `variant` uses that matrix.
 
     Raises:
         MechanismError: no transmission has this variant.

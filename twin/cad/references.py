@@ -1,4 +1,4 @@
-"""Check the names and units in a description before any CAD is read; errors have file and line."""
+"""Check the names and units in a description before any CAD is read; error messages give file and line."""
 
 from __future__ import annotations
 

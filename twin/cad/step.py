@@ -1,8 +1,9 @@
 """STEP import by OpenCASCADE (cascadio): parts with triangles, linear colours and exact faces.
 
 The importer writes a GLB whose JSON contains the tree, the names and, for each part, the analytic faces in double
-precision. Vertices and instance placements in the GLB are float32. If the placements are applied to the shapes, as in
-the built-in STEP files, the faces are exact; for other files `StepModel.placement_error` states the error.
+precision. Vertices and instance placements in the GLB are float32. If a STEP file has no instance placements (they are
+already applied to the shapes, as in the built-in files), the faces are exact; for other files,
+`StepModel.placement_error` is the error.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ class Face:
 
     Attributes:
         kind: "plane", "cylinder" or "sphere".
-        point: (3,) a point of the plane, the point on the axis in the middle of the face, or the sphere's centre.
+        point: (3,) plane: a point of the plane; cylinder: the point of the axis at the middle of the face; sphere: the
+            centre.
         direction: (3,) unit normal or axis with arbitrary sign; zeros for a sphere.
         radius: radius of the cylinder or sphere, 0 for a plane.
     """
@@ -155,8 +157,8 @@ def read_step(
 def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) -> bytes:
     """Return the STEP file as GLB with exact faces, from the user's cache if the same file was read before.
 
-    `tolerance` is in mm, because OpenCASCADE converts every file to mm. Reading takes seconds in every command, so the
-    result is cached by file content and reader version. The cache may be deleted at any time.
+    `tolerance` is in mm, because OpenCASCADE converts every file to mm. Because reading takes seconds, the result is
+    cached by file content and reader version. The cache may be deleted at any time.
     """
     step = read(path, "STEP")
     key = hashlib.sha256(step)

@@ -57,7 +57,7 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
 
 
 def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None, ElementTree.Element]) -> None:
-    """Check the number of parts before they are built, because objects may be nested and repeated.
+    """Check the number of vertices and triangles before objects, which may be nested and repeated, are expanded.
 
     Raises:
         ValueError: an object is missing, or contains itself.

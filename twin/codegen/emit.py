@@ -2,8 +2,8 @@
 
 Each instruction of a function becomes a line that operates on a vector of `width` samples (lanes). Mathematical library
 functions would process one lane at a time and be ten times slower. Therefore sine and cosine are written inline without
-branches, and the other functions are replaced as in `lower`. NaN and infinity follow IEEE 754, so that unreachable
-poses remain NaN. A product and a sum may be fused, which avoids a rounding.
+branches, and `lower` replaces the other functions. NaN and infinity follow IEEE 754, so that unreachable poses remain
+NaN. A product and a sum may be fused, which avoids a rounding.
 
 An exact kernel has one lane and fuses no operations. It rounds after each operation and calls the functions of the C
 library, so that its results equal those of CasADi's interpreter bit for bit.
@@ -53,10 +53,10 @@ _COSINE = (
 """Polynomial coefficients of sine and cosine from FreeBSD's msun (k_sin.c, k_cos.c), highest power first."""
 
 _ROUND = 1.5 * 2.0**52
-"""Adding this constant to a number yields a double whose lowest bits contain the nearest integer."""
+"""Constant c for rounding: the lowest bits of the double x + c contain the integer nearest to x."""
 
 _AHEAD = 4
-"""Number of vectors by which memory prefetches are ahead of the computation."""
+"""Number of vectors between the vector being computed and the vector that is prefetched from memory."""
 
 _TURNS = 1e9
 """Absolute value in rad above which sine and cosine return NaN, because the argument is not precise enough."""
@@ -68,10 +68,11 @@ class Stage:
 
     Attributes:
         function: CasADi function with dense arguments and results.
-        takes: names of its arguments: inputs of the kernel, or results of earlier stages.
-        gives: names of its results.
-        repeat: maximum number of calls. If above 1, a result with the name of an argument becomes that argument in
-            the next call. The calls end when the result `error` is at most `tolerance` (or NaN) in every lane.
+        takes: names of the arguments: inputs of the kernel, or results of earlier stages.
+        gives: names of the results.
+        repeat: maximum number of calls for a sample. In repeated calls, a result with the name of an argument is used
+            as that argument in the next call. The calls end when the result `error` is at most `tolerance` (or NaN) in
+            every lane.
         tolerance: see `repeat`.
         reciprocals: whether several divisions by the same number are replaced by multiplications with its reciprocal.
             This adds a rounding error, which iterations correct in the next step.
@@ -169,7 +170,7 @@ class _Writer:
             if self.exact and op in _LIBRARY:
                 done = self.library(_LIBRARY[op], *a)
             elif op == ca.OP_DIV and not self.exact and _invertible(fixed.get(a[1], 0.0)):
-                # Ten times as fast as a division, with a rounding error that is larger by half a unit.
+                # Multiplication is ten times as fast as division; the rounding error is larger by half a unit.
                 done = self.put(f"fmul contract {V} {a[0]}, {self.constant(1 / fixed[a[1]])}")
             elif op == ca.OP_DIV and reciprocals:
                 if a[1] not in inverse:
@@ -216,7 +217,7 @@ class _Writer:
         return tuple(self.put(f"extractvalue {{{self.V}, {self.V}}} {both}, {i}") for i in (0, 1))  # pyright: ignore[reportReturnType]
 
     def _of_point(self, y: str, x: str) -> tuple[str, str]:
-        """Return the LLVM names of sine and cosine of atan2(y, x), computed with a square root, not an arc tangent."""
+        """Return the LLVM names of sine and cosine of atan2(y, x), computed by a square root without an arc tangent."""
         V = self.V
         square = self.put(f"fadd contract {V} {self.put(f'fmul {V} {x}, {x}')}, {self.put(f'fmul {V} {y}, {y}')}")
         length = self.intrinsic("sqrt", square)
@@ -251,7 +252,7 @@ def _sines(width: int) -> _Writer:
     odd = w.put(f"icmp ne {integers} {w.put(f'and {integers} {bits}, {w.integer(1)}')}, {w.integer(0)}")
     both = "undef"
     for i, value in enumerate((w.choose(odd, cosine, sine), w.choose(odd, sine, cosine))):
-        # Bit 1 of the quadrant number (for the cosine, of the next quadrant) is the sign.
+        # The sign is bit 1 of the quadrant number (sine), or of the number of the next quadrant (cosine).
         turned = w.put(f"shl {integers} {w.put(f'add {integers} {bits}, {w.integer(i)}')}, {w.integer(62)}")
         sign = w.put(f"and {integers} {turned}, {w.integer(-(2**63))}")
         signed = w.put(f"xor {integers} {w.put(f'bitcast {V} {value} to {integers}')}, {sign}")
@@ -275,16 +276,16 @@ def emit(
 
     Args:
         stages: functions, called in this order for each sample.
-        inputs: count of numbers per sample, by name of the input; each number has a separate array.
+        inputs: {name of the input: count of numbers per sample}; each number has a separate array.
         outputs: names of the stored results.
         width: number of samples in a vector; `end - begin` must be a multiple of `width`.
-        carried: count of numbers of each carried argument, by name. A carried argument is a result of the previous
-            sample. `carry` contains the initial values of these arguments and, after the call, the final values.
+        carried: {name of a carried argument: count of numbers}. A carried argument is a result of the previous sample.
+            `carry` contains the initial values of these arguments and, after the call, the final values.
         backwards: whether the loop runs from the last sample to the first sample.
         exact: whether the results equal those of CasADi bit for bit; requires a width of 1.
 
     Returns:
-        (text, count of numbers per sample of each output, by name).
+        (text, {name of the output: count of numbers per sample}).
 
     Raises:
         ValueError: an operation is not supported, or a function is not an SX function.
@@ -346,7 +347,7 @@ def _invertible(x: float) -> bool:
 
 
 def _fetched(w: _Writer, inputs: Sequence[str], outputs: Sequence[str]) -> None:
-    """Write prefetches of the next samples, because processors cannot automatically prefetch so many arrays."""
+    """Write instructions that prefetch the next samples: processors prefetch only a few arrays automatically."""
     w.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
     ahead = w.put(f"add i64 %i, {_AHEAD * w.width}")
     for writing, arrays in enumerate((inputs, outputs)):

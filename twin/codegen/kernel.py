@@ -1,4 +1,4 @@
-"""Run a compiled kernel on all processors; data are structures of arrays (one array for each number)."""
+"""Run a compiled kernel on all processors; each number of the samples has an array of its own (structure of arrays)."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from twin.core.machine import compiled, lanes
 from twin.core.spatial import Array
 
 _CHUNK, _PIECES = 4096, 64
-"""Minimum number of samples in a chunk, and maximum number of chunks; each chunk acquires Python's global lock once."""
+"""Minimum number of samples in a chunk, and maximum number of chunks. A chunk acquires Python's lock once."""
 _BLOCK = 1024
-"""Number of samples that are transposed at once; two blocks of 20 numbers fit into the cache of a core."""
+"""Number of samples in a block that is transposed at once: input and output (20 numbers each) fit into the cache."""
 _WORTH = 2e-4
-"""Minimum computing time in s per thread."""
+"""Minimum computing time in s for which a further thread is used."""
 
 
 @cache
@@ -40,8 +40,8 @@ class Kernel:
     """Compiled stages (CasADi functions), called for many samples.
 
     Attributes:
-        inputs: count of numbers per sample, by name of the input.
-        outputs: count of numbers per sample, by name of the output.
+        inputs: {name of the input: count of numbers per sample}.
+        outputs: {name of the output: count of numbers per sample}.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Kernel:
 
         Args:
             stages: see `Stage`.
-            inputs: count of numbers per sample, by name of the input.
+            inputs: {name of the input: count of numbers per sample}.
             outputs: names of the requested results.
             single: whether to process one sample at a time, which is fastest for a few samples.
             carried: arguments that are results of the previous sample (see `emit`); samples are then processed in
@@ -83,10 +83,10 @@ class Kernel:
         threads: int | None = None,
         out: Sequence[Array] | None = None,
     ) -> tuple[Array, ...]:
-        """Return an array (c, k) for each output: k samples of c numbers; see `outputs` for c.
+        """Return an array (c, k) for each output: k samples of c numbers; c is in `outputs`.
 
         Args:
-            arrays: float64 arrays (c, k), in the order of `inputs`; see `inputs` for c.
+            arrays: float64 arrays (c, k), in the order of `inputs`; c is in `inputs`.
             carry: initial carried values; overwritten by the final values.
             threads: maximum number of threads; None: number of processors.
             out: float64 arrays (c, k) to fill and return, which saves allocations; None: new arrays.
@@ -102,7 +102,7 @@ class Kernel:
         for (name, count), a in zip(self.inputs.items(), arrays, strict=True):
             if a.shape != (count, k):
                 raise ValueError(f"'{name}' has shape {a.shape}, not {(count, k)}")
-            # The samples of a row must be contiguous in memory; the rows need not be adjacent.
+            # Each row (the samples of one number) must be contiguous in memory; the rows need not be adjacent.
             packed = a.dtype == np.float64 and (k <= 1 or a.strides[1] == a.itemsize)
             given.append(a if packed else np.ascontiguousarray(a, np.float64))
         shapes = {name: (count, k) for name, count in self.outputs.items()}

@@ -1,7 +1,7 @@
-"""Replace functions without a processor instruction by CasADi expressions of supported operations, without branches.
+"""Replace functions for which processors have no instruction by branch-free CasADi expressions of supported operations.
 
 The arc tangent is the rational approximation of the Cephes library (S. L. Moshier, atan.c), with an error of at most
-one unit in the last place; the other functions are computed from the arc tangent.
+one unit in the last place. The other inverse functions are computed from the arc tangent.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _BELOW = (
     1.945506571482613964425e2,
 )
 _STEEP, _MIDDLE = 2.41421356237309504880, 0.66
-"""Arguments above which the arc tangent is computed relative to pi/2 (`_STEEP`) or to pi/4 (`_MIDDLE`)."""
+"""Arguments above which the arc tangent is computed as a difference from pi/2 (`_STEEP`) or from pi/4 (`_MIDDLE`)."""
 
 _LOST = 6.123233995736765886130e-17
 """Difference between pi/2 and its nearest double."""
@@ -35,7 +35,7 @@ _LOST = 6.123233995736765886130e-17
 
 @cache
 def lowered() -> dict[int, ca.Function]:
-    """Return the replacement function, with the same arguments, of each CasADi operation without an instruction."""
+    """Return {CasADi operation without a processor instruction: function of the same arguments that replaces it}."""
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     other = ca.sqrt((1 - a) * (1 + a))  # NaN for |a| > 1, as required
     return {

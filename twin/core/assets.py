@@ -1,4 +1,4 @@
-"""Locations of data folders and robot files: next to pyproject.toml in a checkout, in twin/_data in a wheel.
+"""Locations of data folders and robot files: next to pyproject.toml in a checkout, or in twin/_data in a wheel.
 
 A user's robot is one folder that contains `cad/`, `trajectories/`, `usd/` and `formula.py`. The files of a built-in
 robot are in several folders. `RobotFiles` has the same attributes for both kinds of robots.
@@ -76,7 +76,7 @@ class RobotFiles:
         return {p.stem: p for p in sorted(self.trajectories.glob("*.toml"))}
 
     def protocol(self, name: str) -> Path:
-        """Return the file of one protocol; `name` may be FOLDER/NAME, for a file in a folder of `trajectories`.
+        """Return the file of one protocol; `name` is FOLDER/NAME for a file in a subfolder of `trajectories`.
 
         Raises:
             TwinError: the protocol does not exist; the message lists the existing protocols.
@@ -90,7 +90,7 @@ class RobotFiles:
 
 
 def equations(files: RobotFiles | None, name: str) -> Path:
-    """Return the file of a robot's equations; `files` is None for a robot loaded from a USD stage.
+    """Return the file of a robot's equations; a robot loaded from a USD stage has no files (None).
 
     Raises:
         KinematicsError: the file is missing, or is still the empty template.
@@ -111,7 +111,7 @@ def scenes() -> list[str]:
 
 
 def scene_file(scene: str | Path) -> Path | None:
-    """Return the path of scene.toml for a built-in scene (by name), a file or its folder; None for anything else."""
+    """Return the scene file that `scene` names: a built-in scene, a file, or the folder of a file; otherwise None."""
     if str(scene) in scenes():
         return data_folder() / "cad" / str(scene) / "scene.toml"
     path = Path(scene)
@@ -161,7 +161,7 @@ def files(robot: str | Path) -> RobotFiles:
 
 
 def hidden(robot: str | Path) -> Path | None:
-    """Return the robot folder in the working directory that a built-in robot of the same name hides; else None."""
+    """Return the robot folder in the working directory if a built-in robot has precedence over it; else None."""
     there = str(robot) in names() and _descriptions(Path(robot))
     return Path(robot).resolve() if there else None
 

@@ -38,15 +38,15 @@ _COMMIT, _UNDO = "commit", "undo"
 
 
 completed: list[Path] = []
-"""Folders into which `atomic_folder` has moved files, in order of time; a command names them if it is interrupted."""
+"""Folders into which `atomic_folder` has moved files, oldest first; if a command is interrupted, it names them."""
 
 
 @contextlib.contextmanager
 def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Path]:
     """Yield a temporary folder; move its files into `target` when the block ends without an error.
 
-    Other files in `target` stay unchanged, except the old files in `replacing` (paths relative to `target`): these are
-    removed in the same step, unless the block writes new ones. On any error `target` stays unchanged.
+    Other files in `target` stay unchanged, except old files whose paths (relative to `target`) are in `replacing`:
+    these are removed in the same step, unless the block writes them again. On any error `target` stays unchanged.
 
     Raises:
         OutputError: the target cannot be written (read-only, full, a file with the name of a folder).
@@ -251,7 +251,7 @@ def _back(base: Path, own: Path) -> None:
 
 
 def _inside(base: Path, name: str) -> Path:
-    """Return the path of a file named in a journal, which another user may have written.
+    """Return the path of a file that a journal names; the journal is untrusted: another user may have written it.
 
     Raises:
         ValueError: the path is outside `base`.
@@ -305,5 +305,5 @@ def _unwritable(target: Path, error: OSError) -> str:
 
 
 def _written(error: OSError) -> str | None:
-    """Return the path that could not be written, if known; for a copy or a move, this is the destination."""
+    """Return the path that could not be written (for a copy or a move: the destination); None if it is unknown."""
     return error.filename2 or error.filename

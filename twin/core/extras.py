@@ -1,4 +1,4 @@
-"""Optional packages, required by some commands; the error message for a missing package has the install command."""
+"""Optional packages that some commands require; if one is missing, the error message gives the install command."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class Finding:
 
     Attributes:
         code: dotted, constant identifier for scripts ("rcm.missed", "cad.meeting", ...).
-        severity: "info", "warning", "disagreement" (two values differ), "error" (could not check).
+        severity: "info", "warning", "disagreement" (two values differ) or "error" (the check could not be made).
         message: one sentence with the subject, the value and the limit.
         where: name of the point, joint, loop, prim or file.
         when: pose, phase or time.
@@ -64,9 +64,9 @@ def finding(
     """Return a finding whose message is "<what>: <size> (limit <limit>)".
 
     The functions `info`, `warning`, `disagreement` and `error` call this function with their severity. `what` is the
-    subject and its fault, without the number; a plain number as `limit` is in the unit of `size`. `word` is the word
-    before the limit in the message ("required", "CAD"). If `word` is "", the message is `what` alone, which then
-    contains all numbers. For the other arguments see `Finding`.
+    subject and its fault, without the number. If `limit` is a plain number, its unit is that of `size`. `word` is the
+    word before the limit in the message ("required", "CAD"). If `word` is "", the message is `what` alone, and `what`
+    must contain all numbers. For the other arguments see `Finding`.
     """
     if limit is not None and not isinstance(limit, Quantity):
         limit = Quantity(limit, size.unit if size is not None else "")
@@ -84,8 +84,8 @@ def finding(
 class Kind:
     """A kind of finding: the fields that all findings with one code share.
 
-    Call a kind with the other fields to get a finding. A suggestion in the call, if not empty, replaces the suggestion
-    of the kind. For the fields see `Finding` and `finding`.
+    Call a kind with the other fields to get a finding. If the call has a suggestion, it replaces the suggestion of the
+    kind. For the fields see `Finding` and `finding`.
     """
 
     code: str

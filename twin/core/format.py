@@ -88,7 +88,7 @@ def power(value: float, digits: int = 3) -> str:
 
 
 def ratio(value: float, limit: float | None) -> str:
-    """Return a value divided by its limit as text: "1270×", "0.42×", "3×10⁻⁸"; a dash without a limit."""
+    """Return value / limit as text: "1270×", "0.42×", "3×10⁻⁸"; a dash if there is no limit."""
     if not limit or not math.isfinite(value) or not math.isfinite(limit):
         return NONE
     r = value / limit

@@ -1,4 +1,4 @@
-"""Run work in another process: one call with one result (`Call`), or jobs with results in pieces (`Stream`).
+"""Run work in another process: one call with one result (`Call`), or jobs that yield results in pieces (`Stream`).
 
 The process ends when its `Call` or `Stream` is deleted, or when this program ends. The process ignores Ctrl-C.
 """
@@ -23,7 +23,7 @@ Piece = TypeVar("Piece")
 
 
 class Call:
-    """A function call in a separate process, which ends at the end of the `with` block or at `close`.
+    """A function call in a separate process; the process ends at the end of the `with` block, or at `close`.
 
     Args:
         function: function at the top level of a module; function, arguments and result are pickled.
@@ -107,7 +107,10 @@ class Stream(Generic[Piece]):
             self._say(job)
 
     def poll(self) -> tuple[list[Piece], str | None]:
-        """Return (new pieces, end); `end` is None while a job runs, and once at its end "" (done) or an error text."""
+        """Return (new pieces, end).
+
+        In the first call after the end of a job, `end` is "" (done) or an error text; otherwise, `end` is None.
+        """
         with self._lock:
             new: list[Piece] = []
             with suppress(queue.Empty):
@@ -185,7 +188,7 @@ def _stream(line: Connection, module: str, name: str, nice: int) -> None:
 
 
 def _message(error: Exception) -> str:
-    """Return the text of an error for the parent process; for an unexpected error, the text includes the code line."""
+    """Return an error as text for the parent process; the text of an unexpected error names its function and line."""
     if isinstance(error, TwinError):
         return str(error)
     if isinstance(error, OSError) and (full := no_room(error)):

@@ -27,10 +27,10 @@ _ready = False
 
 
 def compiled(text: str) -> tuple[Call, Any]:
-    """Return (kernel, object to keep alive while the kernel is used); the kernel is compiled or read from the cache.
+    """Compile a kernel, or read it from the cache; return (kernel, object to keep alive while the kernel is used).
 
-    The cache is in the user's folder and may be deleted at any time. Its key is a hash of the text, the processor and
-    the version of LLVM. Truncated files, and files that other users can write, are not loaded.
+    The cache is in the user's folder and may be deleted at any time. The key of a kernel is a hash of the text, the
+    processor and the version of LLVM. Truncated files, and files that other users can write, are not loaded.
     """
     with _lock:
         target = _machine()
@@ -50,7 +50,7 @@ def compiled(text: str) -> tuple[Call, Any]:
 
 
 def lanes() -> int:
-    """Return the number of doubles in two vector registers; a kernel uses two registers at once to hide latencies."""
+    """Return the number of doubles in two vector registers: a kernel uses two at once to hide latencies."""
     features = llvm.get_host_cpu_features()
     return 16 if features.get("avx512f") else 8 if features.get("avx2") else 4
 

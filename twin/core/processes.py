@@ -26,8 +26,8 @@ _SERVE = "from twin.core.processes import serve; serve()"
 def isolated(program: str, *arguments: object) -> list[str]:
     """Return the command line that runs a Python program with these arguments in `sys.argv[1:]`.
 
-    The program's `sys.path` has the standard library, then the folder of twin and the folders of installed packages; it
-    does not have the folders of PYTHONPATH or the folder of a script.
+    The program's `sys.path` contains the standard library, then the folder of twin, then the folders of installed
+    packages, but neither the folders of PYTHONPATH nor the folder of a script.
     """
     places = [str(Path(__file__).resolve().parents[2])]
     places += [p for p in sys.path if Path(p).is_absolute() and Path(p).name in _PACKAGES]
@@ -37,13 +37,13 @@ def isolated(program: str, *arguments: object) -> list[str]:
 
 
 class Apart:
-    """A function that runs in a separate process; the process ends with this object or with this program.
+    """A function call in a separate process; the process ends when this object is deleted, or when this program ends.
 
     The process ignores Ctrl-C from its start, through an inherited signal mask.
 
     Args:
-        function: function at the top level of a module of twin; it is called with the child's end of the pipe, then the
-            arguments. Function and arguments are pickled.
+        function: function at the top level of a module of twin. Its first argument is the child's end of the pipe, then
+            `arguments` follow. Function and arguments are pickled.
         arguments: arguments of the function.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""Numbers with their provenance. Reports list every parameter, and mark assumed parameters."""
+"""Numbers with their provenance. Reports list every parameter and mark those that are assumed."""
 
 from __future__ import annotations
 

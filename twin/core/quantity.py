@@ -13,7 +13,7 @@ _LARGE = 1e4
 
 @dataclass(frozen=True)
 class Quantity:
-    """A value and its unit, unchanged in JSON; `str` chooses a unit that suits the size of the value ("12.3 nm").
+    """A value and its unit. JSON keeps this unit; `str` converts the value to a unit that suits its size ("12.3 nm").
 
     `mm`, `um`, `deg` and `moved` create quantities from SI values.
     """
@@ -51,6 +51,6 @@ def moved(value: float, angle: bool, per: str = "") -> Quantity:
 
 
 def si(value: float, unit: str) -> Quantity:
-    """Return a value as a quantity in mm or degrees (or a rate of them); `unit` is "m", "rad", "m/s", "rad/s", ..."""
+    """Return a value in `unit` ("m", "rad", "m/s", "rad/s", ...) as a quantity in mm or degrees, or a rate of these."""
     base, slash, per = unit.partition("/")
     return moved(value, base == "rad", slash + per)

@@ -15,7 +15,7 @@ from twin.core.findings import EXIT_CODES, Finding, Verdict, by_severity, verdic
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text below a header; with `fit`, a terminal may cut long lines."""
+    """Rows of text below a header; `fit`: whether a terminal may cut long lines."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -24,7 +24,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of text and its terminal style, as a style name of rich."""
+    """A line of text, and the name of its style in rich, the library for terminals."""
 
     text: str
     style: str = ""
@@ -87,7 +87,7 @@ class Result(ABC):
         return as_json(self.as_dict())
 
     def write(self, folder: Path) -> None:  # noqa: B027 - most have nothing
-        """Write further data files (curves as CSV, point clouds); the base class writes no files."""
+        """Write data files other than the JSON (curves as CSV, point clouds); the base class writes none."""
 
 
 def record(
@@ -97,7 +97,7 @@ def record(
 
     Args:
         kind: name of the schema, twin/<kind>/1.
-        content: data of this kind, by key.
+        content: {key: data} of this kind.
         findings: findings in any order; the returned list begins with the most severe.
         judged: the verdict; None: the verdict is computed from the findings.
     """

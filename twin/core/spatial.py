@@ -39,7 +39,7 @@ def exp_so3(w: ArrayLike) -> Array:
 
 
 def log_so3(R: ArrayLike) -> Array:
-    """Return the rotation vector (..., 3) in rad of R (..., 3, 3); accurate near 0 and near pi."""
+    """Return the rotation vector (..., 3) in rad of R (..., 3, 3); angles near 0 and near pi are also accurate."""
     q = quat_from_matrix_wxyz(R)
     v, w = q[..., 1:], q[..., 0]
     n = np.linalg.norm(v, axis=-1)
@@ -157,7 +157,7 @@ def angle_about_z(T: ArrayLike) -> Array:
 
 
 def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
-    """Return angles (..., 3) in rad with R = R_1 R_2 R_3, rotations about the axes `order` ("zyx": R = Rz Ry Rx).
+    """Return the angles (..., 3) in rad of three rotations about the axes `order` with the product R ("zyx": Rz Ry Rx).
 
     The product equals R to 1e-12 in every orientation. In gimbal lock the first angle is `first`.
     """
@@ -181,12 +181,12 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
 
 
 def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) -> Array:
-    """Return the cubic at s in 0..1: it has the values a, b and the derivatives slope_a, slope_b at s = 0 and s = 1."""
+    """Return the cubic at s (0..1) with value a and slope slope_a at s = 0, and value b and slope slope_b at s = 1."""
     return a + s * (slope_a + s * (3 * (b - a) - 2 * slope_a - slope_b + s * (2 * (a - b) + slope_a + slope_b)))
 
 
 def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
-    """Return the rotation (3, 3) with the z column along z, and the x column along the component of x normal to z.
+    """Return the rotation (3, 3) whose third column is along z, and first column along the component of x normal to z.
 
     Raises:
         ValueError: z is zero, or x is parallel to z.

@@ -19,7 +19,7 @@ LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
 
 
 def display_unit(angle: bool) -> tuple[str, float]:
-    """Return the display unit of angles (or, if `angle` is False, of lengths), and its size in rad (or m)."""
+    """Return (name, size in SI) of the display unit: of degrees if `angle` is true, else of millimetres."""
     return ("deg", DEG) if angle else ("mm", MM)
 
 

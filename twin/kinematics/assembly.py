@@ -20,7 +20,7 @@ FORWARD_TOL = 1e-11
 """Norm of the joint error, in m or rad, below which a forward solution is accepted."""
 
 _SAME_POSE = 1e-6
-"""Two poses count as the same assembly if they differ by less than this value in m and rad."""
+"""Difference in m and rad below which two poses count as the same assembly."""
 
 _TRAVEL = 0.5
 """Maximum travel (see `Program.newton`) from the seed to the solution of Newton's method.
@@ -158,7 +158,7 @@ def _cold(kin: Compiled, q: Array) -> Array:
 
 
 def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Array]:
-    """Return (pose (4, 4), joint error, travel, aspect signs) of Newton's method from T; error NaN if it fails."""
+    """Return (pose (4, 4), joint error, travel, aspect signs) after Newton's method from T; failed: joint error NaN."""
     out = kin.program.newton.one(np.concatenate([q, T.ravel()]))
     return out[:16].reshape(4, 4), out[16], out[17], np.sign(out[18:])
 
@@ -173,7 +173,10 @@ def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
 
 
 def _score(kin: Compiled, Ts: Array) -> Array:
-    """Return scores (k,) of poses: number of preferred aspect signs; ties favour the pose nearer to the first seed."""
+    """Return scores (k,) of poses: the number of preferred aspect signs, minus at most 0.5 for the distance from home.
+
+    Home is the first seed of the formula.
+    """
     preferred = np.array([a.preferred for a in kin.formula.aspects])
     agree = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
     home = list(seeds(kin, rng=0, starts=1))

@@ -27,9 +27,9 @@ def compile_formula(
 
     Args:
         formula: the equations.
-        variants: {equation: variant}, or one name for all equations that have this variant; default: the default of
-            each equation.
-        parameters: {parameter: value in SI}; the values replace published values.
+        variants: {equation: variant}, or the name of one variant, used for all equations that have it; default: the
+            default variant of each equation.
+        parameters: {parameter: value in SI}; these values replace the published values.
         extra_joints: auxiliary joints (joints of the robot that are not in the equations), by ascending index in q.
 
     Raises:
@@ -53,11 +53,11 @@ class Kinematics(Compiled):
     def inverse(self, T_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return q (n,) in m or rad at a pose (4, 4).
 
-        `seed` is q (n,) to start from, used only if the formula has no inverse equations. Auxiliary joints keep the
-        values of the seed.
+        Auxiliary joints have the values of `seed` (n,). Without inverse equations, the solver starts from `seed`.
 
         Raises:
-            KinematicsError: the pose is not rigid, or out of reach; the message names the chain and the distance.
+            KinematicsError: the pose is not rigid, or out of reach; the message gives the chain that does not reach
+                and the missing length.
         """
         T = poses(T_base_tool, batch=False)
         if not self.closed_inverse:
@@ -88,12 +88,12 @@ class Kinematics(Compiled):
     def inverse_of_all(self, Ts_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return q (k, n) at poses (k, 4, 4); raise if any pose has no solution.
 
-        `seed` is q (n,) to start from at the first pose, used only if the formula has no inverse equations. Each later
-        pose starts from the previous solution.
+        Auxiliary joints have the values of `seed` (n,). Without inverse equations, the solver starts from `seed` at the
+        first pose, and from the previous solution at each later pose.
 
         Raises:
-            KinematicsError: a pose has no solution; the message gives the index of the first such pose, the error of
-                `inverse` for it, and the number of poses without a solution.
+            KinematicsError: a pose has no solution; the message gives the index of the first such pose, the error
+                message of `inverse` at this pose, and the number of poses without a solution.
         """
         Ts = poses(Ts_base_tool)
         q = self.inverse_many(Ts) if self.closed_inverse else assembly.inverse_by_solver_many(self, Ts, seed)
@@ -125,9 +125,8 @@ class Kinematics(Compiled):
     def forward_many(self, qs: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return poses (k, 4, 4) at qs (k, n), each solved from the previous pose; NaN without a solution.
 
-        The rows of qs are usually consecutive points of a path. `seed` (4, 4) is the pose from which the first row
-        starts. With `seed` (k, 4, 4), row i starts from seed[i] instead of the previous pose, and all rows are solved
-        at once.
+        The rows of qs are usually consecutive points of a path. The first row starts from the pose `seed` (4, 4). With
+        `seed` (k, 4, 4), each row i starts from seed[i] instead of the previous pose, and all rows are solved at once.
         """
         qs = self._joints(qs)
         if seed is not None and np.ndim(seed) == 3:
@@ -138,7 +137,7 @@ class Kinematics(Compiled):
         return assembly.forward_many(self, qs, self._seed(seed))
 
     def branches(self, q: ArrayLike) -> list[Array]:
-        """Return all assemblies at q (n,) as poses (4, 4), the preferred branch first; an empty list if there is none.
+        """Return the tool poses (4, 4) of all assemblies at q (n,), the preferred branch first; empty if there is none.
 
         Raises:
             KinematicsError: the formula has no enumeration of assemblies and no forward equations.

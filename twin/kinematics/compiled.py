@@ -1,8 +1,8 @@
 """The compiled functions of a formula: points, Jacobians, measures, branch labels, for one pose or many.
 
-All values are in SI units. Poses are T_base_tool (4, 4); the first axis of a batch is time. In twists and Jacobian
-rows, the linear part is first, in base axes, at the tool origin. The solvers (`solve`, `assembly`) use these functions;
-`compile.Kinematics` adds inverse and forward kinematics.
+All values are in SI units. Poses are T_base_tool (4, 4); the first axis of a batch is time. Twists and Jacobian rows
+contain the linear velocity of the tool origin, then the angular velocity, both in base axes. The solvers (`solve`,
+`assembly`) use these functions; `compile.Kinematics` adds inverse and forward kinematics.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ ExtraJoint = tuple[int, str, bool, float]
 class Compiled(ABC):
     """The compiled functions of a formula; `Kinematics` adds the solvers.
 
-    Methods with arguments `Ts` and `qs` compute from poses (k, 4, 4) if the formula has inverse equations, otherwise
-    from joints (k, n). If only one argument is given, the other argument is computed.
+    Methods with arguments `Ts` and `qs` compute from poses Ts (k, 4, 4) if the formula has inverse equations, otherwise
+    from joints qs (k, n). If the required argument is missing, it is computed from the other argument.
 
     Attributes:
         formula: the formula from which the functions are compiled.
         joints: active joints, in the order of q.
-        auxiliary: (n,) bool, whether a joint is not in the equations and cannot move the tool. For such a joint, the
-            inverse returns the value given at compilation; the forward equations ignore the joint.
-        variants: the variant in use, by equation.
-        choices: names of the existing variants, by equation.
-        parameters: the values in use, in SI, by name.
+        auxiliary: (n,) bool, whether a joint is auxiliary: it is not in the equations and cannot move the tool. For
+            such a joint, the inverse returns the value given at compilation; the forward equations ignore the joint.
+        variants: {equation: name of the variant in use}.
+        choices: {equation: names of all its variants}.
+        parameters: {name: value in use, in SI}.
         closed_inverse: whether the formula has equations for q from the pose (inverse equations).
         closed_forward: whether the formula has equations for the pose from q (forward equations).
         characteristic_length: length in m; a rotation by 1 rad counts as much as a translation by this length.
@@ -92,7 +92,7 @@ class Compiled(ABC):
         """Return poses (k, 4, 4) at qs (k, n); NaN where no solution exists."""
 
     def joints_from_points(self, points: Mapping[str, ArrayLike]) -> Array:
-        """Return q (k, n) from named points {name: (k, 3)} in m, with only the equations that use the points.
+        """Return q (k, n) from named points {name: (k, 3)} in m; only equations that use these points are evaluated.
 
         Raises:
             KinematicsError: a point is unknown or missing, or the equations also require the pose.
@@ -121,7 +121,7 @@ class Compiled(ABC):
     def inverse_jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
         """Return the inverse Jacobian (n, 6), joint rates per tool twist, at the pose T or at q.
 
-        If both T and q are given, T is used; if the formula has no inverse equations, q is used.
+        If both T and q are given, T is used, except for a formula without inverse equations, which uses q.
         """
         return self.inverse_jacobian_many(_one(T), _one(q))[0]
 
@@ -160,7 +160,7 @@ class Compiled(ABC):
         return self._named("measure", Ts, qs)
 
     def singularity_alarm(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, np.ndarray]:
-        """Return {name: (k,) bool}: true where the measure is NaN or its absolute value is below its alarm value."""
+        """Return {name of a measure: (k,) bool}; true where |measure| is below the alarm value, or is NaN."""
         values = self.singularity(Ts, qs)
         return {m.name: ~(np.abs(values[m.name]) >= m.alarm) for m in self.formula.measures}
 
@@ -201,7 +201,7 @@ class Compiled(ABC):
         return singularity.condition_many(J)
 
     def why(self, T: Array) -> str:
-        """Return which line of a formula file gives NaN or infinity at a pose (4, 4), and why, as text.
+        """Return a text: the line of a formula file whose result at a pose (4, 4) is NaN or infinite, and the cause.
 
         Only files with functions `inverse` or `forward` are traced (see `twin.formula.plain`). "": no line was found.
         """
@@ -210,9 +210,9 @@ class Compiled(ABC):
     def takes(self, Ts: ArrayLike) -> bool:
         """Return whether the equations prove that the robot can have the poses Ts (k, 4, 4); False: not proved.
 
-        A robot with fewer than six degrees of freedom cannot have every pose. One of three proofs is sufficient: the
-        robot has six degrees of freedom; the inverse equations, which give NaN for a pose that the robot cannot have,
-        have a solution for each pose; or the forward equations reproduce each pose.
+        A robot with fewer than six degrees of freedom cannot have every pose. Each of three facts is a proof: the robot
+        has six degrees of freedom; the inverse equations (which return NaN for a pose that the robot cannot have) have
+        a solution for each pose; the forward equations reproduce each pose.
         """
         Ts = poses(Ts)
         if len(self.formula.joints) >= 6:
@@ -229,7 +229,7 @@ class Compiled(ABC):
         return bool(np.abs(back - Ts).max() <= POSE_TOL)
 
     def need_six_joints(self) -> None:
-        """Raise `KinematicsError` if the formula has no forward equation and a number of joints other than six."""
+        """Raise `KinematicsError` if the formula has neither a forward equation nor exactly six joints."""
         if not self.closed_forward and len(self.formula.joints) != 6:
             raise KinematicsError(
                 f"{self.formula.name}: {len(self.formula.joints)} joints do not determine the 6 numbers of a pose; "

@@ -30,8 +30,8 @@ Kinds = tuple[tuple[str, tuple[int, ...]], ...]
 class Iteration:
     """Compiled iteration for a robot and kinds of terms; the state is q (n,) or, without a forward equation, T (16,).
 
-    If the unknowns are joints, projection keeps them within their limits. If the unknown is the pose, an additional
-    residual is used, which is zero within the limits and grows with the excess.
+    If the unknowns are joints, they are projected onto their limits. If the unknown is the pose, an additional residual
+    is used: it is zero within the joint limits and grows with the excess.
     """
 
     def __init__(self, program: Program, kinds: Kinds) -> None:
@@ -71,7 +71,7 @@ class Iteration:
         first = size == 0
         better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false if any value is NaN
         size_new = ca.if_else(first, ca.fmax(ca.mmax(ca.sum1(J * J)), 1e-12), size)
-        # With mu below the floor, rounding errors divided by mu would move directions that the task leaves free.
+        # If mu were below the floor, rounding errors divided by mu would cause motion in directions that are free.
         shrunk = ca.fmax(mu * ca.fmax(1 / 30, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size)
         accepted = [
             new,
@@ -93,9 +93,10 @@ class Iteration:
     def run(self, start: Array, inputs: Array, goal: float) -> tuple[Array, float, int]:
         """Iterate from `start`; return (state, norm of the task's residual, steps tried).
 
-        `inputs` is the concatenation of six arrays: arguments of the terms, weights of the residuals, unit sizes of the
-        unknowns, scales of the joints, lower limits, upper limits. The iteration stops when the norm of the whole
-        residual (task and exceeded limits) is at most `goal`, or when the iteration makes no more progress.
+        `inputs` is the concatenation of six arrays: arguments of the terms, weights of the residuals, changes of the
+        unknowns per unit of a step, weights of exceeded joint limits, lower limits, upper limits. The iteration stops
+        when the norm of the whole residual (task and exceeded limits) is at most `goal`, or when the iteration makes no
+        more progress.
         """
         k, z = self.state, np.zeros(self.memory + len(inputs))
         z[:k], z[self.memory :] = start, inputs

@@ -18,7 +18,7 @@ _LENGTHS = ("mm", "m", "cm", "um")
 
 
 class States(Protocol):
-    """Given states of a mechanism: poses (k, 4, 4), q (k, n), passive joints (k,) and points (k, 3) by name."""
+    """k given states of a mechanism: tool poses, values of active and passive joints, and positions of named points."""
 
     @property
     def Ts_base_tool(self) -> Array:  # noqa: N802 - T_a_b is a pose everywhere
@@ -32,28 +32,28 @@ class States(Protocol):
 
     @property
     def q_passive(self) -> Mapping[str, Array]:
-        """Passive joints (k,) in m or rad, by name."""
+        """{name of a passive joint: values (k,) in m or rad}."""
         ...
 
     @property
     def points(self) -> Mapping[str, Array]:
-        """Named points (k, 3) in base in m, by name."""
+        """{name of a point: positions (k, 3) in base, in m}."""
         ...
 
 
 class Margins:
-    """The reach margins, singularity measures and aspects of a formula; each is a row of the computed values.
+    """The reach margins, singularity measures and aspects of a formula; each is a column of `values`.
 
     Attributes:
-        names: names of the rows: reach margins, then measures, then aspects.
-        symbols: symbol of each row in the equations.
-        equations: name of the equation that computes each row, or "".
-        kinds: "reach", "type1", "type2" or "aspect" for each row.
-        preferred: preferred sign of an aspect, 0 for other rows.
+        names: names of the columns: reach margins, then measures, then aspects.
+        symbols: symbol of each column in the equations.
+        equations: name of the equation that computes each column, or "".
+        kinds: "reach", "type1", "type2" or "aspect" for each column.
+        preferred: preferred sign of each aspect; 0 for other columns.
     """
 
     def __init__(self, kin: Kinematics, passive: Mapping[str, bool], points: tuple[str, ...]) -> None:
-        """Set up the rows from equations, the mechanism's passive joints {name: whether an angle} and named points."""
+        """Set up the columns from equations, the mechanism's passive joints {name: is an angle} and named points."""
         f = kin.formula
         self._kin = kin
         self._passive = {p: passive[p] for p in f.passive if p in passive}
@@ -66,7 +66,7 @@ class Margins:
         self.preferred = (*(0 for _ in f.reach), *(0 for _ in f.measures), *(a.preferred for a in f.aspects))
 
     def values(self, s: States, larger: float = 1.0) -> Array:
-        """Return the values (k, rows) at states; all lengths of robot and states are multiplied by `larger`."""
+        """Return the values (k, columns) at k states; all lengths of robot and states are multiplied by `larger`."""
         kin = self._kin
         numbers = {**kin.parameters, **self._lengths(larger)}
         z = [
@@ -80,9 +80,9 @@ class Margins:
             return kin.program.margins_at(tuple(self._passive), self._points).many(np.ascontiguousarray(np.hstack(z)))
 
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
-        """Return (k,) bool: whether the equations reproduce each state (with `passive`: also its passive joints).
+        """Return (k,) bool: whether the equations reproduce each state (with `passive`: including its passive joints).
 
-        If a state is not reproduced, the equations are on another branch.
+        The equations do not reproduce a state if their solution is on another branch.
         """
         kin = self._kin
         with np.errstate(all="ignore"):
@@ -101,13 +101,16 @@ class Margins:
         return np.asarray(good, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:
-        """Return the r reach margins (k, r) in m from the equations, at poses that the mechanism cannot reach."""
+        """Return the r reach margins (k, r) in m of the equations, at k poses out of reach of the mechanism."""
         with np.errstate(all="ignore"):
             found = self._kin.reach(Ts_base_tool)
         return np.stack([found[n] for n in self._kin.formula.reach], axis=1)
 
     def fails(self, s: States) -> Array:
-        """Return (k,): largest entry of each inverse Jacobian; infinite out of reach, 0 without inverse equations."""
+        """Return the largest absolute entry (k,) of each inverse Jacobian; infinite for an unreachable state.
+
+        The values are 0 if the formula has no inverse equations.
+        """
         kin = self._kin
         if not kin.closed_inverse:
             return np.zeros(len(s.q))
@@ -119,7 +122,8 @@ class Margins:
     def homogeneous(self, s: States, by: float) -> bool:
         """Return whether all angles stay the same if all lengths of robot and states are multiplied by `by`.
 
-        False: a length in the equations is a number, not a parameter.
+        If the angles change, a length in the equations is a number instead of a parameter. A formula without lengths
+        as parameters also returns False.
         """
         kin = self._kin
         lengths = self._lengths(by)

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt solver for every robot; unknowns: the joints if there is a forward equation, else the pose.
+"""Levenberg-Marquardt solver for every robot. The unknowns are the joints or, without a forward equation, the pose.
 
 Residuals are made dimensionless: an error of `length_scale` counts as much as an error of 1 rad.
 """
@@ -77,11 +77,12 @@ def solve(
         limits: (n, 2) lower and upper limit of each joint, in m or rad; infinite where a joint has no limit.
         starts: number of starting states: the seed, the formula's seeds, then random states.
         rng: seed of the random states; the same number gives the same solution.
-        any_branch: whether to accept any branch, not only the branch of the seed or the preferred branch.
+        any_branch: whether to accept a solution on any branch; if false, only the branch under Returns is accepted.
         length_scale: length in m that counts as much as 1 rad; default: the robot's characteristic length.
 
     Returns:
-        The first solution within the limits on the seed's branch (without a seed: the preferred branch).
+        The first solution that is within the limits and on the branch of the seed (without a seed: on the preferred
+        branch).
 
     Raises:
         KinematicsError: no solution is found from any start; `best` is the best `Solution`.
@@ -148,7 +149,7 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
 def descend(
     kin: Compiled, task: Task, start: Array, bounds: Array | None = None, length_scale: float | None = None
 ) -> Descent:
-    """Run one descent from a state, which must be within reach; return the result, converged or not."""
+    """Run one descent from a reachable state; return its result even if the descent does not converge."""
     scale = kin.characteristic_length if length_scale is None else float(length_scale)
     if not scale > 0:
         raise KinematicsError(f"length_scale {length_scale} m must be positive.")
@@ -171,7 +172,7 @@ def descend(
 
 
 def _from_formula(kin: Compiled, seed: Array) -> Array:
-    """Return the state of a formula's seed; the seed is coordinates, or q if the formula has no inverse equations."""
+    """Convert a seed of the formula to a state; the seed is pose coordinates or, without inverse equations, q."""
     if not kin.closed_inverse:
         q = np.zeros(len(kin.joints))
         q[~kin.auxiliary], q[kin.auxiliary] = seed, [value for *_, value in kin.extra_joints]

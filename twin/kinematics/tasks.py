@@ -1,7 +1,7 @@
 """Solver tasks: residuals of the tool pose that can be weighted and added.
 
-The residual of a task is zero if, and only if, the task is fulfilled. Its rows are in m or rad. The solver divides
-lengths by a length scale, so that residuals and weights are dimensionless.
+The residual of a task is zero if, and only if, the task is fulfilled. The rows of a residual are in m or rad. The
+solver divides lengths by a length scale, so that residuals and weights are dimensionless.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from twin.formula import symbolic
 
 @dataclass(frozen=True)
 class Term:
-    """One weighted residual: `kind` names its function, `numbers` are its arguments, `rows` are the rows in use."""
+    """One weighted residual: `kind` names its function, `numbers` its arguments, `rows` the rows in use."""
 
     kind: str
     numbers: Array
@@ -51,8 +51,8 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
 
     Args:
         T_base_tool: target pose.
-        mask: six flags; an error whose flag is 0 is ignored. The errors are x, y, z of the position, then x, y, z of
-            the rotation vector, in the axes of the target. (1, 1, 1, 1, 1, 0) leaves the rotation about the target's z
+        mask: six flags, one for each error: x, y, z of the position, then x, y, z of the rotation vector, in the axes
+            of the target. An error with flag 0 is ignored: (1, 1, 1, 1, 1, 0) leaves the rotation about the target's z
             axis free.
     """
     T = np.asarray(T_base_tool, float)
@@ -79,9 +79,9 @@ def Trocar(  # noqa: N802
     """Return the task of guiding a shaft through a trocar, with the tip beyond the trocar.
 
     With w = p - tip (p: the trocar) and the shaft direction a (towards the tip), the residual is w + |w| a. For a small
-    error, its length is the distance from trocar to shaft axis in m. If the tip is on the wrong side of the trocar, the
-    length of the residual is 2 |w|, so that this side is not a solution. The usual residual a x w is zero on both
-    sides.
+    error, the length of the residual is the distance from trocar to shaft axis in m. If the tip is on the wrong side of
+    the trocar, the length of the residual is 2 |w|, so that this side is not a solution. The usual residual a x w, by
+    contrast, is zero on both sides.
 
     Args:
         p_base: trocar (3,) in m.
@@ -109,12 +109,12 @@ def Joints(q: ArrayLike) -> Task:  # noqa: N802
 
 
 def is_length(term: Term) -> np.ndarray:
-    """Return whether each row of a term is a length; not for the kind "joints", whose units depend on the robot."""
+    """Return (rows,) bool: whether each row of a term is a length; invalid for "joints": their units vary by robot."""
     return np.array(_KINDS[term.kind][2])[list(term.rows)]
 
 
 def count(kind: str, joints: int) -> int:
-    """Return the number of arguments of a term of a kind, for a robot with `joints` joints."""
+    """Return the number of arguments of a term of the kind `kind`, for a robot with `joints` joints."""
     return joints if kind == "joints" else _KINDS[kind][1]
 
 

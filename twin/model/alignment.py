@@ -1,4 +1,4 @@
-"""Objects of the camera task: a grey line that is fixed in the picture, and a green rectangle on a plate in the scene.
+"""The camera task: a grey line that is fixed in the picture, and a green rectangle on a plate in the scene.
 
 The user turns the camera until the upper side of the rectangle coincides with the line.
 """
@@ -121,7 +121,7 @@ class Alignment:
 
 
 def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | None:
-    """Return the props of a scene together with the plate of a task; both are fixed in the World.
+    """Return one mechanism with the props of a scene and the plate of a task, all fixed in the World.
 
     Without an alignment, the props are returned as they are.
     """
@@ -140,10 +140,10 @@ def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | 
 
 
 def frame(middle: Array, facing: Array, roll: float) -> Array:
-    """Return the frame (4, 4) of a plate: z along `facing`, x horizontal and then turned about z by `roll` in rad.
+    """Return the frame (4, 4) of a plate: z is along `facing`, and x is horizontal before a rotation by `roll` about z.
 
-    `middle` (3,) is the middle of the rectangle in m, `facing` (3,) the direction out of the plate, which is not
-    vertical. `roll` is counter-clockwise as seen from in front of the plate.
+    `middle` (3,) is the middle of the rectangle in m. `facing` (3,) is the direction out of the plate; it must not be
+    vertical. `roll` is counter-clockwise as seen from in front of the plate, in rad.
     """
     z = facing / np.linalg.norm(facing)
     x = np.cross([0.0, 0.0, 1.0], z)

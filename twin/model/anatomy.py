@@ -65,8 +65,8 @@ class AnatomyTable(Sourced):
     """The organs of a scene. `file` is a description file, like that of the props, with one body for each organ.
 
     `touching` names the links of instruments that can touch organs, each as "robot/body"; other links pass through
-    organs. If the drawing of the organs has a frame of its own, `axes` are the directions of that frame's x, y and z
-    in the world frame, such as ["-y", "x", "z"]; `origin_mm` is that frame's origin in the world frame; `scale` is a
+    organs. If the frame of the drawing is not the world frame, `axes` are the directions of the drawing's x, y and z in
+    the world frame, such as ["-y", "x", "z"]; `origin_mm` is the origin of the drawing in the world frame; `scale` is a
     length in the world divided by the same length in the drawing.
     """
 
@@ -111,8 +111,8 @@ def tissues(
 ) -> tuple[Tissue, ...]:
     """Return the organs of a scene, in the World.
 
-    `whole` gives the frame of the drawing; `tables` gives the material of each organ, by the name of its body in
-    `anatomy`; `poses` gives T_drawing_body (4, 4) of each body. Error messages name the scene file `file`.
+    `whole` describes the frame of the drawing; `tables` is {name of the organ's body in `anatomy`: material}; `poses`
+    is {body: T_drawing_body (4, 4)}. Error messages name the scene file `file`.
 
     Raises:
         TwinError: a body is missing, or its surface is open, inverted or too fine.
@@ -141,7 +141,7 @@ def tissues(
 
 
 def listed(tables: Mapping[str, TissueTable]) -> Iterator[Parameter]:
-    """Yield each number of the organs, with its provenance."""
+    """Yield the numbers of the organs as parameters with provenance."""
     for name, t in tables.items():
         rows = (
             ("edge", t.edge_mm, "mm"),

@@ -17,14 +17,14 @@ from twin.schema import Identifier, Sourced, Table, at, error_at
 
 
 class StereoTable(Table):
-    """Two lenses, `baseline_mm` apart, side by side; their lines of sight cross `converge_mm` in front of them."""
+    """Two lenses side by side, `baseline_mm` apart; their lines of sight cross `converge_mm` in front of the lenses."""
 
     baseline_mm: float = Field(gt=0, le=200)
     converge_mm: float = Field(gt=0, le=10_000)
 
 
 class CameraTable(Sourced):
-    """A camera on a frame of a robot: it looks along z of the frame, with -y up, and is rotated about z by `roll_deg`.
+    """A camera on a frame of a robot: it looks along z of the frame, and -y is up; `roll_deg` rotates it about z.
 
     `view_deg` is the angle of view. With `stereo`, the camera has two lenses, each at half the baseline from the
     frame's origin.
@@ -43,7 +43,7 @@ class CameraTable(Sourced):
 
 
 class CameraRangeTable(Table):
-    """Permitted motion of a console's camera about its port: (minimum, maximum) of each angle and of the depth."""
+    """Permitted motion of a console's camera about its port: (minimum, maximum) for each angle and for the depth."""
 
     pan_deg: tuple[float, float]
     tilt_deg: tuple[float, float]
@@ -64,10 +64,10 @@ class ConsoleTable(Sourced):
 
     A tap on the clutch selects the next robot in `right` or `left`. `scale` is the tool displacement divided by the
     hand displacement. `tip` is the name of a frame that each of these robots has; default: the tool frame. The origin
-    of this frame is the point that must touch the targets, and whose path length is measured. `instrument_mm` is the
-    length of a robot's instrument from its tip to its outer end; with this length, the hand can control either end.
-    `through` names the robots without a mechanical RCM: the controller keeps the shaft of such a robot (the z axis of
-    its tool) in its port. `camera_range` replaces the range of the da Vinci's endoscope.
+    of this frame must touch the targets, and its path length is measured. `instrument_mm` is the length of a robot's
+    instrument from the tip to the outer end; if it is given, the hand can control either end. `through` names the
+    robots without a mechanical RCM: the controller guides the shaft of such a robot (the z axis of the tool) through
+    the robot's port. `camera_range` replaces the range of the da Vinci's endoscope.
     """
 
     right: list[Identifier] = Field(min_length=1)
@@ -130,7 +130,7 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
 
 
 def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
-    """Yield each number of a console, and of the forces on its hands, with its provenance."""
+    """Yield the numbers of a console, and of the forces on the hands, as parameters with provenance."""
     if console is not None:
         lengths = [(f"instrument {name}", v, "mm") for name, v in console.instrument_mm.items()]
         yield from console.parameters("console", [("scale", console.scale, "1"), *lengths])

@@ -78,7 +78,7 @@ def movable(name: str, o: ObjectTable) -> Movable:
 
 
 def listed(objects: Mapping[str, ObjectTable], contact: ContactTable | None) -> Iterator[Parameter]:
-    """Yield each number of all objects and of their contact, with its provenance."""
+    """Yield the numbers of all objects and of their contact as parameters with provenance."""
     for name, o in objects.items():
         sizes = [(f"size {k}", v, "mm") for k, v in enumerate(o.size_mm, 1)]
         rows = (*sizes, ("mass", o.mass_g, "g"), ("friction", o.friction, "1"), ("", o.position_mm, "mm"))

@@ -1,4 +1,4 @@
-"""A deformable and its recorded motion; a deformable is a mesh, fixed to a body or to the world, that changes shape."""
+"""A deformable (a mesh that changes its shape and is fixed to a body or to the world), and its recorded motion."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from twin.core.units import UM
 from twin.model.body import Mesh
 
 _EXACT = 0.1 * UM
-"""Maximum error in m of a node's position that results from the shapes omitted by `Bend.shapes`."""
+"""Maximum error in m of a node's position due to the shapes that `Bend.shapes` omits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,8 @@ class Deformable:
     Attributes:
         name: identifier, unique among deformables, robots and props.
         mesh: triangles (constant) and vertices (n, 3) at rest.
-        owner, body: name of the robot or prop, and name of its body to which the mesh is fixed; "": fixed to the world.
+        owner, body: name of a robot or prop, and name of the body of this owner to which the mesh is fixed; "": the
+            mesh is fixed to the world.
         weights: (n, k) weights of k nodes: vertices = weights @ nodes. A few nodes move many vertices, and only the
             nodes are recorded. None: each vertex is a node.
     """
@@ -74,7 +75,7 @@ class Bend:
         return self.weights @ self.nodes[k]
 
     def changes(self) -> Index:
-        """Return the indices of first and last time, and of times whose nodes differ from a neighbouring time."""
+        """Return the indices of first and last time, and of each time just before or just after a motion of a node."""
         moved = np.abs(np.diff(self.nodes, axis=0)).max(axis=(1, 2)) > 0
         keep = np.ones(len(self.times), bool)
         keep[1:-1] = moved[:-1] | moved[1:]

@@ -26,9 +26,9 @@ class Following:
 
 
 def following(mechanism: Mechanism, among: Container[str]) -> dict[str, Following]:
-    """Return the follower that each coupling adds, by name of the coupling.
+    """Return {name of a coupling: follower that results from this coupling}.
 
-    A coupling is omitted if it has more than two joints, or adds no follower (for example, if both joints are driven).
+    A coupling is omitted if it has more than two joints, or if no follower results (for example, if both are driven).
     `among` has the names of joints that may lead or follow; couplings with other joints are omitted.
     """
     known = {j.name: (j.name, 1.0, 0.0) for j in mechanism.active}

@@ -1,4 +1,4 @@
-"""The table of a task with a ring that is handed over and guided along a wire, in a dome."""
+"""The table of a guide task: a ring is handed over and guided along a wire in a dome."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class GuideTable(Table):
     """A ring that is picked up, handed over, and guided along a wire; then both instruments leave the dome.
 
     `ring` names the object, `dome` the solid body around it. The arm of hand `first` picks the ring up: the centre of
-    the ring must move by `lifted_mm`. The arm of the other hand then guides the ring. The wire consists of all parts
-    (at least two) of solid bodies whose names begin with `wire`; the file of the props must list them in order, the
-    part with the free end first. The ring has passed the wire when it is within `end_mm` of the other end of the wire.
-    A tool has left the dome when it is `outside_mm` outside the convex hull of the dome.
+    the ring must move by `lifted_mm`. The arm of the other hand then guides the ring. The wire consists of at least two
+    parts of solid bodies; the name of each part begins with `wire`. The file of the props must list these parts in
+    order, the part with the free end first. The ring has passed the wire when it is within `end_mm` of the other end of
+    the wire. A tool has left the dome when it is `outside_mm` outside the convex hull of the dome.
     """
 
     ring: Identifier

@@ -36,8 +36,8 @@ class Inertia:
     def principal(self) -> tuple[Array, Array]:
         """Return the principal moments (3,) in kg m2, and the rotation (3, 3) whose columns are the principal axes.
 
-        Eigenvectors have no defined order. The order and signs that make the rotation nearest to identity give readable
-        axes for aligned parts, and do not jump when a length changes slightly.
+        Order and signs of the axes are chosen so that the rotation is nearest to identity. The axes then do not jump
+        when a length changes slightly, and the axes of aligned parts are easy to read.
         """
         moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
         best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))

@@ -1,4 +1,4 @@
-"""Combine the mechanisms of several arms into one; each name then begins with the name of the arm."""
+"""Combine the mechanisms of several arms into one mechanism, in which each name begins with the name of its arm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WORLD = "world"
 def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
     """Return one mechanism with all arms; its active joints are those of the first arm, then of the second, and so on.
 
-    Motors are left out: the joints count as driven directly. The tool is the tool of the last arm.
+    Motors are omitted: all active joints count as driven directly. The tool is the tool of the last arm.
 
     Args:
         arms: {name of the arm: (its mechanism, T_world_base (4, 4))}.

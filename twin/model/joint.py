@@ -1,4 +1,4 @@
-"""A joint: a frame on its parent body and a frame on its child body, which move along or about their common z axis.
+"""A joint: a frame on the parent body and a frame on the child body, which move along or about their common z axis.
 
 T_parent_child = T_parent_joint @ motion(q) @ inverse(T_child_joint)
 """
@@ -44,12 +44,12 @@ class Joint:
 
     Attributes:
         name, type, parent, child: identifiers; see `FREE_AXES` for the types.
-        T_parent_joint, T_child_joint: (4, 4) joint frame in the parent and in the child body.
+        T_parent_joint, T_child_joint: (4, 4) poses of the two joint frames, in the parent body and in the child body.
         active: whether a motor drives the joint.
         limits: hard range of the coordinate in m or rad, or None.
         soft_limits: range outside which a warning is reported, in m or rad, or None.
         cone: maximum angle in rad between the two z axes of a spherical joint, or None.
-        max_speed, max_acceleration, max_jerk: limits of the coordinate in m or rad per s, s2 and s3, or None.
+        max_speed, max_acceleration, max_jerk: maximum absolute values in m or rad per s, s2 and s3, or None.
         drive: the position drive of an active joint that is driven directly, or None; see `Actuator`.
         mating: names of the two meshes that touch in this joint (pin and bore); contact between them is not checked.
     """
@@ -106,7 +106,7 @@ class Joint:
 
 
 def reversed_joint(joint: Joint) -> Joint:
-    """Return the joint with parent and child swapped; both frames are rotated by 180 deg about x to keep the sign of q.
+    """Return the joint with parent and child swapped, and both frames rotated by 180 deg about x to keep the sign of q.
 
     T_child_parent = T_child_joint @ inverse(motion(q)) @ inverse(T_parent_joint), and a half turn H about x
     gives H @ motion(q) @ H = inverse(motion(q)) for motion along or about z.

@@ -1,8 +1,8 @@
 """The format-neutral model: bodies, joints and loops.
 
-The tree connects every body to the base by exactly one path of joints. A joint that is not in the tree closes a loop;
-it also has two frames, but its coordinate follows from the other joints. All values are in SI units; all objects are
-immutable.
+The tree connects every body to the base by exactly one path of joints. A joint that is not in the tree closes a loop:
+it has two frames like every joint, but its coordinate follows from the other joints. All values are in SI units; all
+objects are immutable.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ class Mechanism:
     Attributes:
         name: identifier.
         base: name of the fixed body; its frame is the base frame.
-        bodies, joints, frames, points: in file order; the order decides which joint of a loop closes the loop.
+        bodies, joints, frames, points: in file order; the order of the joints decides which of them closes a loop.
         rest: T_base_body (4, 4) of every body as in the CAD or in the file; loop closure starts from these poses.
         postures: named values of the active joints in m or rad.
         tool: name of the tool frame of inverse and forward kinematics.
-        parameters: numbers with provenance that the description adds (limits, drives, densities).
+        parameters: the numbers of the description that are not in the CAD (limits, drives, densities), with provenance.
         actuators, transmissions: motors, and their transmissions to active joints; other active joints are driven
             directly.
         couplings: belts, gears and cables between joints.
@@ -158,7 +158,7 @@ class Mechanism:
 
     @cached_property
     def motor_names(self) -> tuple[str, ...]:
-        """Motor names (n,) in the order of q: the actuator of a transmission or, without one, the name of the joint."""
+        """Names (n,) of the motors, in the order of q; the motor of a directly driven joint has the joint's name."""
         names = {j: a for t in self.transmissions for j, a in zip(t.joints, t.actuators, strict=True)}
         return tuple(names.get(j.name, j.name) for j in self.active)
 
@@ -169,7 +169,7 @@ class Mechanism:
 
     @cached_property
     def _motor_rows(self) -> Array:
-        """Inverse (n, n) of `motor_matrix`, block by block, so that rows of directly driven joints stay exact."""
+        """Inverse (n, n) of `motor_matrix`, computed block by block: the rows of directly driven joints stay exact."""
         return self._blocks({t.name: t.inverse for t in self.transmissions})
 
     def _blocks(self, blocks: Mapping[str, Array]) -> Array:
@@ -210,11 +210,11 @@ class Mechanism:
 
     @cached_property
     def materials(self) -> dict[str, Material]:
-        """Material of every mesh, by mesh name; all written formats use these names and finishes.
+        """{name of a mesh: its material}; all written formats use the names and finishes of these materials.
 
-        A name consists of the part's material and its colour, such as `steel_8a8f96`. The name is the same for all
-        robots and does not change with the drawing, so that a user's replacement material in another program stays
-        assigned.
+        The name of a `Material` consists of the part's material and the colour, such as `steel_8a8f96`. This name is
+        the same for all robots and does not change with the drawing, so that a user's replacement material in another
+        program stays assigned.
         """
         known: dict[tuple[tuple[float, ...], Finish], Material] = {}
         taken: set[str] = set()
@@ -241,11 +241,11 @@ class Mechanism:
         return _find("joint", self.joints, name)
 
     def frame(self, name: str) -> Frame:
-        """Return the frame with a name, or raise `MechanismError` that lists the existing names."""
+        """Return the frame called `name`, or raise a `MechanismError` that lists all names."""
         return _find("frame", self.frames, name)
 
     def frame_in_tool(self, name: str) -> Array:
-        """Return T_tool_frame (4, 4) of a frame; raise `MechanismError` if it is not on the tool's body."""
+        """Return T_tool_frame (4, 4) of a frame; raise `MechanismError` if the frame is not on the tool's body."""
         tool, it = self.frame(self.tool), self.frame(name)
         if tool.body != it.body:
             raise MechanismError(
@@ -254,7 +254,7 @@ class Mechanism:
         return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
 
     def actuator(self, name: str) -> Actuator:
-        """Return the actuator with a name, or raise `MechanismError` that lists the existing names."""
+        """Return the actuator called `name`, or raise a `MechanismError` that lists all names."""
         return _find("actuator", self.actuators, name)
 
     def transmission_of(self, joint: str) -> Transmission | None:
@@ -262,7 +262,7 @@ class Mechanism:
         return next((t for t in self.transmissions if joint in t.joints), None)
 
     def point(self, name: str) -> Point:
-        """Return the point with a name, or raise `MechanismError` that lists the existing names."""
+        """Return the point called `name`, or raise a `MechanismError` that lists all names."""
         return _find("point", self.points, name)
 
     @property
@@ -280,26 +280,26 @@ class Mechanism:
 
     @cached_property
     def _inward(self) -> dict[str, Joint]:
-        """Tree joint that has a body as its child, by name of the body."""
+        """{name of a body: the tree joint whose child is this body}."""
         return {j.child: j for j in self.tree}
 
     def posture(self, name: str) -> Array:
-        """Return q (n,) of a named posture, or raise `MechanismError` that lists the existing names."""
+        """Return q (n,) of the posture called `name`, or raise a `MechanismError` that lists all names."""
         if name not in self.postures:
             raise MechanismError(f"{self.name}: {unknown('posture', name, self.postures)}")
         return np.array([self.postures[name][j.name] for j in self.active])
 
     def with_rest(self, rest: Mapping[str, Array]) -> Mechanism:
-        """Return the same mechanism with the rest poses `rest`: T_base_body (4, 4), by name of the body."""
+        """Return the same mechanism with other rest poses; `rest` is {body: T_base_body (4, 4)}."""
         return replace(self, rest=dict(rest))
 
     @property
     def trocar_places(self) -> dict[str, Array]:
-        """Position (3,) of each trocar in base in m, by name; empty if the mechanism has no trocar."""
+        """{name of a trocar: position (3,) in base, in m}; empty if the mechanism has no trocar."""
         return {n: self.joint(n).T_parent_joint[:3, 3] for n in self.trocars}
 
     def trocar_at(self, name: str = "") -> Array:
-        """Return the position (3,) of a trocar in base in m; for `name` and errors, see `trocar_named`."""
+        """Return the position (3,) of a trocar in base, in m; for `name` and errors, see `trocar_named`."""
         return self.trocar_places[self.trocar_named(name)]
 
     def trocar_named(self, name: str = "") -> str:
@@ -321,21 +321,21 @@ class Mechanism:
         raise MechanismError(f"{self.name} has the trocars {', '.join(self.trocars)}: choose one by name")
 
     def with_trocar(self, p_base: Array, name: str = "") -> Mechanism:
-        """Return the same mechanism with a trocar at p_base (3,) in m, orientation unchanged; see `trocar_named`."""
+        """Return the same mechanism with a trocar moved to p_base (3,) in m but not rotated; see `trocar_named`."""
         name = self.trocar_named(name)
         T = self.joint(name).T_parent_joint.copy()
         T[:3, 3] += np.asarray(p_base, float) - self.trocar_at(name)
         return replace(self, joints=tuple(replace(j, T_parent_joint=T) if j.name == name else j for j in self.joints))
 
     def with_trocars(self, places: Mapping[str, Array]) -> Mechanism:
-        """Return the same mechanism with each named trocar at its position (3,) in base in m; others are unchanged."""
+        """Return the same mechanism with the trocars moved to `places`: {name: position (3,) in base, in m}."""
         out = self
         for name, p_base in places.items():
             out = out.with_trocar(p_base, name)
         return out
 
     def shaft_through(self, name: str = "") -> Frame | None:
-        """Return the instrument frame whose z axis is the shaft axis; None if no body slides in the trocar.
+        """Return the frame of the instrument with z along the shaft axis; None if no body slides in the trocar.
 
         The sliding joint is on the trocar's body, or on a body that revolute joints connect to it (a gimbal ring).
         """

@@ -1,4 +1,4 @@
-"""A movable object: a rigid shape with a mass and a friction coefficient, which tools grasp and push."""
+"""A movable object: a rigid shape with mass and friction that tools can grasp and push."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from twin.model.mechanism import Mechanism
 ShapeName = Literal["ring", "box", "ball"]
 
 _AROUND, _ACROSS = 48, 16
-"""Numbers of facets. Drawn ring: around its axis, around its wire; drawn ball: around its axis, from pole to pole."""
+"""Numbers of facets. `_AROUND`: around the axis of a ring or ball. `_ACROSS`: around the wire, or from pole to pole."""
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ class ProcedureTable(Table):
 
     1 expose: when the first clip is placed, a grasper holds `organ` and has lifted the held point by `lift_mm`.
     2 show: before the first clip is placed, `camera` has seen the fraction `seen` of `vessel` for `seen_s`.
-    3 clip: `clips_kept` clips close the vessel on the side that stays in the patient, `clips_taken` clips on the side
-      of the removed organ.
+    3 clip: the vessel is closed by `clips_kept` clips on the side that stays in the patient, and by `clips_taken` clips
+      on the side of the removed organ.
     4 cut: the vessel is cut between the clips of both sides, and both cut ends are closed by clips.
-    5 remove: each node that attaches the organ (its bed) is freed by cautery with the energy `bed_j`, and the organ is
-      moved to at most `out_mm` from a port.
+    5 remove: each node of the organ's bed (the nodes that attach the organ) is freed by cautery with the energy
+      `bed_j`, and the organ is moved to at most `out_mm` from a port.
 
     During all stages, no tip may be deeper than `depth_mm` below the surface at rest of an organ in `spare`, and no
     other vessel may be clipped or cut. `start` names the first tool of each robot. A tool can be changed only if the

@@ -39,10 +39,10 @@ class PortTable(Sourced):
 class RobotTable(Sourced):
     """A robot in the scene: base position in the world frame, yaw about the vertical z axis, and ports of its trocars.
 
-    `protocol` is the name of a protocol of the robot, or the path of a protocol file, relative to the folder of the
-    scene; it is optional if the scene has a console. `robot` is the name of the built-in robot; default: `name`. Two
-    equal robots need different values of `name`. `start` gives joint values in deg or mm at the start of console
-    control; joints that are not in `start` start as in the posture home.
+    `protocol` is the name of a protocol of the robot, or the path of a protocol file relative to the folder of the
+    scene; `protocol` is optional if the scene has a console. `robot` is the name of the built-in robot; default:
+    `name`. Two equal robots need different values of `name`. `start` gives joint values in deg or mm at the start of
+    console control; joints that are not in `start` start as in the posture home.
     """
 
     name: Identifier
@@ -62,7 +62,7 @@ class RobotTable(Sourced):
 
 
 class SceneTable(Table):
-    """The scene file. `props` is the description file of the props, in the world frame, without driven joints."""
+    """The content of a scene file. `props` is the file that describes the props; no joint of the props is driven."""
 
     name: Identifier
     title: str
@@ -87,7 +87,7 @@ class SceneTable(Table):
 
 @dataclass(frozen=True)
 class Place:
-    """A robot in a scene: T_world_base (4, 4), and its ports by trocar, each (3,) in m in the world frame.
+    """A robot in a scene: T_world_base (4, 4), and {trocar: position (3,) of its port in the world frame, in m}.
 
     The trocar name "" means the robot's only trocar or, without trocars, the first RCM of the protocol. `robot` is the
     name of the built-in robot; `protocol` is the name of one of its protocols, or the path of a file; `start` gives
@@ -150,7 +150,7 @@ class Scene:
 
     @property
     def models(self) -> tuple[Place, ...]:
-        """The `Place` of each machine's model: the machine's place with the model's name; see `twin.model.trainer`."""
+        """The `Place` of the model of each machine: the machine's `Place` with `MODEL` added to its name."""
         machines = [] if self.trainer is None else self.trainer.robots
         return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
 
@@ -242,7 +242,7 @@ def _place(r: RobotTable, table: SceneTable, folder: Path) -> Place:
 
 
 def _check_pair(path: Path, k: int, pair: tuple[str, str], names: list[str]) -> None:
-    """Raise an error unless a pair of `touching` names two different bodies, at least one of them of a robot."""
+    """Raise an error unless a pair of `touching` names two different bodies and at least one belongs to a robot."""
     for full in pair:
         if full.count("/") != 1:
             raise error_at(path, ("touching", k), f"'{full}' is not a body; write \"owner/body\"")
@@ -261,7 +261,11 @@ def _vessel(path: Path, name: str, table: VesselTable) -> Vessel:
 
 
 def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
-    """Raise an error if [tissue] or [anatomy] is missing, the file is missing, or a link names an unknown robot."""
+    """Check the sections [anatomy] and [tissue] of a scene.
+
+    Raise an error if only one of the sections is present, if the file of the organs is missing, or if a link in
+    `touching` names an unknown robot.
+    """
     if (table.anatomy is None) != (not table.tissue):
         key = "tissue" if table.anatomy is None else "anatomy"
         raise error_at(path, (key,), "organs need both a section [anatomy] and a section [tissue.NAME] for each organ")

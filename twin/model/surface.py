@@ -24,7 +24,7 @@ class Surface:
     """
 
     def __init__(self, name: str, vertices: Array, triangles: Index, edge: float = np.inf) -> None:
-        """Weld equal vertices and halve edges until none is longer than `edge` in m.
+        """Merge equal vertices, then halve edges until no edge is longer than `edge` in m.
 
         Raises:
             TwinError: the surface is empty, not finite, open, inverted, or has more than `VERTICES` vertices.
@@ -82,7 +82,7 @@ def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
 
 
 def rings(triangles: Index, start: int) -> Index:
-    """Return the level (m,) of each triangle around the triangle `start`; -1 if it is not connected with `start`.
+    """Return the level (m,) of each triangle around the triangle `start`; -1 for triangles not connected with `start`.
 
     Level 0 is the triangle `start`. Level 1 are the triangles that share a corner with level 0, level 2 are further
     triangles that share a corner with level 1, and so on, as in figure 19 of the paper on the PA-10 virtual surgery
@@ -115,7 +115,7 @@ def _sides(triangles: Index) -> Index:
 
 
 def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
-    """Raise an error for an edge that does not belong to exactly two triangles, or has the same direction in both."""
+    """Raise an error unless each edge belongs to exactly two triangles and has opposite directions in them."""
     sides = _sides(triangles).reshape(-1, 2)
     _, index = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     index = index.reshape(-1)
@@ -163,7 +163,7 @@ def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
 
 
 def nearest(p: Array, vertices: Array, triangles: Index) -> tuple[Array, int, Array]:
-    """Return (point (3,) of a surface nearest to p (3,), index of its triangle, its barycentric coordinates (3,)).
+    """Return the surface point nearest to p (3,): (position (3,), index of the triangle, barycentric coordinates (3,)).
 
     The case distinction is that of C. Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
     """

@@ -25,14 +25,14 @@ from twin.schema import Identifier, Row, Sourced, Table, Vector, at, error_at
 
 
 class Transfer(Table):
-    """A ring to bring to a peg: name of the object (ring), and name of the mesh of a solid body (peg)."""
+    """A ring to bring to a peg: `ring` names the object, `peg` names a mesh of a solid body."""
 
     ring: Identifier
     peg: Identifier
 
 
 class TargetTable(Table):
-    """A target: the points in the world frame, in mm, that the tips of the hands must touch at the same time."""
+    """A target: a point (world frame, mm) for one or both hands; the tips must touch their points at the same time."""
 
     name: Identifier
     right_mm: Vector | None = None
@@ -48,10 +48,10 @@ class TargetTable(Table):
 class TaskTable(Sourced):
     """A task: targets to touch in order, rings to bring to pegs, a ring to guide, a camera to align, or a procedure.
 
-    A target has a point for one hand or for both hands. A target is touched when the tip of each of these hands has
-    been within the tolerance of its point for `hold_s`, without interruption. A ring is transferred when it is around
-    its peg and no instrument holds it. `GuideTable` describes `guide`, `AlignTable` describes `align`, `ProcedureTable`
-    describes `procedure`; only a task with `procedure` needs no console.
+    A target has a point for one hand or for both hands. A target is touched when, for each of these hands, the distance
+    between tip and point has been within the tolerance for `hold_s`, without interruption. A ring is transferred when
+    it is around its peg and no instrument holds it. `GuideTable` describes `guide`, `AlignTable` describes `align`,
+    `ProcedureTable` describes `procedure`; only a task with `procedure` needs no console.
     """
 
     title: str = Field(min_length=1)
@@ -82,7 +82,7 @@ class TaskTable(Sourced):
 
 @dataclass(frozen=True)
 class Target:
-    """A target of a task: its name and, by hand ("right", "left"), the point (3,) in m in the world frame."""
+    """A target of a task: its name, and {hand ("right", "left"): point (3,) in the world frame, in m}."""
 
     name: str
     p_world: Mapping[str, Array]
@@ -93,7 +93,7 @@ class Task:
     """A task with targets, transfers, a guide, an alignment or a procedure; all except a procedure need a console.
 
     `tolerance` is the maximum distance in m of a tip from its point during a touch; `hold` is the time in s for which
-    all tips of a target must be within the tolerance. `alignment` has rectangle and line of the camera task.
+    all tips of a target must be within the tolerance. `alignment` describes the camera task.
     """
 
     name: str
@@ -132,9 +132,10 @@ def task_of(name: str, task: TaskTable) -> Task:
 
 
 def check_rings(path: Path, name: str, task: TaskTable, objects: Mapping[str, ObjectTable], contact: bool) -> None:
-    """Raise an error if a ring that task `name` lists is no ring of the scene, is listed twice, or cannot be touched.
+    """Raise an error if task `name` lists a ring twice, or lists a ring that is missing or cannot be touched.
 
-    A ring cannot be touched if `contact` is False: the scene file has no section [contact].
+    A ring is missing if the scene has no ring of this name. A ring cannot be touched if `contact` is False: the scene
+    file has no section [contact].
 
     Raises:
         DescriptionError: the message gives the file, the line, the key and the wrong value.
@@ -159,7 +160,7 @@ def _check_ring(path: Path, keys: tuple[str | int, ...], name: str, objects: Map
 
 
 def listed(name: str, task: TaskTable) -> Iterator[Parameter]:
-    """Yield each number of task `name`, with its provenance."""
+    """Yield the numbers of task `name` as parameters with provenance."""
     rows: list[Row] = [("tolerance", task.tolerance_mm, "mm"), ("hold", task.hold_s, "s")]
     if task.guide is not None:
         rows += guide.rows(task.guide)

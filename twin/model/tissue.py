@@ -1,4 +1,4 @@
-"""A soft organ: a closed surface that follows the moving nodes of a grid, its material, and pins that fix nodes."""
+"""A soft organ: a grid of moving nodes, a surface that follows these nodes, a material, and pins that fix nodes."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ class Tissue:
         friction: coefficient of sliding friction.
         pins: boxes in which nodes are fixed.
         color_rgba: linear, 0..1.
-        upright: whether the axes of the grid are those of the World; else they are the principal axes of the surface,
-            the longest first.
+        upright: true: the axes of the grid are the axes of the World; false: they are the principal axes of the
+            surface, the longest first.
     """
 
     name: str
@@ -103,7 +103,7 @@ class Tissue:
         return np.stack([self._interpolated(self.local, axis) for axis in range(3)])
 
     def _interpolated(self, local: Array, axis: int | None) -> Array:
-        """Return weights (n, k) of the nodes at points (n, 3) in the grid frame, or their slopes along `axis`."""
+        """Return weights (n, k) of the nodes at points (n, 3) in the grid frame, or the derivatives along `axis`."""
         cells = np.array(self.cells)
         at = local / self.cell
         low = np.clip(np.floor(at).astype(int), 0, cells - 1)
@@ -123,7 +123,7 @@ class Tissue:
         """Indices of the nodes that pins fix.
 
         Raises:
-            TwinError: a pin holds no node; or all pins together hold fewer than three nodes, or only nodes in one line.
+            TwinError: a pin contains no node, or all pins together do not contain three nodes that form a triangle.
         """
         found = np.zeros(len(self.nodes), bool)
         for pin in self.pins:

@@ -37,9 +37,9 @@ class ToolTable(Sourced):
     The signal `<robot>.tool` of a console is the index of the chosen tool, from 0, in the order of the scene file.
 
     The jaws, clip legs or blades of a tool are `jaw_mm` long, parallel to the shaft, and end at the tip of the
-    instrument. `open_mm` is the gap between the open jaws, or the width of a scalpel's cut. A grasper pinches with
-    `pinch_n`; grasped tissue slips if its pull exceeds 2 * `friction` * `pinch_n`. Cautery heats the tissue
-    within `jaw_mm` of the tip with the power `power_w`.
+    instrument. `open_mm` is the gap between the open jaws, or the width of a scalpel's cut. A grasper pinches with the
+    force `pinch_n`; grasped tissue slips if it pulls with more than 2 * `friction` * `pinch_n`. Cautery heats the
+    tissue within `jaw_mm` of the tip with the power `power_w`.
     """
 
     title: str = Field(min_length=1)
@@ -69,7 +69,7 @@ class ToolTable(Sourced):
 
 
 def listed(name: str, t: ToolTable) -> Iterator[Parameter]:
-    """Yield each number of a tool, with its provenance."""
+    """Yield the numbers of a tool as parameters with provenance."""
     rows = (
         ("jaw", t.jaw_mm, "mm"),
         ("open", t.open_mm, "mm"),

@@ -1,4 +1,4 @@
-"""The section `[trainer]` of a scene: machines, the model of each machine, and the limits of their motions.
+"""The section `[trainer]` of a scene: machines, and the limits of the motions of machines and their models.
 
 A machine is a robot with motors and control software that runs as a separate process and is commanded by packets. Its
 model is a simulated robot that gets the same packets; differences between machine and model reveal faults of the
@@ -42,9 +42,9 @@ class TrainerTable(Sourced):
     """Robots of the scene that are machines (commanded by packets), and the limits of teleoperation and rehearsal.
 
     `speed_mm_s` and `turn_deg_s` limit the tool speed that packets command. A motion rehearsed with the model is not
-    replayed on the machine if its tip speed exceeded `rehearsed_mm_s`, or if the tool of the machine is more than
-    `start_mm` or `start_deg` from the start of the motion. A replay is stopped if the tip speed exceeds `replayed_mm_s`
-    or the deviation from the model exceeds `deviation_mm`.
+    replayed on the machine if the tip speed of the rehearsal exceeded `rehearsed_mm_s`, or if the tool of the machine
+    is more than `start_mm` or `start_deg` from the start of the motion. A replay is stopped if the tip speed exceeds
+    `replayed_mm_s` or the deviation from the model exceeds `deviation_mm`.
     """
 
     robots: list[Identifier] = Field(min_length=1)
@@ -83,7 +83,7 @@ def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None
 
 
 def listed(trainer: TrainerTable | None) -> Iterator[Parameter]:
-    """Yield each number of a trainer, with its provenance."""
+    """Yield the numbers of a trainer as parameters with provenance."""
     if trainer is None:
         return
     cue = trainer.cue

@@ -19,7 +19,7 @@ from twin.core.spatial import Array
 Coordinate = Literal["angle", "length"]
 
 CONDITION = 1e6
-"""Condition number above which a matrix counts as singular, after rows and columns are scaled to the same size."""
+"""Condition number (see `condition`) above which a matrix counts as singular."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Actuator:
         limits: hard range of the coordinate, or None.
         max_speed, max_effort: maximum absolute values, or None if unknown.
         rotor_inertia: inertia or mass of the parts that move with the motor, or None.
-        stiffness, damping: gains of a position drive on the motor; stiffness None: the motor has no such drive.
+        stiffness, damping: gains of the position drive of the motor; if stiffness is None, the motor has no drive.
     """
 
     name: str
@@ -86,7 +86,7 @@ class Transmission:
         return "; ".join(f"{joint} = {row}" for joint, row in zip(self.joints, rows, strict=True))
 
     def single(self, joint: str) -> tuple[str, float] | None:
-        """Return (actuator, matrix entry) if one actuator alone moves the joint and moves no other joint; else None."""
+        """Return (actuator, matrix entry) if the joint has only one actuator, which moves no other joint; else None."""
         row = self.joints.index(joint)
         (columns,) = np.nonzero(self.matrix[row])
         if len(columns) != 1 or np.count_nonzero(self.matrix[:, columns[0]]) != 1:
@@ -97,8 +97,8 @@ class Transmission:
 def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tuple[Array, Array] | None:
     """Return (stiffness (n,), damping (n,)) at each joint due to the motors' drives, with the other joints fixed.
 
-    Both are the diagonal of inverse.T @ diag(g) @ inverse, where g is the stiffness or the damping of the drives. These
-    values are for file formats whose drives act on joints, not on motors. None if a motor has no drive.
+    Each array is the diagonal of inverse.T @ diag(g) @ inverse, where g (n,) is the stiffness or the damping of the
+    motors' drives. The arrays are written to file formats whose drives act on joints. None: a motor has no drive.
     """
     known = {a.name: a for a in actuators}
     motors = [known[n] for n in transmission.actuators]
@@ -122,7 +122,7 @@ def condition(matrix: Array) -> float:
 
 
 Fault = tuple[Literal["actuator", "transmission"], str, str, str]
-"""A fault: (kind of the entry, its name, its field, message)."""
+"""A fault of an actuator or transmission: (kind of the entry, name of the entry, wrong field, message)."""
 
 
 def faults(

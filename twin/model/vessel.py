@@ -108,7 +108,7 @@ class Vessel:
 
     @cached_property
     def deformable(self) -> Deformable:
-        """The vessel as a `Deformable` fixed to the World, a closed prism per segment; its signal is `<name>.nodes`."""
+        """The vessel as a `Deformable` fixed to the World, one closed prism per segment. The signal: `<name>.nodes`."""
         turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
         c, s = np.cos(turn), np.sin(turn)
         ring = np.column_stack([1 - c - s, c, s])  # weights of the centre and of the ends of the two radii
@@ -136,8 +136,8 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
     """Return the `Vessel` that a table describes, in SI units.
 
     Raises:
-        TwinError: the vessel would have too many segments, two successive points of its line are equal, or a coordinate
-            is too large.
+        TwinError: the vessel would have too many segments, or two successive points of its line are equal, or a
+            coordinate is too large.
     """
     if abs(far := max((x for point in t.line_mm for x in point), key=abs)) > _FAR:
         raise TwinError(f"vessel '{name}': a point of line_mm is at {far:g} mm; the limit is ±{_FAR:g} mm")
@@ -157,7 +157,7 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
 
 
 def listed(name: str, t: VesselTable) -> Iterator[Parameter]:
-    """Yield each number of a vessel, with its provenance."""
+    """Yield the numbers of a vessel as parameters with provenance."""
     rows = (("radius", t.radius_mm, "mm"), ("segment", t.segment_mm, "mm"), ("Young's modulus", t.young_kpa, "kPa"))
     points = ((str(k), point, "mm") for k, point in enumerate(t.line_mm, 1))
     return t.parameters(f"vessel {name}", (*rows, *points))

@@ -1,4 +1,4 @@
-"""Published equations of the built-in robots, one file for each robot; functions that find and load such files.
+"""Published equations of the built-in robots, one file for each robot, and functions that find and load such files.
 
 A file of this package and a user's `formula.py` follow the same contract (`twin.formula.contract`) and are loaded in
 the same way. Instead of FORMULA, both may define plain functions `inverse(pose)`, `forward(q)` (`twin.formula.plain`).
@@ -31,7 +31,7 @@ _FOLDER = Path(__file__).resolve().parent
 _said: set[Path] = set()
 
 FORMULA_MODULE = "_twin_formula_"
-"""Beginning of the module name of a formula file outside this package."""
+"""Prefix of the name under which a formula file outside this package is imported as a module."""
 
 NO_CODE = "TWIN_NO_CODE"
 """Environment variable; if it is set, no Python code of a robot folder is run, not even in child processes."""
@@ -54,9 +54,9 @@ def load_formula(
     Args:
         robot: name or path.
         name: name of the robot, for a plain formula; default: the name of its folder.
-        driven: function called for a plain formula. It returns ((name, is_angle) of each active joint in order, a tool
-            pose (4, 4), q at this pose or None); solvers start at this pose.
-        trial: whether the file is a copy of a file that was run before; if false, the execution of its code is logged.
+        driven: function called for a plain formula. It returns a list of (name, is_angle) of the active joints, a tool
+            pose (4, 4) at which solvers start, and q (n,) at this pose, or None instead of q.
+        trial: whether the file is a copy of a file that was run before; the execution of other files is logged.
         read: function that returns the bytes of a file outside this package.
 
     Raises:

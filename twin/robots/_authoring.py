@@ -21,7 +21,7 @@ def row(alpha, d, theta, r):
 
 
 def mm(name: str, mm: float, provenance: Provenance, note: str) -> Parameter:
-    """Return a length, given in mm, as a parameter with its provenance."""
+    """Return a length, given in mm, as a parameter with a provenance and a note."""
     return Parameter(name, mm * MM, "mm", mm, provenance, note)
 
 
@@ -37,4 +37,4 @@ ZYX = Coordinates(
     to_pose=lambda x, y, z, psi, theta, phi: symbolic.pose(symbolic.rotation_zyx(psi, theta, phi), vertcat(x, y, z)),
     from_pose=lambda T: (T[0, 3], T[1, 3], T[2, 3], *symbolic.angles_zyx(T)),
 )
-"""Position of the tool in frame 0 and R_base_tool = Rz(psi) Ry(theta) Rx(phi)."""
+"""Pose coordinates: position of the tool in frame 0, and angles of R_base_tool = Rz(psi) Ry(theta) Rx(phi)."""

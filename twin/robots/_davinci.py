@@ -31,17 +31,17 @@ def shaft_frame(q1, q2):
 
 
 def in_base(q1, q2, *points):
-    """Return points (3,) of the rail in base, from their positions in base at yaw 0 and pitch 0."""
+    """Return positions (3,) in base of points on the rail, from the positions of these points at yaw 0 and pitch 0."""
     turn = symbolic.rotation_y(-q1) @ symbolic.rotation_x(-q2)
     return tuple(turn @ p for p in points)
 
 
 def on_yaw_link(q1, *points):
-    """Return points (3,) of the yaw link in base, from their positions in base at yaw 0."""
+    """Return positions (3,) in base of points on the yaw link, from the positions of these points at yaw 0."""
     return tuple(symbolic.rotation_y(-q1) @ p for p in points)
 
 
 def depth(P, origin, shaft_long):
-    """Return yaw, pitch and insertion at which the shaft ends at P (3,), a point beyond the RCM."""
+    """Return yaw, pitch and insertion at which the end of the shaft is at P (3,), a point beyond the RCM."""
     q1, q2, beyond = about_rcm(P)
     return q1, q2, beyond + origin - shaft_long

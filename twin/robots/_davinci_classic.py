@@ -1,6 +1,6 @@
 """Functions for the da Vinci Classic arms: the double parallelogram that keeps the RCM fixed.
 
-Pins B and B2 are on the yaw link, C and C2 on the rail. They are computed so that the linkage can be checked.
+Pins B and B2 are on the yaw link, pins C and C2 on the rail. Their positions are computed to check the linkage.
 """
 
 from __future__ import annotations

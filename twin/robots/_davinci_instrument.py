@@ -56,7 +56,7 @@ def margins(q3, q5, origin, shaft_long, crank):
 
 
 def parameters(origin: float, shaft_long: float, tool: str, note: str = "") -> tuple[Parameter, ...]:
-    """Return the lengths of shaft and wrist (given in mm) as parameters; `tool` and `note` are used in notes."""
+    """Return the lengths of shaft and wrist (given in mm) as parameters; `tool` and `note` appear in the notes."""
     return (
         mm("origin", origin, "CITED", f"{DVRK}: height of the insertion origin above the RCM at q3 = 0{note}"),
         mm(

@@ -5,9 +5,9 @@ Frame 0 is at the remote centre of motion (RCM), where the axes of shoulder, elb
 closed jaws. The two arms differ in five angles of the table, which are parameters; each arm is the mirror image of the
 other. The tilt of the real base (25 deg) is in the offsets of the joints, not in {base}.
 
-The inverse has eight candidates: two sides of the jaw axis for the wrist, two sides of the RCM for the wrist, and two
-elbow angles. The inverse returns the candidate within the ranges of the joints, or the candidate nearest to these
-ranges. The jaw does not move the tool and is in no equation.
+The inverse has eight candidates: the wrist is on either side of the jaw axis and on either side of the RCM, and the
+elbow has either of two angles. The inverse returns the candidate within the ranges of the joints, or the candidate
+nearest to these ranges. The jaw does not move the tool and is in no equation.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def table_davinci(roll, wrist, yaw, L_w_davinci, shaft_long):
 def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
     """Return the eight candidates [(joints (6,), excess)] of the inverse.
 
-    `excess` is 0 for a candidate that exists; otherwise it is |cos(elbow angle)| - 1, which is then above 0. Each angle
-    is within half a turn of the middle of the range of its joint.
+    `excess` is 0 for a candidate that exists; for others, it is |cos(elbow angle)| - 1 > 0. Each angle is within half a
+    turn of the middle of the range of its joint.
     """
     T = symbolic.pose(from_zero(base_turn).T, vertcat(0, 0, 0)) @ T_base_tool
     R, p = T[0:3, 0:3], T[0:3, 3]
@@ -138,7 +138,7 @@ def _near(q, i):
 
 
 def outside(joints):
-    """Return the sum of the distances of joints (6,) from their ranges, each divided by half the width of the range."""
+    """Return the sum over joints (6,) of (distance of the joint from its range) / (half the width of this range)."""
     return sum(fmax(fabs(joints[i] - (a + b) / 2) / ((b - a) / 2) - 1, 0) for i, (a, b) in enumerate(_RANGES))
 
 

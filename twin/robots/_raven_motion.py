@@ -1,11 +1,11 @@
 """Published equations of motion of shoulder, elbow and insertion of the Raven-II, without rotors and friction.
 
-CSLDepend/raven2_sim contains the equations as a long closed form. This form describes exactly three rigid bodies on
-the table of `_raven`, with gravity against x of frame 0. It is linear in the parameters of the bodies (14 combinations
-of 30, residual 5e-10). The parameters below are the solution of smallest norm: the three bodies together move like the
-arm, but the single bodies are not physical. The parameters are rounded, which changes M by at most 2e-6 and g by at
-most 7e-6. The closed form describes the left arm. The right arm is its mirror image and has the same terms as functions
-of the joints.
+CSLDepend/raven2_sim contains the equations as a long closed form. This form describes exactly three rigid bodies, moved
+by the first three joints of the table in `_raven`, with gravity along -x of frame 0. The form is linear in the 30
+inertial parameters of the bodies and determines 14 combinations of these (residual 5e-10). The parameters below are the
+solution of smallest norm: the three bodies together move like the arm, but the single bodies are not physical. The
+parameters are rounded, which changes M by at most 2e-6 and g by at most 7e-6. The closed form describes the left arm.
+The right arm is the mirror image of the left arm; its M, C and g are the same functions of the joints.
 
 M and g are computed from the Jacobians of the links (R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to
 Robotic Manipulation, CRC Press 1994, section 4.3), C from the Christoffel symbols of M.
@@ -24,7 +24,7 @@ _DEG = pi / 180
 _SOURCE = "CSLDepend/raven2_sim, dynamics of joints 1 to 3"
 _NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 _UNITS = ("kg", "kg m", "kg m", "kg m", *["kg m2"] * 6)
-_LINKS = {  # mass, first moment, inertia about the origin of the link's frame
+_LINKS = {  # mass, first moment of mass, inertia about the origin of the link's frame
     "link1": (0, 0.00361, 0.110148, 0, 0, 0, 0, 0, 0, 0.06684),
     "link2": (0, -0.00309, -0.129524, -0.106395, 0.044066, 0.000094, 0.000029, 0.018296, 0.005402, 0.028733),
     "link3": (0.407, -0.007613, -0.000061, -0.00021, 0.022156, 0.000035, -0.011433, 0.044066, 0.000093, 0.024873),
@@ -37,7 +37,7 @@ _COMPENSATION = {  # mass and mass centre in the link's frame
 
 
 def terms(q, qd, p):
-    """Return M (3, 3), C (3, 3) and g (3,) at joints q (3,) and rates qd (3,), for inertial parameters by name."""
+    """Return M (3, 3), C (3, 3) and g (3,) at joints q (3,) and rates qd (3,); p: {name: inertial parameter}."""
     T_01 = row(0, 0, q[0] + 205 * _DEG, 0)
     T_02 = T_01 @ row(75 * _DEG, 0, q[1] + 180 * _DEG, 0)
     T_03 = T_02 @ row(128 * _DEG, 0, 90 * _DEG, q[2])
@@ -55,7 +55,7 @@ def terms(q, qd, p):
 
 
 def _turning(R, q):
-    """Return the Jacobian (3, 3) of the angular velocity in link axes."""
+    """Return the Jacobian (3, 3) from joint rates to the angular velocity of the link with rotation R, in link axes."""
     columns = []
     for i in range(3):
         S = R.T @ reshape(jacobian(reshape(R, 9, 1), q[i]), 3, 3)
@@ -83,7 +83,7 @@ COMPENSATION = tuple(
     for link, (m, *c) in _COMPENSATION.items()
     for name, value in zip(_NAMES, (m, *(m * x for x in c), 0, 0, 0, 0, 0, 0), strict=True)
 )
-"""Point masses of the gravity compensation in the released software; the closed form has other point masses."""
+"""Point masses of the gravity compensation in the released software; they differ from those of the closed form."""
 
 MOTION = ClosedForm(
     source=_SOURCE,

@@ -14,7 +14,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 
 _GRID = 2048
-"""Number of angles alpha_1 to scan; two assemblies may both be missed if their alpha_1 differ by less than 0.2 deg."""
+"""Number of scanned angles alpha_1; two assemblies whose alpha_1 differ by less than 0.2 deg may both be missed."""
 
 _SIGMA = np.array([1.0, -1.0, 1.0])
 
@@ -25,7 +25,7 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
     Assemblies with a bar that leans inwards beyond its pivot (rho < l_0) are omitted, because they are unreachable.
     """
     if variants["eq2"] == "literal":
-        return []  # its carriage gap does not give rho back in closed form
+        return []  # for this variant, rho does not follow from the carriage gap in closed form
     L = p["l_1"] + p["l_2"]
     odd, even = q[0::2], q[1::2]
     h = _SIGMA * (even - odd) * L / (2 * p["l_1"])
@@ -56,8 +56,8 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
         return np.linalg.norm(S2 - S3, axis=1) - p["l_p"]
 
     grid = np.linspace(-np.pi, np.pi, _GRID + 1)
-    # Two sign branches meet where a circle is only touched; a root there is between the last grid angle
-    # and the edge, so the edges are added to the grid.
+    # At the edges of the range with solutions, the two sign branches meet. A root may be between the last grid angle
+    # and such an edge, so the edges are added to the grid.
     grid = np.unique(np.concatenate([grid, _edges(grid, lambda x: np.isfinite(gap(x, 1, 1)))]))
     poses = []
     for s2 in (1, -1):
@@ -75,7 +75,7 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
 
 
 def _edges(grid: Array, inside) -> Array:
-    """Return the angles between grid points at which `inside` changes, each on the side where `inside` is true."""
+    """Return the angles at which `inside` changes between two grid points; `inside` is true at these angles."""
     flags = inside(grid)
     i = np.flatnonzero(flags[:-1] != flags[1:])
     good, bad = np.where(flags[i], grid[i], grid[i + 1]), np.where(flags[i], grid[i + 1], grid[i])

@@ -1,8 +1,8 @@
 """Instrument arm (PSM) of the da Vinci Si: yaw and pitch about the RCM, insertion, roll, and a two-axis wrist.
 
 The table is dVRK's for the Si, in modified Denavit-Hartenberg form: the table of the Classic arm with a longer shaft.
-The mechanism is different: one crank and one coupler, kept parallel by bands, and two telescopes, each with half of the
-insertion. The lengths are taken from dVRK's table of the whole linkage (PSM_Si_physical).
+The mechanism differs from the Classic: bands keep one crank and one coupler parallel, and each of two telescopes does
+half of the insertion. The lengths are taken from dVRK's table of the whole linkage (PSM_Si_physical).
 
 Frame {tool} is at the control point of dVRK, on the wrist's yaw axis; its z is along the closed jaws.
 """

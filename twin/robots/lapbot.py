@@ -50,7 +50,7 @@ def gimbal(u, q2, q3):
 
 
 def _to_shaft(q1, q2, q3, q4, q5, q6, q7, a, b, r7):
-    """Return the pose (4, 4) of frame 7, which is at the inner wrist with z along the shaft."""
+    """Return the pose (4, 4) of frame 7: its origin is at the inner wrist, and z is along the shaft."""
     T = row(0, 0, 0, q1) @ row(0, 0, q2, 0) @ row(0, a, q3, 0) @ row(0, b, q4, 0)
     return T @ row(pi / 2, 0, pi / 2 + q5, 0) @ row(pi / 2, 0, -pi / 2 + q6, 0) @ row(pi / 2, 0, q7, r7)
 

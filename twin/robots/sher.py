@@ -1,14 +1,14 @@
 """SHER 3.0, the Steady-Hand Eye Robot: delta stage (q1 to q3), roll (q4 = psi), four-bar tilt with stroke q5 = s.
 
 The paper (eqs (1)-(3)) prints the chain T_t^b = T_p^b T_r^p T_a^r T_t^a, but no lengths. Lengths and the two linkages
-are taken from the published derivation, github.com/zhaob5/sher3-kinematics (MIT), "[A]" below, written here in closed
-form.
+are taken from the published derivation, github.com/zhaob5/sher3-kinematics (MIT), called [A] below; its equations are
+written here in closed form.
 
 Frame {b} is the base: z is up along the slides, and the origin is the centre of the base joint circle at q = 0. Frame
 {p} is at the centre of the platform joint circle and never rotates. Frame {r} is on the roll axis, with x along this
 axis. Frame {a} is at pin A, with the linkage in its x-y plane. Frame {t} is the tool frame: it is at P, the intended
 RCM, and y points along the tool towards its handle, so the tool points along -y. Five joints control five degrees of
-freedom: the position of P and the direction of the tool. They determine the rotation about the tool axis.
+freedom: the position of P and the direction of the tool. These determine the rotation about the tool axis.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _AZIMUTHS = (60 * DEG, 180 * DEG, 300 * DEG)
 
 
 def _legs(r_x, r_y, r_z, r_b, r_p, heights):
-    """Return the vectors l_i = r - c_i of the legs, from lower to upper joint centre, midway between both rods."""
+    """Return the leg vectors l_i = r - c_i, from lower to upper joint centre; a leg is midway between its two rods."""
     rho = r_b - r_p
     r = vertcat(r_x, r_y, r_z)
     return [r - vertcat(rho * cos(a), rho * sin(a), q) for a, q in zip(_AZIMUTHS, heights, strict=True)]
@@ -76,7 +76,7 @@ def delta_forward(q1, q2, q3, r_b, r_p, l):  # noqa: E741 - the symbol of the so
 
 
 def _crank(x_AR, y_AR, AQ, QR):
-    """Return al, the angle from the negative x axis to A->Q; A->D is at the angle th1 = pi - phi2 - al from x."""
+    """Return al, the angle from the negative x axis to A->Q; the angle from x to A->D is th1 = pi - phi2 - al."""
     L_AR = hypot(x_AR, y_AR)
     return acos((L_AR**2 + AQ**2 - QR**2) / (2 * L_AR * AQ)) + atan2(y_AR, x_AR)
 
@@ -290,9 +290,9 @@ _U = np.array([[np.cos(a), np.sin(a)] for a in _AZIMUTHS])
 
 
 def platforms(q: Array, p: Mapping[str, float]) -> list[Array]:
-    """Return the platform centres (3,) in m at slides q (3,): the upper solution, then the lower; or none.
+    """Return the platform centres (3,) in m at slides q (3,): upper, then lower solution; empty if there is none.
 
-    The solutions are at distance l from three centres, one on each side of the plane through these centres.
+    Both solutions are at distance l from three centres, one on each side of the plane through these centres.
     """
     c = np.column_stack([(p["r_b"] - p["r_p"]) * _U, q])
     d = np.linalg.norm(c[1] - c[0])

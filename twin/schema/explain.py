@@ -49,7 +49,7 @@ def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: t
     for item in error.errors(include_url=False):
         keys, value = _raw_keys(item, data)
         if keys in found:
-            continue  # another branch of a union at the same keys; the message of the first branch covers all branches
+            continue  # the same keys in another branch of a union; the message of the first branch covers all branches
         if item["type"] == "extra_forbidden":
             text, meant = _unknown_key(keys, _nodes(schema, data, keys[:-1]))
             if meant:
@@ -73,7 +73,7 @@ def _schema(model: type[BaseModel]) -> dict[str, Any]:
 
 
 def _raw_keys(item: Any, data: Any) -> tuple[Keys, Any]:
-    """Return (keys of the faulty value in the file, the value), without the union branches that pydantic adds."""
+    """Return (keys of the faulty value in the file, the value); union branches, which pydantic adds, are omitted."""
     loc, keys, here = [*item["loc"], *item.get("ctx", {}).get("keys", ())], [], data
     for i, key in enumerate(loc):
         if _inside(here, key):
@@ -106,7 +106,7 @@ def _shown(item: Any, value: Any) -> str:
 def _unknown_key(keys: Keys, nodes: list[dict]) -> tuple[str, str | None]:
     """Return (message for an unknown key, most similar known key or None)."""
     key, known = str(keys[-1]), sorted({p for node in nodes for p in node.get("properties", {})})
-    bare, other = [], []  # known keys that are this key plus a unit, or with another unit
+    bare, other = [], []  # known keys: this key with a unit added; this key with another unit
     for name in known:
         for unit in sorted(UNITS, key=len, reverse=True):
             if not name.endswith("_" + unit):

@@ -24,7 +24,7 @@ def spell(keys: Keys) -> str:
 
 
 def nearest_line(lines: dict[Keys, int], keys: Keys) -> int:
-    """Return the line number of the value at `keys`, or of the nearest table or list that contains it."""
+    """Return the line number of the value at `keys` or, if there is none, of the innermost table or list around it."""
     while keys and keys not in lines:
         keys = keys[:-1]
     return lines.get(keys, 1)

@@ -42,7 +42,7 @@ Origin = Annotated[Provenance, BeforeValidator(lambda said: EARLIER.get(said, sa
 
 
 class Table(BaseModel):
-    """Base class of all tables: strict types, immutable, no unknown keys; `lower_x` must not exceed `upper_x`."""
+    """Base class of all tables: strict types, immutable, no unknown keys; lower_x <= upper_x and min_x <= max_x."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -64,13 +64,13 @@ Row = tuple[str, float | Sequence[float] | None, str]
 
 
 class Sourced(Table):
-    """A table with one provenance for all its numbers, and one note with their source or reason."""
+    """A table whose numbers have one common provenance and one common note (source or reason)."""
 
     provenance: Origin
     note: str = Field(min_length=1)
 
     def parameters(self, label: str, rows: Iterable[Row]) -> Iterator[Parameter]:
-        """Yield each number of the rows as a parameter; its name consists of label, name of the row and axis."""
+        """Yield each number of the rows as a parameter, named after the label, the name of the row and the axis."""
         for name, value, unit in rows:
             if value is None:
                 continue
@@ -102,7 +102,7 @@ Range = Annotated[tuple[float, float], AfterValidator(_in_order)]
 
 
 def at(key: Key | Keys, message: str) -> PydanticCustomError:
-    """Return an error for a model validator to raise; it points at `key` in the table being validated."""
+    """Return an error that a model validator can raise; the error points at `key` in the validated table."""
     keys = key if isinstance(key, tuple) else (key,)
     return PydanticCustomError("at_key", "{text}", {"text": message, "keys": keys})
 

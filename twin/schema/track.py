@@ -15,7 +15,7 @@ class Track(Table):
     """A motion: link poses and joint values at each key (sample in time), in SI units, z up, right-handed.
 
     The file is one JSON object with flat arrays; it contains no further objects and no nulls. A pose is seven
-    numbers: x y z in m and a unit quaternion x y z w; the signs of quaternions are continuous from key to key.
+    numbers: position x y z in m, then unit quaternion x y z w. The signs of quaternions are continuous from key to key.
     """
 
     schema_: Annotated[Literal["twin-track"], Field(alias="schema")]

@@ -1,9 +1,9 @@
 """Limits for reading untrusted files, which may be designed to exhaust memory or time.
 
-admit      all checks of a file: counts first, then its native parser
+admit      all checks of a file: first by counts, then by its native parser
 budget     table of limits by format: bytes, depth, count; seconds and memory of native parsers
 once       reader that opens each file once and shares its bytes
-text       text, JSON and XML, read within their limits
-gltf, archive      parts counted before a library reads them
-guard      native parsers, run first in a separate process with limits
+text       readers of text, JSON and XML within their limits
+gltf, archive      counts of parts before a library reads the file
+guard      test run of a native parser in a separate process with limits
 """

@@ -1,4 +1,4 @@
-"""Check an untrusted file before it is read: fast counts first, then its native parser in a separate process."""
+"""Check an untrusted file before it is read: first by fast counts, then by its native parser in a separate process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _USD = (".usd", ".usda", ".usdc", ".usdz")
 _OTHER = {".csv": "CSV", ".obj": "OBJ", ".stl": "STL", ".step": "STEP", ".stp": "STEP", ".urdf": "XML", ".sdf": "XML"}
 
 _MOST_TEXT = 50_000_000
-"""Size in bytes up to which the depth of a text layer is checked; for larger layers, only the limits of the parser
+"""Maximum size in bytes of a text layer whose depth is checked; for a larger layer, only the limits of the parser
 apply."""
 
 

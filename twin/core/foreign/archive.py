@@ -11,7 +11,7 @@ from twin.core.foreign.budget import BUDGETS, check_size, over
 def check_zip(path: Path, kind: str) -> None:
     """Raise an error if the files of an archive together exceed the limits; a file that is not an archive passes.
 
-    The sizes stated in the archive are checked; when the archive is unpacked, no more bytes than stated are read.
+    The check uses the sizes stated in the archive. This is safe, because unpacking reads no more bytes than stated.
 
     Raises:
         BudgetError: the archive has too many files, or they are too large.

@@ -61,7 +61,7 @@ BUDGETS = {
 """Limits by format. Normal files need at most a tenth of each limit; error messages suggest how to reduce a file."""
 
 BODIES = 1000
-"""Maximum number of bodies in one mechanism; the limits for joints and for shapes are the same."""
+"""Maximum number of bodies, of joints, and of shapes in one mechanism."""
 
 INCLUDES = 300
 """Maximum number of files that a file includes, directly or through other included files."""

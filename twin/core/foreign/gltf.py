@@ -68,7 +68,7 @@ def _json_of(path: Path) -> bytes:
 
 
 def _numbers(accessor: dict[str, Any], views: list[int]) -> int:
-    """Return the count of numbers in an accessor, at most one per byte of its buffer view (readers reject more)."""
+    """Return the count of numbers in an accessor, but at most one per byte of its buffer view (readers reject more)."""
     size = _whole(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
     view = accessor.get("bufferView")
     return min(size, views[view]) if isinstance(view, int) and 0 <= view < len(views) else size

@@ -61,11 +61,11 @@ sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), floa
 _PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]
 
 _BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".usd", ".usda", ".usdc", ".usdz")}
-"""Suffixes of files to which a file of this format may refer. Files with these suffixes in the same folder or its
-subfolders raise the limits."""
+"""{format: suffixes of files to which a file of this format may refer}. Files with these suffixes in the same folder or
+its subfolders increase the limits."""
 
 _MOST_BESIDE = 2000
-"""Maximum number of files in the folder and its subfolders that are searched for these suffixes."""
+"""Maximum number of files that are searched for these suffixes, in the folder and its subfolders."""
 
 _MOST_SECONDS, _MOST_MEMORY = 600.0, 8_000 * MB
 """Maximum processor time (s) and memory (bytes) of a parser's process, independent of file sizes."""
@@ -79,7 +79,7 @@ _MEMORY_WORDS = re.compile(rb"MemoryError|bad_alloc|allocat|out of memory|unknow
 def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> int:
     """Run a format's parser on a file in a separate process, within the limits of the format; return its exit code.
 
-    If `given` is not None, the parser reads `given`, a copy of the file, instead of `path`.
+    `given` is a copy of the file that the parser reads instead of `path`; None: the parser reads `path`.
 
     Raises:
         BudgetError: the parser exceeds its time or memory, or the file has too many parts.
@@ -123,7 +123,7 @@ def limits(path: Path, kind: str) -> tuple[float, int]:
 
 
 def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tuple[int, bool, bytes]:
-    """Run a parser; return its exit code, whether it was killed for waiting too long, and the end of its output."""
+    """Run a parser; return (exit code, whether the parser was killed because it waited too long, end of its output)."""
     own: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
     own["MUJOCO_GL"] = "disable"  # otherwise MuJoCo starts programs to find display libraries
     python, *rest = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)

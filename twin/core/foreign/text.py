@@ -37,13 +37,13 @@ def load_json(path: Path) -> Any:
 
 
 def parse_json(path: Path, data: bytes) -> Any:
-    """Return JSON text as Python objects; `path` is for error messages. Raises the same errors as `load_json`."""
+    """Return JSON text as Python objects, with the errors of `load_json`; error messages name the file `path`."""
     count_json(path, data)
     return json.loads(data.decode())
 
 
 def count_json(path: Path, data: bytes) -> None:
-    """Raise `BudgetError` for JSON with too many objects and lists, which take fifty times the memory of their text."""
+    """Raise `BudgetError` if JSON has too many objects and lists: these take fifty times the memory of their text."""
     count = data.count(b"{") + data.count(b"[")
     if count > BUDGETS["JSON"].count:
         over(path, "JSON", "objects and lists", count, BUDGETS["JSON"].count)
@@ -86,7 +86,7 @@ class _Counted(ElementTree.TreeBuilder):
 def parse_xml(path: Path, data: bytes | None = None, kind: str = "XML") -> ElementTree.Element:
     """Return the root element of XML in any encoding.
 
-    Error messages name the file `path`, which is read if `data` is None. `kind` is the format whose limits apply.
+    If `data` is None, the file `path` is read; error messages name this file. `kind` is the format whose limits apply.
 
     Raises:
         BudgetError: the file is too large, nested too deeply, or has too many elements.

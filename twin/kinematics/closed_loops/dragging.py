@@ -5,7 +5,7 @@ shorter, the next call computes this step again, so that the result does not dep
 stays in the assembly of the previous step and slides along limits; a step is halved if the loops do not close after it.
 An assembly ends at two kinds of singularity: the loops no longer determine their passive joints (type II), or the
 active joints no longer determine the tool (type I). A dragged point stops before both kinds. The motion of an active
-joint (`Dragger.joints`) passes through type I, as with a real drive.
+joint (`Dragger.joints`) passes through type I singularities, like the motion of a real drive.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ _STEP = 1e-3
 """Step length in m along the line to the target."""
 
 _LAG = 0.05
-"""Step length as a fraction of the distance from the point to its intermediate goal; used if longer than `_STEP`."""
+"""Step length as a fraction of the distance from the point to its intermediate goal; the minimum is `_STEP`."""
 
 _STRIDE = 4e-3
 """Maximum motion (m; rad times `LENGTH_SCALE`) of the active joints in a step; ten times as much for passive joints."""
 
 _THERE, _PASSED = 1e-10, 1e-7
-"""Distances in m at which the target, and an intermediate goal, count as reached."""
+"""Distances in m below which the target (`_THERE`) or an intermediate goal (`_PASSED`) counts as reached."""
 
 _GAIN, _LAST_GAIN = 1e-3, 1e-5
-"""Minimum decrease of the distance per step, as a fraction of it: for an intermediate goal, and for the target.
+"""Minimum relative decrease of the distance to an intermediate goal, and to the target, in one step.
 
 A motion ends after a step with a smaller decrease. A point that slides along limits at distance d from the target
 approaches the target slowly: the last length x of its path reduces the distance by only x²/2d, which is 1 µm over the
@@ -45,7 +45,7 @@ last 45 µm at d = 1 mm.
 """
 
 _DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
-"""Damping values relative to the squared norm of the Jacobian, in the order of trial; the first success is used."""
+"""Damping values relative to the squared norm of the Jacobian; a step uses the first value with which it succeeds."""
 
 _WEAK = 0.05
 """Minimum singular value (motion of the point per motion of the joints); the point is not moved in directions with a
@@ -70,7 +70,8 @@ class Bound:
 
     Attributes:
         name: name of the joint, of the pair of joints, or of the motor.
-        kind: "lower", "upper", "gap", or "motor" for the actuator of a transmission.
+        kind: "lower" or "upper" (limit of a joint), "gap" (between two joints on a rail), or "motor" (limit of the
+            actuator of a transmission).
         weights: (n,) coefficients of q.
         least: the bound, in m or rad.
     """
@@ -92,7 +93,8 @@ class Dragged:
     Attributes:
         q, u: active joints (n,) and loop unknowns (m,) after the motion; see `Closed.states`.
         stops: bounds that block the motion.
-        singular: what is singular, a loop (such as "loop r13") or "tool"; "" if the motion meets no singularity.
+        singular: the matrix that becomes singular: that of a loop (such as "loop r13") or of the "tool"; "" if the
+            motion meets no singularity.
         more: whether the motion stopped only because its processor time was used up.
     """
 
@@ -190,7 +192,11 @@ class Dragger:
     # -- one step -------------------------------------------------------------------------------------
 
     def _moved(self, look: Look, dq: Array, held: tuple[str, Array], tool: bool = True) -> tuple[Look | None, str]:
-        """Return (state, "") after a step dq (n,) in the same assembly, or (None, what is singular)."""
+        """Return (state after the step dq (n,), ""), or (None, cause) if the step is rejected.
+
+        The cause is "loop NAME" or "tool" if this matrix becomes singular; "" if the step is too long or the loops do
+        not close.
+        """
         du = look.answers @ dq
         if np.abs(np.where(self._turns, LENGTH_SCALE, 1.0) * du).max(initial=0.0) > 10 * _STRIDE:
             return None, ""
@@ -208,9 +214,9 @@ class Dragger:
         return new, ""
 
     def determinants(self, before: Look, look: Look, tool: bool) -> dict[str, tuple[float, float]]:
-        """Return the determinants {name: (before, now)} of loops and tool; a sign changes only at a singularity.
+        """Return the determinants {name: (before, now)} of loops and tool; their signs change only at singularities.
 
-        Matrices that are not square are first projected onto the singular vectors of the matrix before the step.
+        Matrices that are not square are first projected onto the singular vectors of the matrix in state `before`.
         """
         out = {}
         for name, A, B in zip(self._loops, before.loops, look.loops, strict=True):
@@ -223,7 +229,7 @@ class Dragger:
         return out
 
     def nearest(self, look: Look) -> str:
-        """Return the loop with the smallest relative determinant: the likely cause if the loops no longer close."""
+        """Return the name of the loop nearest to a singularity, which is probably the loop that no longer closes."""
         left = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in self.determinants(look, look, False).items()}
         return min(left, key=left.__getitem__, default="")
 
@@ -251,7 +257,7 @@ class Dragger:
 
 
 class Grip:
-    """A grabbed point. For targets on one line, the number of targets does not change the point's final position."""
+    """A grabbed point. Its final position does not depend on intermediate targets on the line to the last target."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self._walk, self._hand = _Walk(dragger, look, held), look.p
@@ -260,7 +266,7 @@ class Grip:
     def to(self, target: Array, seconds: float = np.inf) -> Dragged:
         """Move the point towards a target.
 
-        `target` (3,) is in base in m. After `seconds` of processor time the motion stops; call again with the same
+        `target` (3,) is in base, in m. After `seconds` of processor time the motion stops; call again with the same
         target to continue.
         """
         until, walk = time.thread_time() + seconds, self._walk
@@ -319,10 +325,11 @@ class _Walk:
         return Dragged(self.look.q, self.look.u, self.stops(), singular, more)
 
     def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
-        """Do one step that reduces the distance; return its scaled joint motion (n,) in m, or None if none is found."""
+        """Move one step nearer to the goal; return the joint motion (n,), scaled to m; None if no step is found."""
         dragger, now = self.dragger, self.look
         scale, miss = dragger._scale, goal - now.p
-        # Smallest joint motion from `first`; with the mean Jacobian of both ends, the error is of second order.
+        # The total joint motion from `first` is minimised. With the mean Jacobian of both ends, the error of this
+        # minimum is of second order.
         J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, dragger._G
         self.singular, self.open, self._pull = "", False, -here.T @ miss
         self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in dragger.bounds])) / dragger._size
@@ -358,9 +365,10 @@ class _Walk:
         return None
 
     def _taken(self, y: Array, goal: Array, easy: bool = False) -> bool:
-        """Do step y (n,) in m, shortened to the limits, if it reduces the distance; return whether it was done.
+        """Shorten the step y (n,) in m to the limits, and do the step if the distance to the goal then decreases.
 
-        `easy`: accept only states in which the point can move in all directions.
+        Return whether the step was done. With `easy`, only states in which the point can move in all directions are
+        accepted.
         """
         dragger, now = self.dragger, self.look
         used = -(dragger._G @ y)
@@ -388,7 +396,10 @@ class _Walk:
 
 
 def _against(bounds: np.ndarray, G: Array, y: Array) -> np.ndarray:
-    """Return (b,) bool: whether step y (n,) moves towards each bound selected by `bounds`; G (b, n): gradients."""
+    """Return (b,) bool: whether a bound is marked in `bounds` (b,) and the step y (n,) moves towards this bound.
+
+    G (b, n) contains the gradients of the distances from the bounds.
+    """
     return bounds & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
 
 

@@ -29,7 +29,7 @@ STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical
 """Count of numbers in the state (STATES) and in a step (STEPS) of a passive joint, by type; lengths before angles."""
 
 _ROUNDED = 4e-16
-"""Maximum difference from 0, 1 or -1 at which an entry of a measured rotation is rounded."""
+"""Difference from 0, 1 or -1 below which an entry of a measured rotation is rounded to this number."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Passive:
 
     @property
     def key(self) -> str:
-        """Name of the joint's state in kernels; its prefix makes it differ from all input and result names."""
+        """Name of the joint's state in kernels, with a prefix that no input name and no result name has."""
         return f"joint.{self.joint.name}"
 
     def stepped(self, step: ca.SX) -> ca.SX:
@@ -91,9 +91,9 @@ class Equations:
         passive: the passive joints, whose coordinates are the unknowns.
         residual: (m,) offsets in m and misalignments in rad times `LENGTH_SCALE`; couplings last.
         jacobian: (m, steps) derivative of the residual with respect to the steps of all unknowns, joint by joint.
-        row_names: name of the loop joint or coupling of each row.
-        offset, tilt: norms over all loops of the offsets in m and the misalignments in rad; an inverted joint
-            counts as 1 rad.
+        row_names: for each row, the name of the loop joint or coupling to which the row belongs.
+        offset, tilt: norm of the offsets of all loops in m; norm of the misalignments of all loops in rad, in which
+            an inverted joint counts as 1 rad.
         T_base_tool: (4, 4) pose of the tool.
         errors: symbols (6,) of the error of a joint frame, by (joint, "parent" or "child"), in the frame's own axes:
             shift in m, then rotation in rad. The equations are accurate to second order in the rotation. Empty if not
@@ -143,7 +143,7 @@ class Equations:
     def pose(self, body: str, T_body_frame: Array | None = None, stepping: bool = False) -> ca.SX:
         """Return T_base_frame (4, 4) of a frame on a body.
 
-        With `stepping`, the pose is that after a step of the unknowns, to first order in the step.
+        With `stepping`, this is the pose after a step of the unknowns, to first order in the step.
         """
         chain = self._chain(self.mechanism.path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
         axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
@@ -156,9 +156,9 @@ class Equations:
         return ca.Function("split", [seed], [seed[a:b] for a, b in pairwise(ends.tolist())])
 
     def links(self) -> dict[str, ca.SX]:
-        """Return T_base_body (3, 4) of every body, by name; each pose is composed from the pose of the parent body.
+        """Return {body: T_base_body (3, 4)} of all bodies; each pose is composed from the pose of the parent body.
 
-        `pose` transforms vectors along the whole path instead, which is less work for a single frame.
+        For a single frame, `pose` is faster: it transforms vectors along the whole path from the base.
         """
         poses: dict[str, ca.SX | Array] = {self.mechanism.base: np.eye(4)}
         for joint in self.mechanism.tree:
@@ -197,7 +197,10 @@ class Equations:
         return q, states
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return (offset in m, misalignment in rad, its cosine) of a loop joint, in the joint's locked directions."""
+        """Return (offset in m, misalignment in rad, cosine of the misalignment angle) of a loop joint.
+
+        Only the locked directions of the joint are counted.
+        """
         ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
         while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
             ways = [w[1:] for w in ways]

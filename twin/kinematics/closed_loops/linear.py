@@ -1,4 +1,4 @@
-"""Solve small linear systems by unrolled code, without loops, run-time pivoting or products with zero."""
+"""Solve small linear systems by unrolled code: it has no loops, no run-time pivoting and no products with zero."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from twin.core.spatial import Array
 
 _FLOOR = 1e-13
-"""Damping relative to the diagonal; undetermined unknowns take the shortest step, other unknowns are not affected."""
+"""Damping relative to the diagonal: it makes the step of undetermined unknowns minimal and changes no other unknown."""
 
 _PIVOT = 0.2
 """Minimum size of a pivot relative to the largest entry of its row."""
@@ -98,7 +98,7 @@ def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
 
 
 def _least_filling(linked: np.ndarray) -> list[int]:
-    """Return an order of elimination; the next unknown is always the unknown with the fewest neighbours."""
+    """Return an order of elimination in which the next unknown is always the one with the fewest neighbours."""
     linked, left, order = linked.copy(), list(range(len(linked))), []
     while left:
         least = min(left, key=lambda i: int(linked[i, left].sum()))

@@ -12,7 +12,7 @@ _JUMP = 0.5
 
 
 class LinkPoses:
-    """Function object that returns the body poses at joint values; each call starts from the state of the last call."""
+    """Function object that returns the body poses at joint values; each call starts from the previous solution."""
 
     def __init__(self, loops: LoopSolver) -> None:
         """Store the loop solver of a mechanism; the first call starts from the rest poses."""
@@ -21,7 +21,7 @@ class LinkPoses:
         self._states: Array | None = None
 
     def __call__(self, q: Array) -> dict[str, Array]:
-        """Return T_base_body (4, 4) of every body at active joint values q (n,) in m or rad, by name.
+        """Return {body: T_base_body (4, 4)} of all bodies at active joint values q (n,) in m or rad.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.

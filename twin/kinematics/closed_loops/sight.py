@@ -22,7 +22,7 @@ class Look:
     """Point, tool and Jacobians in one state with closed loops.
 
     Attributes:
-        q, u: active joints (n,) and loop unknowns (m,); `Closed.states` has the unknowns in the same order.
+        q, u: active joints (n,); loop unknowns (m,) in the order of `Closed.states`.
         p: position (3,) of the point in base, in m.
         J: (3, n) velocity of the point per rate of each active joint.
         answers: (steps, n) rates of the loop unknowns per rate of each active joint. A row is one coordinate of a step
@@ -41,7 +41,7 @@ class Look:
 
 
 class Sight:
-    """Evaluator of a mechanism; loops and tool are compiled once, each body when first used."""
+    """Function object that computes a `Look`; loops and tool are compiled once, each body when first used."""
 
     def __init__(self, solver: LoopSolver) -> None:
         """Compile the functions of the loops and the tool."""

@@ -27,7 +27,7 @@ from twin.kinematics.closed_loops.structure import Block, blocks
 from twin.model.mechanism import Mechanism
 
 GAP, TILT = 1e-9, 1e-8
-"""Maximum gap in m and rad of a closed loop; convergence is quadratic, so most remaining gaps are rounding errors."""
+"""Maximum gap in m and misalignment in rad of a closed loop; most remaining values are mere rounding errors."""
 
 _LAST = 1e-8
 """Step size (m, rad) below which the iteration ends."""
@@ -37,7 +37,7 @@ _STRIDE = 0.6
 
 _STEPS = 30
 _WALK = (8, 64)
-"""Numbers of steps from the rest poses to a state that is not found directly, in the order of trial."""
+"""Numbers of steps from the rest poses to a state that Newton's method does not find directly, tried in this order."""
 
 _SINGULAR = 1e8
 """Condition number of a block in the rest poses above which the block is solved by least squares."""
@@ -52,8 +52,8 @@ class Closed:
     Attributes:
         Ts_base_tool: (k, 4, 4); NaN where the loops cannot be closed.
         states: (m, k) values of all loop unknowns; usable as seeds of the next call.
-        offset, tilt: (k,) norms over all loops of their gaps in m and misalignments in rad.
-        margin: (k,) smallest determinant of a block relative to its value in the rest poses, at most 1; 0 at a
+        offset, tilt: (k,) norm of the gaps of all loops in m; (k,) norm of the misalignments of all loops in rad.
+        margin: (k,) minimum over the blocks of (determinant / determinant in the rest poses), at most 1; 0 at a
             singularity of the loops, negative in another assembly mode.
     """
 
@@ -70,7 +70,7 @@ class LoopSolver:
     Attributes:
         equations: loop equations of the mechanism.
         blocks: blocks of equations, in the order of solution.
-        q, home: active joints (n,) and unknowns in the rest poses, with closed loops.
+        q, home: active joints (n,), and state of each passive joint, in the rest poses after loop closure.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -99,7 +99,7 @@ class LoopSolver:
         if not (offset < 1e-3 and tilt < 0.1):
             text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
-        # If the parts of a loop do not meet in the CAD, a gap remains in every state; this is a finding, not an error.
+        # If a loop does not close exactly in the CAD, a gap remains in every state; this is a finding, not an error.
         self._gap, self._tilt = max(GAP, 10 * offset), max(TILT, 10 * tilt)
 
     def forward(self, q: Array, seed: Array | None = None) -> Array:
@@ -134,7 +134,8 @@ class LoopSolver:
     def close(self, q: Array, seed: Array) -> Array | None:
         """Return the loop unknowns (m,) that close the loops at q (n,), by Newton's method from `seed` (m,).
 
-        The answer may be in any assembly, usually in the assembly of the seed; None if the method does not converge.
+        The solution may be in any assembly; usually, it is in the assembly of the seed. None: the method does not
+        converge.
         """
         out = self._single(q, seed)
         return out[15:] if out[12] <= self._gap and out[13] <= self._tilt else None
@@ -144,7 +145,7 @@ class LoopSolver:
         return np.vstack([self._single(q, states)[:12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
 
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
-        """Return the states at active joints qs (k, n), each solved independently; NaN poses without a solution.
+        """Return the states at active joints qs (k, n), each solved independently; poses without a solution are NaN.
 
         `seeds` (m, k) contains the loop unknowns to start from; default: those of the rest poses. `threads` is the
         maximum number of threads; default: the number of processors.
@@ -175,7 +176,7 @@ class LoopSolver:
         return Closed(Ts, states, *gaps)
 
     def link_poses(self, qs: Array, states: Array) -> dict[str, Array]:
-        """Return T_base_body (k, 4, 4) of every body at active joints qs (k, n) and loop unknowns `states` (m, k)."""
+        """Return {body: T_base_body (k, 4, 4)} at active joints qs (k, n) and loop unknowns `states` (m, k)."""
         (rows,) = self._links(np.ascontiguousarray(np.asarray(qs, float).T), np.ascontiguousarray(states))
         rows = rows.T
         Ts = np.zeros((len(rows), len(self.mechanism.bodies), 4, 4))
@@ -208,7 +209,7 @@ class LoopSolver:
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """The functions of the kernel, in the order of their calls: Newton's method, then the function of the outputs.
+        """The functions of the kernel, in the order of their calls: Newton's method, then the outputs.
 
         Inputs are q and the unknowns of the loops. Outputs are "pose" (12,), the first three rows of T_base_tool;
         "gaps" (3,), which are offset, tilt and margin (see `Closed`); and "states", the values of the unknowns.

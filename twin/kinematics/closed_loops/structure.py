@@ -12,7 +12,7 @@ from twin.kinematics.closed_loops.equations import STEPS, Equations
 
 _TRIES = 32
 _NOTHING = 1e-12
-"""Residual in m or rad; an equation is redundant if its residual never exceeds this value, even with open loops."""
+"""Residual in m or rad that a redundant equation does not exceed in any state, even with open loops."""
 _FLAT = 1e-13
 """Size below which a derivative counts as zero."""
 
@@ -24,7 +24,7 @@ class Block:
     Attributes:
         rows: indices of the equations.
         unknowns: indices of the joints in `Equations.passive`.
-        columns: indices of these joints' steps, which are columns of `Equations.jacobian`.
+        columns: columns of `Equations.jacobian` that belong to the steps of these joints.
         pattern: (rows, columns) bool, whether an entry of the Jacobian can differ from 0.
     """
 
@@ -93,7 +93,7 @@ def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
 
 
 def _components(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
-    """Return groups (rows, columns) that share no unknowns."""
+    """Return the groups (rows, columns) of a pattern; no two groups have a row or a column in common."""
     left, out = set(range(pattern.shape[1])), []
     while left:
         columns, rows, more = set(), set(), {min(left)}
