@@ -192,7 +192,7 @@ def _require_console(task: Task) -> None:
 
 
 def _setup(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[dict[str, Robot], Setup]:
-    """Return a console's robots and setup; the props are read only for hand forces, grasping and alignment tasks."""
+    """Return a console's robots and setup; props are read only with a `condition`, or if a task grasps or aligns."""
     robots = robots_at(console_scene.led_by(scene))
     needed = condition is not None or (task is not None and (task.grasps or task.alignment is not None))
     return robots, Setup(scene, members_of(robots), task, props_of(scene) if needed else None, condition)

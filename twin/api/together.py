@@ -83,9 +83,9 @@ class _Arm:
     def keep(self, phase: int) -> Keep:
         """Return a function that tests whether this arm is within its limits and in the phase's working mode.
 
-        The working mode is the one at the start of the phase. The function's arguments are the tool poses T_world_tool
-        (k, 4, 4) of this arm (other tests use T_base_tool), and the joint values q (k, m) of the arms before this arm
-        and, in the last columns, of this arm.
+        The working mode is the one at the start of the phase. The function has two arguments: the tool poses
+        T_world_tool (k, 4, 4) of this arm (other tests use T_base_tool), and the joint values q (k, m) of all arms up
+        to this arm. The values of this arm are the last columns of q.
         """
         from twin.planning.feasible import Anchor
         from twin.planning.freeing import kept
@@ -122,9 +122,9 @@ def plan_together(
 
     Raises:
         CancelledError: `cancelled` returned True.
-        TwinError: the scene or a robot in it does not exist, or the robot in the scene is of another kind.
-        ProtocolError: a phase is not of type joints, positioning, home or free, a waypoint exceeds a limit or has too
-            little clearance, no arm moves in a phase, or no path was found.
+        TwinError: the scene or an arm does not exist, or the arm in the scene is another robot than the given one.
+        ProtocolError: the type of a phase is none of joints, positioning, home and free; a waypoint exceeds a limit or
+            has too little clearance; no arm moves in a phase; or no path was found.
         TimingError: no timing within the limits was found.
     """
     from twin.planning.playable import props_files
@@ -163,7 +163,7 @@ def plan_together(
 
 
 class _Plan:
-    """A plan with one order of the arms."""
+    """A common plan of several arms, for one order of their priorities."""
 
     def __init__(
         self,
@@ -184,7 +184,7 @@ class _Plan:
     def _space(self, count: int) -> JointSpace:
         """Return the joint space of the first `count` arms.
 
-        The arms after these are left out; all other robots of the scene are obstacles.
+        Later arms are not in the space; the robots of the scene that are not planned are obstacles.
         """
         from twin.model.joined import joined, owners
         from twin.reference import ReferenceModel
@@ -267,14 +267,14 @@ class _Plan:
         return PlannedTogether(self.read, self.clearance, robots, names, longest.t, phases, checked, apart)
 
     def _kind(self, a: str, b: str) -> str:
-        """Return the key of `KINDS` for two bodies, given by their names in the joint space."""
+        """Return the kind of a pair of bodies (a key of `KINDS`); `a` and `b` are their names in the joint space."""
         first, second = self.owners.get(a), self.owners.get(b)
         if first is None or second is None:
             return "to_scene"
         return "inside_arm" if first == second else "between_arms"
 
     def _resting(self) -> dict[str, Moved]:
-        """Return the scene's robots that are not planned, in the rest poses in which they were obstacles."""
+        """Return the scene's robots that are not planned, each at rest in the pose that it has as an obstacle."""
         from twin.planning.playable import Moved
 
         out = {}

@@ -37,7 +37,7 @@ class UsageError(Exception):
 
 
 class _Help(argparse.RawDescriptionHelpFormatter):
-    """Help formatter whose first column fits the longest command name and its indentation, which argparse ignores."""
+    """Help formatter whose first column fits every command name with its indentation; argparse omits the indentation."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -53,13 +53,13 @@ class _Parser(argparse.ArgumentParser):
 
 
 SHOWN = "a built-in robot or scene, the path of a robot folder, a scene or a USD stage"
-"""Help of the argument of a command that shows or exports a robot."""
+"""Help text of the robot argument, for commands that show or export a robot or a scene."""
 
 VARIANT = (
     "use another variant of an equation, such as eq1=printed; a variant name alone, such as `printed`, applies to "
     "every equation that has this variant"
 )
-"""Help of the option --variant for the equations of a robot."""
+"""Help text of the option --variant, for the equations of a robot."""
 
 
 class Command(_Parser):

@@ -45,7 +45,7 @@ def serve(args: argparse.Namespace) -> int:
 
 
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
-    """Return (title, function that starts the source in the event loop); raise `TwinError` for wrong arguments."""
+    """Return (title, function to create the served object in the event loop); raise `TwinError` for wrong arguments."""
     from twin.ui.headset import served
     from twin.ui.session.protocols import protocols_of
 
