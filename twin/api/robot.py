@@ -316,7 +316,7 @@ class Robot:
         return protocol
 
     def bound(self, protocol: Protocol) -> Robot:
-        """Return the robot with its trocars at the positions that the protocol states; without positions, the same robot.
+        """Return the robot with its trocars at the positions that the protocol states; without any, the same robot.
 
         The equations have parameters trocar_x, trocar_y, trocar_z for a single trocar; with several trocars, they have
         parameters trocar_NAME_x, ... for each trocar.

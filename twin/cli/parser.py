@@ -37,7 +37,7 @@ class UsageError(Exception):
 
 
 class _Help(argparse.RawDescriptionHelpFormatter):
-    """Help formatter whose first column fits every command name with its indentation; argparse omits the indentation."""
+    """Help formatter whose first column fits every indented command name; argparse ignores the indentation."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)

@@ -46,7 +46,7 @@ HANDS = ("right", "left")
 PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
 
 ORGANS = 16e-3
-"""Time in s between two steps of organs on pages; with shorter steps, a served World lags behind real time."""
+"""Time in s between two steps of the organs in a World shown live; with shorter steps, it lags behind real time."""
 
 
 def start(place: Place, mechanism: Mechanism) -> Array:
@@ -159,7 +159,7 @@ def _planned(device: Block) -> list[str]:
 def _jaws(
     hand: str, arms: Sequence[Arm], limits: Mapping[str, Limits], q: Mapping[str, Array], dt: float
 ) -> Iterator[Block]:
-    """Yield the blocks by which a hand moves the jaws of its arms; the first auxiliary joint is the jaw."""
+    """Yield a block for each arm that has a jaw: a hand moves the jaw, the first auxiliary joint of the arm."""
     for arm in arms:
         for k in np.flatnonzero(arm.kin.auxiliary)[:1]:
             low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
@@ -167,7 +167,7 @@ def _jaws(
 
 
 def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.Field, list[Block]]:
-    """Return the operating field of a procedure, and the blocks by which grippers close the jaws of tools."""
+    """Return the operating field of a procedure, and a block for each tool, by which a gripper closes its jaws."""
     procedure, hands = operating_scene.procedure_of(setup.scene, setup.task), hands_of(setup.scene)
     if without := [n for n in procedure.start if n not in hands]:
         raise TwinError(f"{setup.label}: no hand of [console] moves {', '.join(without)}")
@@ -200,7 +200,7 @@ def port_in_base(place: Place) -> Array:
 
 
 def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
-    """Return the pivot of an instrument at its start joint values q (n,); None: `table` has no length for it.
+    """Return the pivot of an instrument at the start, with joint values q (n,); None if `table` lacks its length.
 
     Raises:
         TwinError: the tip is less than 1 mm from the port.
@@ -226,11 +226,11 @@ def drag(table: ConsoleTable) -> Drag:
 
 
 def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None = None) -> dict[str, float]:
-    """Return the settings of the device of a scene's console, with their first values.
+    """Return {setting: initial value} of the device of a scene's console.
 
-    `pedals.fulcrum`: which end of an instrument follows the hand, the tip or the outer end, see `pivot`.
-    `<robot>.tool`: index of the chosen tool, in the order of the scene file; in a procedure, the first value is the
-    tool at the start of the task. A scene without instruments in ports has no `pedals.fulcrum`, and a scene without
+    `pedals.fulcrum` selects the end of an instrument that follows the hand (the tip or the outer end, see `pivot`).
+    `<robot>.tool` is the index of the chosen tool, in the order of the scene file; in a procedure, its initial value is
+    the tool at the start of the task. A scene without instruments in ports has no `pedals.fulcrum`, and a scene without
     tools has no `<robot>.tool`.
     """
     table = console_of(scene)
@@ -242,7 +242,7 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None =
 
 
 def led_by(scene: Scene) -> list[Place]:
-    """Return the robots that the console of a scene moves: those of the right and the left hand, then the camera's."""
+    """Return the robots that a scene's console moves: of the right hand, of the left hand, then that of the camera."""
     table, places = console_of(scene), {p.name: p for p in scene.places}
     return [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
 
@@ -250,9 +250,8 @@ def led_by(scene: Scene) -> list[Place]:
 def identity(setup: Setup, dt: float = TICK) -> str:
     """Return the hash "sha256:..." of the inputs of `world`: console, camera, places, start values, limits and frames.
 
-    The duration `dt` of a tick in s is included if it is not `TICK`.
-
-    The equations and the version of the program are not included. Numbers are rounded to 1e-9, so that the hash does
+    The duration `dt` of a tick in s is included if it is not `TICK`. The equations and the version of the program are
+    not included. Numbers are rounded to 1e-9, so that the hash does
     not depend on the processor.
     """
     plain, scene, task = operating_scene.plain, setup.scene, setup.task
@@ -344,7 +343,7 @@ def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:
 
 
 def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
-    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot; both are on one body."""
+    """Return the pose (4, 4) of the picture's frame in the tool frame of its robot; both frames are on one body."""
     tool, frame = (mechanism.frame(n) for n in (mechanism.tool, camera.frame))
     return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
 

@@ -56,7 +56,7 @@ def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) ->
 
     Args:
         setup: a scene with a section [contact], its robots, props and task.
-        instruments: names of the robots that touch.
+        instruments: names of the robots that can be in contact.
         q: joint values (n,) of the instruments at the start, by robot.
 
     Raises:
@@ -79,7 +79,7 @@ def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
     other parts of its body.
 
     Raises:
-        TwinError: a peg is not a part of a solid body, or is its only part.
+        TwinError: a peg is not a part of a solid body, or the body has no other part.
     """
     solids = _solids(scene, props)
     return {name: _peg(scene, solids, task, name) for name in sorted({t.peg for t in task.transfers})}

@@ -49,7 +49,7 @@ def cue(table: TrainerTable) -> Cue:
 
 
 class Arm(Protocol):
-    """A drawn robot; see `twin.simulation.world.Placed`."""
+    """What a model needs of its machine: mechanism and function of the link poses, as in `world.Placed`."""
 
     @property
     def mechanism(self) -> Mechanism: ...  # noqa: D102
@@ -58,7 +58,7 @@ class Arm(Protocol):
 
 
 class Machined:
-    """The machines of a World.
+    """Creates the controllers, models and cues for the machines of a World.
 
     Attributes:
         parts: compiled parts of the machines, by robot; empty: there are no machines.

@@ -7,10 +7,10 @@ the normals. Therefore w minimises |w|^2 / 2 + REACH s, where s >= 0 is the larg
 displacement leaves all planes, s is 0. Otherwise, w is the displacement of a tool that is smaller by s on all sides and
 therefore fits: in a slot, w moves the tool to the middle.
 
-The dual problem has a push p_i >= 0 for each plane, sum p_i = REACH, with one more plane n = 0, x = 0 for s >= 0. An
-optimum has at most four planes, and it is the best one among the stationary points of all sets of up to four planes
-(docs/derivations.md). There are few planes, hence all sets are computed: the number of operations is the same in each
-tick, without iterations and without branches.
+The dual problem has a push p_i >= 0 for each plane, and the sum of all p_i is REACH. The condition s >= 0 adds a plane
+with n = 0 and x = 0. At the optimum, at most four pushes are positive. The optimum is therefore the best of the
+stationary points of all sets of up to four planes (docs/derivations.md). There are few planes, hence all sets are
+computed: the number of operations is the same in each tick, without iterations and without branches.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _MOST = 4
 """Number of planes in the largest set."""
 
 _REGULAR, _LEAST = 1e-10, 1e-20
-"""Smallest pivot of a set of independent planes; value in m2 that a set must exceed to be used."""
+"""Pivot above which the planes of a set are independent; dual value in m2 above which a set is used."""
 
 
 @dataclass(frozen=True)

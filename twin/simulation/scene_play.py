@@ -57,7 +57,7 @@ class Played(Result):
     Attributes:
         scene, actors, props: the scene, its robots, and its props (None: no props).
         t: (k,) times in s at which clearances are measured.
-        by_pair: minimum clearances of each pair of owners (robots, props).
+        by_pair: {(owner, owner): minimum clearance at each time}; the owners are robots and props.
         findings: findings on collisions, clearances below the required one, and robots whose RCM is not at their port.
     """
 
@@ -217,7 +217,7 @@ def play(
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
-    """Return a finding for the nearest pair at sample k; if a pair overlaps at the start, suggest a later start."""
+    """Return a finding on the nearest bodies at sample k; if bodies overlap at the start, on these instead."""
     a, b = found.pair[k]
     least, start = float(found.distance[k]), float(found.distance[0])
     what, code = "come too close", "scene.near"

@@ -33,7 +33,7 @@ class Setup:
         scene: the scene.
         members: robots, by place name.
         task: a task; None: no task. If the task has rings, the instruments touch objects and the solid bodies of the
-            props. In a procedure, the grippers of the hands close the jaws of tools, which act on the organs.
+            props. In a procedure, the grippers of the hands close the jaws of tools, and the tools act on the organs.
         props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.
         condition: condition of the session; None: the World has no forces on the hands. With forces on the hands, the
             instruments touch the solid bodies and each other in every task.

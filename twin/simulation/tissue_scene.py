@@ -54,7 +54,7 @@ def links(scene: Scene, mechanisms: Mapping[str, Mechanism], q: Mapping[str, Arr
 
 
 def followed(tissues: Sequence[Tissue], tools: Sequence[Tool], poses: Sequence[Array], period: float) -> list[Bend]:
-    """Return the motions of the organs during a motion of the links.
+    """Return the motions of the organs that a motion of the links causes.
 
     Args:
         tissues: the organs.

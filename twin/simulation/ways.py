@@ -36,7 +36,7 @@ class Ways:
 
     @property
     def clearance(self) -> float:
-        """Clearance in m that a way usually keeps: the required clearance of the scene."""
+        """Usual minimum clearance of a way in m: the required clearance of the scene."""
         return self._scene.clearance
 
     @cached_property
@@ -80,7 +80,7 @@ class Ways:
         clearance: float,
         seed: int = 0,
     ) -> list[Array]:
-        """Return poses (4, 4) of the tool in the World along a way that keeps the clearance, the last one at the goal.
+        """Return poses (4, 4) of the tool in the World along a way with the clearance; the last pose is at the goal.
 
         Args:
             robot: the arm that moves.
@@ -103,7 +103,7 @@ class Ways:
 
 
 def _stations(Ts: Array) -> list[int]:
-    """Select from poses (k, 4, 4) at steps of about `_STEP` and `_TURN`, with the last pose; return the indices."""
+    """Return the indices of poses among (k, 4, 4) at steps of at most about `_STEP` and `_TURN`, with the last pose."""
     moved = np.linalg.norm(np.diff(Ts[:, :3, 3], axis=0), axis=1) / _STEP
     turns = [spatial.log_so3(a[:3, :3].T @ b[:3, :3]) for a, b in pairwise(Ts)]
     turned = np.linalg.norm(turns, axis=1)

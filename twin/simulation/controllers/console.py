@@ -41,7 +41,7 @@ equation = Equations(PAPER, variant="decoupled")
     why="rotations change frame by R_T alone, translations by R_T and scale; each body rotates about its own origin",
 )
 def eq2(W_0, W_1, T, scale):
-    """Return the tool motion (4, 4) in the base frame {RB}, translation in m. Eq. (1) moves the tool by it."""
+    """Return the tool motion (4, 4) in the base frame {RB}, translation in m; eq. (1) applies this motion."""
     R = T[:3, :3]
     dW = pose(R @ W_1[:3, :3] @ W_0[:3, :3].T @ R.T, scale * R @ (W_1[:3, 3] - W_0[:3, 3]))
     return dW

@@ -129,7 +129,7 @@ class Following:
         return self.goal
 
     def _couple(self, W_0: Array, P_0: Array, T: Array, scale: float, hand: Array) -> None:
-        """Couple the hand at W_0 with the tool at P_0, and compute this tick again."""
+        """Couple the hand at W_0 with the tool at P_0, each (4, 4); then repeat this tick with the pose `hand`."""
         self._coupled = T, scale
         self._tick.couple(W_0, P_0, T, scale)
         self._tick(hand, self.goal)
@@ -200,7 +200,7 @@ class HandToPose(Block):
             arms: the arms, in the order in which taps select them.
             q: joint values (n,) of each arm at the start.
             T_view_hand: (4, 4) pose of {H} in the frame of the picture.
-            view: (4, 4) frame of the picture in the World, or the name of the camera that writes this frame.
+            view: (4, 4) frame of the picture in the World, or the name of the movable camera that writes this frame.
             dt: duration of one tick in s.
             plans: whether a device writes planned motions of the arms.
 

@@ -1,7 +1,8 @@
 """Forces on the hands of a console: surfaces that the instruments touch, limits of the arms, and grasps of objects.
 
 The law is eq. (5) of `console`: F = -k x - c dx/dt along the normal, clipped, never pulling inwards. The paper renders
-the pulse of a grasp, walls, and a held ring against pegs. Contact of two instruments and of shafts is added here.
+the pulse of a grasp, walls, and a held ring against pegs. Added here are contacts between two instruments and contacts
+of shafts.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class FeltArm:
 
 
 class HapticSwitch(Block):
-    """Writes `haptics.on`: `<device>.haptics` if the device has this signal, else the value given at the start."""
+    """Writes `haptics.on`: the value of `<device>.haptics`; if there is no such signal, the value `on`."""
 
     def __init__(self, device: str, on: bool = True) -> None:
         """Connect to a device."""
@@ -61,7 +62,7 @@ class HapticSwitch(Block):
 
 
 class HapticHand(Block):
-    """Computes the force on one hand; a plant that runs after the plants that move robots and find contacts.
+    """Computes the force on one hand; must be placed after all plants that move robots or find contacts.
 
     Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; `<robot>.follows`,
     `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>` of the arm that the hand controls; and
@@ -126,7 +127,7 @@ class HapticHand(Block):
             self._calls.append(attach(law, self._state, self._pulse, *given, base, tool, *more))
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
-        """Compute the force of this tick, which the device holds until the next one."""
+        """Compute the force of this tick; the device applies this force until the next tick."""
         if self._fresh:  # before the first tick, the device has written no pose
             self._state[LAST], self._fresh = self._pose[:3, 3], False
         i = int(self._taps()) % len(self._arms)

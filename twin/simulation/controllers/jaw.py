@@ -21,7 +21,7 @@ class Grip:
 
     Attributes:
         travel: travel of the gripper that moves the jaw from its lower to its upper angle.
-        fast, slow: largest rates of the jaw: in normal use; after use of the clutch.
+        fast, slow: largest rates of the jaw: `fast` in normal use, `slow` after use of the clutch.
         near: difference between jaw and gripper below which the slow rate ends.
     """
 

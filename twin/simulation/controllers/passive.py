@@ -92,13 +92,13 @@ def stored(depth: ca.SX, stiffness: float, largest: float) -> ca.SX:
 
 
 def bounded(force: ca.SX, energy: ca.SX, device_damping: float, dt: float) -> ca.SX:
-    """Return the force (3,) in N, shortened so that the next tick cannot use more than the energy in J."""
+    """Return a force (3,) in N, shortened so that it cannot use more than `energy` in J in the next tick."""
     most = ca.sqrt(4 * _MARGIN * device_damping / dt * ca.fmax(energy, 0))
     return force * ca.fmin(1, most / ca.fmax(_length(force), 1e-12))
 
 
 def clipped(force: ca.SX, largest: float) -> ca.SX:
-    """Return the force (3,) in N, shortened to at most `largest` in N."""
+    """Return a force (3,) in N, shortened to the length `largest` in N if it is longer."""
     return force * ca.fmin(1, largest / ca.fmax(_length(force), 1e-12))
 
 

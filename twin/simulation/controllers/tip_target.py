@@ -11,7 +11,7 @@ from twin.core.units import MM
 from twin.simulation.world import Block, Signals
 
 _INSIDE = 10 * MM
-"""Minimum distance in m of the tip from the port; nearer, the direction of the shaft is not determined."""
+"""Minimum distance in m of the tip from the port; at smaller distances, the shaft has no definite direction."""
 
 
 class TipTarget(Block):

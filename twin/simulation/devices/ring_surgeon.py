@@ -180,7 +180,7 @@ class RingSurgeon(SurgeonHands):
         yield from self._reach(back, self.manner.near)
 
     def _outwards(self, ring: Ring) -> Array:
-        """Return the direction (3,) of the axis of a ring towards the camera."""
+        """Return the axis (3,) of a ring, with the sign that makes it point towards the camera."""
         n = self._ring(ring)[:3, 2]
         return n if n @ self._view()[:3, 2] > 0 else -n
 

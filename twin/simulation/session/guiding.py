@@ -203,7 +203,7 @@ class Referee(InstrumentReferee):
         self._do("retracted", k) if out else self._undo("retracted")
 
     def _place(self, T: Array) -> float | None:
-        """Return the length in m of the wire from its free end to the ring; None: the wire is not in the ring."""
+        """Return the length in m of the wire from its free end to the ring; None: the wire is not inside the ring."""
         along = 0.0
         for (a, b), length in self._pieces:
             if (s := crossing(T, self._ring.size[0], a, b)) is not None:

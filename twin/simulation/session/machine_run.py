@@ -25,7 +25,7 @@ _CHUNK = 100
 """Number of ticks between two writes."""
 
 _OWED = 0.1
-"""Largest delay in s that the World catches up; a larger delay is dropped, so that the World lags behind real time."""
+"""Largest lag in s behind real time that the World makes up by faster steps; a larger lag remains."""
 
 _HOME = 20.0
 """Maximum time in s in which a machine must reach its home posture after its start."""

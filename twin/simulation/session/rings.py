@@ -177,7 +177,7 @@ def crossing(T: Array, radius: float, start: Array, end: Array) -> float | None:
 
 @dataclass
 class _Ring:
-    """A ring, its peg, and its history: when a hand held it, and since when it is around its peg."""
+    """A ring and its peg: when a hand last held the ring, and since when the ring is around the peg."""
 
     item: Movable
     peg: Peg
@@ -185,10 +185,10 @@ class _Ring:
     drops: int = 0
     at: int = -1
     held: int | None = None
-    """Last sample in which a hand held the ring; None: no hand has held it yet."""
+    """Index of the last sample in which a hand held the ring; None: the ring was never held."""
     holder: int = -1
     free: float | None = None
-    """Height in m at which a hand last released the ring; None: a hand holds it, or no hand has held it yet."""
+    """Height in m at which a hand last released the ring; None: the ring is held, or was never held."""
     z: float = 0.0
     placed: int | None = None
     told: str = field(default="")
@@ -204,7 +204,7 @@ class _Ring:
 
     @property
     def fell(self) -> bool:
-        """Whether the ring has been dropped since a hand last released it."""
+        """Whether the ring has fallen by more than `_FALL` since its last release, and is not around its peg."""
         return self.free is not None and self.placed is None and self.free - self.z > _FALL
 
     @property

@@ -13,7 +13,7 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
 _GREEN = 0.02
-"""Minimum difference of linear green to red and blue in the rectangle."""
+"""Minimum difference between green and the larger of red and blue (all linear) at the greenest pixel."""
 
 _SHORTEST = 60
 """Minimum number of columns of an upper side; with fewer, the error of the angle may exceed 0.05 degrees."""

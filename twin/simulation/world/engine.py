@@ -26,8 +26,8 @@ from twin.simulation.world.signals import Signals, put
 class Placed:
     """A mechanism and its pose T_world_base (4, 4); for a robot, `<name>.q` has the values (n,) of the active joints.
 
-    `links` returns T_base_body (4, 4) of each body at active joint values (n,). The default is the reference model; a
-    compiled function is worth its compilation in a World that is drawn many times per second.
+    `links` returns T_base_body (4, 4) of each body at active joint values (n,). The default is the reference model.
+    In a World that is drawn many times per second, a compiled function saves more time than its compilation takes.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Placed:
 
 
 class _Run(NamedTuple):
-    """A block, the ticks and the time in s between two steps, and memory and hazards of the block's signals.
+    """A block with the ticks and the time in s between its steps, and the memory and hazards of its signals.
 
     The World unpacks this tuple in each tick, which is faster than reading attributes.
     """

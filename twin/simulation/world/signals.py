@@ -28,7 +28,7 @@ class Signals:
     Reading returns a copy that a block may store. Only the World writes.
 
     Attributes:
-        now: the current values (n,) without copying, read-only and valid until the next write; for fast blocks.
+        now: the current values (n,) without a copy, for fast blocks; they are read-only and valid until the next write.
         row: all values.
         sizes: number of values of each signal.
     """
@@ -60,7 +60,7 @@ class Signals:
         return name in self.sizes
 
     def view(self, name: str) -> Array:
-        """Return the memory (n,) of a signal, for `put`."""
+        """Return the memory (n,) of a signal, into which `put` writes."""
         return self._views[name]
 
     def check(self, t: float) -> None:
