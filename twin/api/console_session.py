@@ -50,7 +50,7 @@ class Arm:
     Attributes:
         place, mechanism: place of the robot in the scene, and mechanism of the robot.
         q: (k, n) active joints in m or rad.
-        links: T_base_link (k, 4, 4) by link, from the mechanism with closed loops, not from the robot's equations.
+        links: {link: T_base_link (k, 4, 4)}, from the mechanism with closed loops, not from the robot's equations.
         tip: (k, 3) position of the tip (the frame whose path is measured) in m in the World.
     """
 
@@ -69,7 +69,7 @@ class ConsoleSession(Result):
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
-        arms: all robots that the console moves, by name.
+        arms: {name of a place: arm} of all robots that the console moves.
         lost: sentence that says what is missing at the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
         pegs: {name: peg} of a task with rings; empty for another task.

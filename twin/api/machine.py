@@ -100,7 +100,7 @@ class ChildMachine:
     """
 
     def __init__(self, robot: str, *, faults: Sequence[Fault] = ()) -> None:
-        """Start the machine of `robot` (name or folder), and press the machine's start button; see `machine`.
+        """Start the machine of `robot` (name or folder), and press its start button; for `faults`, see `machine`.
 
         Raises:
             DeviceError: the machine cannot be created (see `machine_parts` and `machine`), or its process has ended.
@@ -157,8 +157,8 @@ class Machines:
     """The machines of a scene, each in a child process or already running; a context manager.
 
     Attributes:
-        parts: compiled parts of the machines, by robot.
-        links: connections to the machines, by robot.
+        parts: {name of a place: compiled parts of its machine}.
+        links: {name of a place: connection to its machine}.
     """
 
     def __init__(

@@ -91,7 +91,7 @@ def operate_machine(
         seed: random seed of the trainee.
         triangles: number of triangles that the trainee traces by teleoperation.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
-        running: addresses of the machines that are already running, by robot; the others start in child processes.
+        running: {name of a place: address} of the machines that already run; the others start in child processes.
         progress: see `Progress`.
 
     Raises:
@@ -164,7 +164,7 @@ def replay_session(
 def _session(
     setup: Setup, robots: Mapping[str, Robot], ran: Ran, source: str, seed: int | None, **more: Any
 ) -> ConsoleSession:
-    """Return the result of a session with the measures of its task; `more`: further fields of the result."""
+    """Return the result of a session with the measures of its task; `more` are further fields of the result."""
     arms, task = _arms(setup, robots, ran), setup.task
     if task is not None and task.transfers:
         more["pegs"] = contact_scene.pegs(setup.scene, setup.props, task)

@@ -30,7 +30,7 @@ _STILL = 1e-9
 
 
 class _Arm:
-    """An arm with its joint values and tool poses at the ends of its phases."""
+    """An arm to plan, with joint values and tool poses at the start and the end of each of its phases."""
 
     def __init__(self, place: Place, robot: Robot, protocol: Protocol) -> None:
         from twin.planning.led import Led, stops
@@ -57,7 +57,7 @@ class _Arm:
         self.waypoints = [protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))]
 
     def at(self, phase: int) -> int:
-        """Return the index of the row of `q` at the start of a phase; after the arm's last phase, the last row."""
+        """Return the row index in `q` of the start of a phase; for phases after the arm's last one, the last row."""
         return min(phase, len(self.q) - 1)
 
     def ends(self, phase: int) -> tuple[Array, Array]:
@@ -106,8 +106,8 @@ def plan_together(
     """Return a common plan of several robots of a scene, by priority.
 
     The first phases of all protocols begin together and end together, then the second phases, and so on. The first arm
-    avoids the obstacles at rest. Each further arm also avoids the moving arms before it; the earlier arms may wait for
-    this arm. If no path is found, the opposite order of the arms is tried. Each arm satisfies the limits that `plan`
+    avoids the obstacles at rest. Each further arm also avoids the arms before it as they move; the earlier arms may wait.
+    If no path is found, the opposite order of the arms is tried. Each arm satisfies the limits that `plan`
     checks for one robot: joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and
     working mode. The samples of each arm are checked as by `plan`.
 
@@ -321,7 +321,7 @@ def _joints(mechanism: Mechanism) -> list[tuple[str, bool]]:
 
 
 class _Course:
-    """One arm's columns of the common path; each evaluation first checks whether planning is cancelled."""
+    """The joint path of one arm: its columns of the common path. Each evaluation first checks for cancellation."""
 
     def __init__(self, path: Path, columns: slice, check: Callable[[], None]) -> None:
         self._path, self._columns, self._check = path, columns, check

@@ -98,7 +98,7 @@ class Command(_Parser):
     def integer(
         self, name: str, text: str, default: int | None = None, metavar: str = "N", least: int | None = None
     ) -> None:
-        """Add an option with a whole number, as `number` does; numbers below `least` are refused."""
+        """Add an option with a whole number; numbers below `least` are rejected."""
         self.number(name, metavar, text, default, int if least is None else _at_least(least))
 
     def seed(self, text: str) -> None:
@@ -231,7 +231,7 @@ def count(text: str) -> int:
 
 @cache
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line; it is built once, for programs that run many commands."""
+    """Return the parser of the whole command line; later calls in the same process return the same parser."""
     root = _Parser(
         prog="twin",
         description="Compare the equations of a robot with its CAD, and show where they disagree.",

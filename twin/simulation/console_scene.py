@@ -93,8 +93,8 @@ def world(
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
-        parts: compiled parts of the machines of the scene, by place name; `device` then also writes the states of the
-            machines (`devices.machine_states`). None: machines move like other robots, without dynamics and states.
+        parts: {name of a place: compiled parts of its machine}; `device` then also writes the states of the machines
+            (`devices.machine_states`). None: machines move like other robots, without dynamics and states.
 
     Raises:
         TwinError: the scene has no console, the camera is not on its robot's tool, a start value is wrong, or a solid
@@ -186,7 +186,7 @@ def console_of(scene: Scene) -> ConsoleTable:
 
 
 def hands_of(scene: Scene) -> dict[str, str]:
-    """Return the hand that moves each robot of a console, by robot; the robots of the right hand come first.
+    """Return {robot: hand that moves it} for a console; the robots of the right hand come first.
 
     Raises:
         TwinError: the scene has no console.
@@ -297,7 +297,7 @@ def identity(setup: Setup, dt: float = TICK) -> str:
 
 
 def _forces(setup: Setup, limits: Mapping[str, Limits], dt: float) -> list[Block]:
-    """Return the blocks of the forces on both hands."""
+    """Return the blocks that compute the forces on both hands."""
     scene, members, places = setup.scene, setup.members, setup.places
     table, names = console_of(scene), [*hands_of(scene)]  # in the order of the grippers in contact
     camera, objects = scene.cameras[table.camera].robot, [o.name for o in setup.objects]

@@ -61,7 +61,7 @@ class Machined:
     """Creates the controllers, models and cues for the machines of a World.
 
     Attributes:
-        parts: compiled parts of the machines, by robot; empty: there are no machines.
+        parts: {robot: compiled parts of its machine}; empty: there are no machines.
     """
 
     def __init__(self, scene: Scene, parts: Mapping[str, Parts]) -> None:

@@ -42,7 +42,7 @@ PORT_TOLERANCE = 0.1e-3
 
 @dataclass(frozen=True)
 class Actor:
-    """A robot of the scene with its trajectory; `trocars`: positions (3,) in m in its base, by name of the trocar."""
+    """A robot of the scene with its trajectory; `trocars` is {trocar: position (3,) in m in the robot's base}."""
 
     place: Place
     mechanism: Mechanism
@@ -145,7 +145,7 @@ def _duration(actors: Sequence[Actor]) -> float:
 
 
 def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Array]:
-    """Return the positions (3,) in m of a robot's trocars in the robot's base, by name of the trocar.
+    """Return {trocar: position (3,) in m in the robot's base}.
 
     The result for a robot without trocars is the first RCM of its motion, with the name "".
 

@@ -55,8 +55,8 @@ def write_scene(
     Args:
         scene: the scene.
         folder: output folder, created if it does not exist.
-        stages: by robot, path of the layer with the robot's motion, as written into the root layer.
-        mechanisms: mechanism by robot, to find the bodies that carry cameras.
+        stages: {robot: path of the layer with the robot's motion, as written into the root layer}.
+        mechanisms: {robot: mechanism}, to find the bodies that carry cameras.
         props: mechanism of the props; None: no props.
         duration: duration of the longest motion in s.
         bends: motions of the deformables.

@@ -29,7 +29,7 @@ def tissues(scene: Scene, drawn: Mechanism | None) -> tuple[Tissue, ...]:
 
 
 def touching(scene: Scene) -> dict[str, list[str]]:
-    """Return the bodies that touch organs, by robot."""
+    """Return {robot: names of its bodies that touch organs}."""
     out: dict[str, list[str]] = {}
     for name in () if scene.anatomy is None else scene.anatomy.touching:
         robot, body = name.split("/")

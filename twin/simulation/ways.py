@@ -60,7 +60,7 @@ class Ways:
         return float((np.minimum(q - low, high - q) / (high - low))[~kin.auxiliary].min())
 
     def obstacles(self, robot: str, q: Mapping[str, Array], objects: Mapping[str, Array]) -> list[Still]:
-        """Return the obstacles of an arm, in its base frame: the other robots, the props and objects; see `plan`."""
+        """Return the obstacles of an arm (other robots, props, objects) in its base; for the arguments, see `plan`."""
         T_world_base, poses = self._places[robot].T_world_base, {}
         for name in q.keys() - {robot}:
             links = self._models[name].solve(q[name]).link_poses
@@ -85,9 +85,9 @@ class Ways:
         Args:
             robot: the arm that moves.
             goal: joint values (n,) of this arm at the end.
-            q: present joint values (n,) by robot, of this arm and of other robots; robots without values are in their
+            q: {robot: present joint values (n,)} of this arm and of other robots; robots without values are in their
                 rest pose.
-            objects: present poses (4, 4) in the World of the objects that are obstacles, by name.
+            objects: {object: present pose (4, 4) in the World} of the objects that are obstacles.
             clearance: minimum distance in m from bodies that do not touch the arm by design.
             seed: random seed of the search.
 

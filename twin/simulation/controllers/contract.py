@@ -11,7 +11,7 @@ from twin.core.spatial import Array
 from twin.simulation.controllers.teleoperation import Teleoperation
 
 _DISTANCE, _HOLD = 0.03, 4.0
-"""Displacement of the handle, in the unit of its coordinates; duration in s of each step of the test."""
+"""Displacement of the handle in the test, in the unit of the handle's coordinates; duration of each step in s."""
 
 
 @dataclass(frozen=True)

@@ -221,7 +221,7 @@ class HandToPose(Block):
             self.outputs |= {f"{a.robot}.target": [0, *T.ravel()] for a, T in zip(arms, self._tools, strict=True)}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
-        """Keep views of the signals."""
+        """Store views of the signals that this block reads."""
         now = signals.now
         self._pose = now[f"{self.hand}.pose"].reshape(4, 4)
         self._grip, self._scale = now[f"{self.hand}.grip"].item, now[f"{self.device}.scale"].item
@@ -268,7 +268,7 @@ class HandToPose(Block):
         return self.arms[i].kin.forward(signals[f"{self.arms[i].robot}.encoder"], self._tools[i])
 
     def _state(self, i: int, signals: Signals) -> float:
-        """Return the state of the plan of an arm; couple the hand again if the state has changed."""
+        """Return the state of an arm's plan (`controllers.planned`); if it has changed, couple the hand again."""
         state, before = self._planned[i].item(0), self._states[i]
         if state != before:
             self._states[i] = state
@@ -291,7 +291,7 @@ class HandToPose(Block):
             goal[...] = pivot.tool(led, self._direct)
 
     def _poses_of_hand(self) -> list[Array]:
-        """Return the pose of {H} in the base of each arm; the same arrays as before if the view has not moved."""
+        """Return the pose (4, 4) of {H} in the base of each arm; recompute the poses only if the view has moved."""
         seen = self._camera.tobytes()
         if seen != self._view[0]:
             T_world_hand = self._camera.reshape(4, 4) @ self._T_view_hand

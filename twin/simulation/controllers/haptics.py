@@ -38,7 +38,7 @@ class FeltArm:
         kin: the robot's equations.
         limits: the robot's joint limits.
         T_world_base: (4, 4) pose of the robot's base.
-        index: index of the robot's gripper in `<object>.holder`; -1: the robot has no gripper.
+        index: number of the robot's gripper, as in `<object>.holder`; -1: the robot has no gripper.
     """
 
     robot: str
@@ -89,7 +89,7 @@ class HapticHand(Block):
             device: name of the device of pedals and scale.
             camera: name of the camera's arm.
             arms: the arms of this hand, in the order in which taps select them.
-            sources: last parts of the names of signals with planes, such as "planes"; see `local_plane`.
+            sources: names of signals with planes (see `local_plane`), without the robot: "planes" for `<robot>.planes`.
             objects: names of objects whose grasp causes a pulse of the force.
             surface: parameters of the forces; None: the defaults.
             dt: duration of a tick in s.

@@ -178,7 +178,7 @@ class Smooth:
     """
 
     def __init__(self, bounds: Bounds, step: float, dt: float) -> None:
-        """Prepare for one packet every dt s; `step`: opening of the jaws in rad for one unit of a packet."""
+        """Prepare for packets every dt s, in which one unit of jaw motion opens the jaws by `step` in rad."""
         self._bounds, self._step, self._dt = bounds, step, dt
         self.begin(np.eye(4), 0.0)
 
@@ -276,8 +276,8 @@ class Trainer(Block):
             robot: name of the machine.
             device: name of the device of the pedals.
             bounds: limits.
-            grasp_step: opening of the jaws in rad for one unit of a packet.
-            tips: compares joint values at the tip.
+            grasp_step: angle in rad by which one unit of jaw motion in a packet opens the jaws.
+            tips: compares joint configurations by the positions of the tip.
             dt: duration of a tick in s.
         """
         self.robot, self.bounds, self._tips, self._dt = robot, bounds, tips, dt

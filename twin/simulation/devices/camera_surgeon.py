@@ -19,7 +19,7 @@ from twin.simulation.devices.hand import Hand
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _STROKES, _PRESSES = 25, 12
-"""Maximum number of strokes per press of the pedal; maximum number of presses, after which the surgeon gives up."""
+"""Maximum number of strokes per press of the pedal, and of presses; after these presses, the surgeon gives up."""
 
 _TURNED, _ASIDE = 0.08 * DEG, 0.01
 """Largest errors that the surgeon accepts, ASSUMED: angle in rad between line and upper side; distance between

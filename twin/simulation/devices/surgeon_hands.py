@@ -27,7 +27,7 @@ _STALLED = 8
 """Number of strokes without progress after which the surgeon gives up a movement."""
 
 _DRAGS = 20
-"""Maximum number of strokes with the camera pedal for one target; then the surgeon accepts the picture."""
+"""Maximum number of camera strokes for one target; after these, the surgeon works with the picture as it is."""
 
 
 _EYE = np.eye(4)
@@ -40,7 +40,7 @@ class Habits:
 
     Attributes:
         hand: parameters of the motion of each hand.
-        middle: position in m in {H} of the right hand in the middle of its range; mirrored for the left hand.
+        middle: middle of the right hand's range in m in {H}; that of the left hand is its mirror image.
         show: rotation of the handles in rad to meet the start condition, see `following.Start`.
         clutched: time in s for which the clutch is pressed before and after the hands move back.
         open: angle of the grippers on the way to a target.
@@ -77,7 +77,7 @@ class Seat:
 
     Attributes:
         device: name of the device of the pedals.
-        arms: the arm of each hand, by name of the hand; first the right hand, then the left hand.
+        arms: {hand: its arm}; first the right hand, then the left hand.
         camera: name of the arm of the camera.
         view: angle of view over the height of the picture, in rad.
         scale: motion scale of the console; the surgeon divides displacements by this scale.

@@ -15,7 +15,7 @@ _STROKE = 0.045
 """Length in m of a stroke of a hand."""
 
 _WAIT, _REST = 150.0, 0.6
-"""Longest time in s for a replay; pause in s between two steps of the exercise."""
+"""Longest time in s that the trainee waits for a replay; pause in s between two steps of the exercise."""
 
 
 class Trainee(SurgeonHands):

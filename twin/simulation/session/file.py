@@ -105,7 +105,7 @@ class Session:
 
 
 def sizes(signals: list[SignalTable]) -> dict[str, int]:
-    """Return the number of values of each signal, by name."""
+    """Return {signal: number of values}."""
     return {s.name: s.size for s in signals}
 
 

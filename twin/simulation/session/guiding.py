@@ -122,7 +122,7 @@ class Referee(InstrumentReferee):
             course: wire and dome.
             robots: the instruments, in the order of the numbers in `<ring>.holder`.
             first: the instrument that picks the ring up.
-            tools: functions from joint values (n,) to the position (3,) of the tool in the World, by instrument.
+            tools: {instrument: function from joint values (n,) to its tool's position (3,) in the World}.
             period: time in s between two samples.
         """
         super().__init__(robots, period)

@@ -46,8 +46,8 @@ def train(
 
     Args:
         setup: a scene with machines, its robots, and the condition of the cues on the hands.
-        parts: compiled parts of the machines, by place name.
-        links: connections to the machines.
+        parts: {name of a place: compiled parts of its machine}.
+        links: {name of a place: connection to its machine}.
         path: the session file.
         seed: random seed of the trainee; with the same seed, the states of real machines still differ between runs.
         triangles: number of triangles that the trainee traces by teleoperation.

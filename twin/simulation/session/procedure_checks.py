@@ -48,7 +48,7 @@ class ProcedureMeasures:
     Attributes:
         checks: the five stages in order, then the checks of the whole session.
         time: time in s until the last stage was passed; if a stage was not passed, duration of the session.
-        paths: length in m of the path of each robot's tip, by name of the robot.
+        paths: {robot: length in m of the path of its tip}.
         clips: number of clips used.
         energy: total energy in J that cautery applied to the cells of the bed.
         largest_pull: largest force of a grasper in N.

@@ -149,7 +149,7 @@ class ProcedureGuide(ProcedureReferee):
         )
 
     def _with(self, kind: Kind, do: str) -> str:
-        """Return the instruction `do` for the robot with a kind of tool; without such a robot, how to choose the tool."""
+        """Return the instruction `do` for the robot with a kind of tool; without one, how to choose the tool."""
         carrier = next((n for n in self.robots if self._tools[self._carried[n]].kind == kind), None)
         if carrier is not None:
             return f"{self._tools[self._carried[carrier]].title} of {carrier}, {self._hands[carrier]} hand: {do}"

@@ -57,17 +57,17 @@ class BoardMeasures:
 
     @property
     def transferred(self) -> int:
-        """Number of rings that are around their pegs, and not held, at the end; n_RTC."""
+        """Number of rings that, at the end, are around their pegs and not held (n_RTC in the paper)."""
         return sum(r.t is not None for r in self.rings)
 
     @property
     def dropped(self) -> int:
-        """Number of drops; n_RD."""
+        """Number of drops of all rings (n_RD in the paper)."""
         return sum(r.drops for r in self.rings)
 
     @property
     def errors(self) -> int:
-        """Drops and collisions; n_Err."""
+        """Number of drops and collisions together (n_Err in the paper)."""
         return self.dropped + self.collisions
 
     def rows(self) -> list[tuple[str, str]]:
@@ -97,7 +97,7 @@ class Referee(InstrumentReferee):
         Args:
             task: a task with transfers.
             objects: the objects of the scene.
-            pegs: the pegs, by name.
+            pegs: {name: peg}.
             robots: the instruments, in the order of the numbers in `<ring>.holder`.
             period: time in s between two samples.
         """

@@ -38,7 +38,7 @@ SAMPLE = 5e-3
 _KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets", ".rubs", ".force")
 _KEPT += (".deviation", ".apart", ".phase", ".run", ".cue")
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.", "haptics.")
-"""Prefixes of the names of kept signals; signals whose names end with an item of `_KEPT` are kept as well."""
+"""Prefixes of signal names. A signal is kept if its name has one of these prefixes, or ends with an item of `_KEPT`."""
 
 Progress = Callable[[str, float], None]
 

@@ -33,7 +33,7 @@ class Block(ABC):
 
         Args:
             signals: the signals of the World.
-            memory: memory (n,) of each output, by name of the signal.
+            memory: {output signal: memory (n,) of its values}.
         """
         return
 

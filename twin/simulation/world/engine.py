@@ -206,7 +206,7 @@ class World:
         return Frame(self.t, poses, self._fields(poses))
 
     def fields(self) -> dict[str, Array]:
-        """Return the vertices (n, 3) in m of all deformables in the World, by name; faster than `frame`."""
+        """Return {name of a deformable: vertices (n, 3) in m in the World}; faster than `frame`."""
         owners = {d.owner for d in self.deformables}
         return self._fields({p.name: self._poses(p) for p in chain(self._robots, self._props) if p.name in owners})
 
@@ -218,7 +218,7 @@ class World:
         return fields
 
     def link_poses(self) -> dict[str, dict[str, Array]]:
-        """Return T_world_link (4, 4) now, by robot, prop or object, then by link; the World does not change."""
+        """Return {robot, prop or object: {link: T_world_link (4, 4)}} at the current time, as `frame` does."""
         poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
         return poses | {o.name: {o.name: self.signals[f"{o.name}.pose"].reshape(4, 4)} for o in self._objects}
 
