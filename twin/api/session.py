@@ -130,7 +130,7 @@ def _require_scale(scale: float | None) -> None:
 def replay_session(
     path: str | Path, scene: Scene | str | Path | None = None, progress: Progress = silent
 ) -> ConsoleSession:
-    """Replay a session in a new World, compare it with the recording bit by bit, and measure it.
+    """Replay a session in a new World, compare the replay bit by bit with the recording, and return the measures.
 
     The default scene is the built-in scene that the file names.
 

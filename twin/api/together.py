@@ -106,10 +106,11 @@ def plan_together(
     """Return a common plan of several robots of a scene, by priority.
 
     The first phases of all protocols begin together and end together, then the second phases, and so on. The first arm
-    avoids the obstacles at rest. Each further arm also avoids the arms before it as they move; the earlier arms may wait.
-    If no path is found, the opposite order of the arms is tried. Each arm satisfies the limits that `plan`
-    checks for one robot: joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and
-    working mode. The samples of each arm are checked as by `plan`.
+    avoids the obstacles at rest. Each further arm also avoids the arms before it as they move; the earlier arms may
+    wait. If no path is found, the opposite order of the arms is tried.
+
+    Each arm satisfies the limits that `plan` checks for one robot: joints and motors; speed, acceleration and jerk of
+    the moved frame; reach, singularities and working mode. `plan`'s check of the samples is applied to each arm.
 
     Args:
         scene: name or path of the scene.

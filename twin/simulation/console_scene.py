@@ -82,9 +82,9 @@ def world(
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
 
-    The camera's arm rotates about its port. Tilt is about the horizontal direction that points to the right in the
-    picture at the start; pan is about the horizontal direction perpendicular to it. The frame {H} of the hands is
-    parallel to the frame of the picture: x right, y up, z out of the picture.
+    The camera's arm rotates about its port. The axis of tilt is the horizontal direction that points to the right in
+    the picture at the start; the axis of pan is the horizontal direction perpendicular to the tilt axis. The frame {H}
+    of the hands is parallel to the frame of the picture: x right, y up, z out of the picture.
 
     Args:
         setup: a scene with a console, its robots and its task.
@@ -167,7 +167,7 @@ def _jaws(
 
 
 def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.Field, list[Block]]:
-    """Return the operating field of a procedure, and a block for each tool, by which a gripper closes its jaws."""
+    """Return the operating field of a procedure, and for each robot with a tool, the block that closes its jaws."""
     procedure, hands = operating_scene.procedure_of(setup.scene, setup.task), hands_of(setup.scene)
     if without := [n for n in procedure.start if n not in hands]:
         raise TwinError(f"{setup.label}: no hand of [console] moves {', '.join(without)}")
@@ -242,7 +242,7 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None =
 
 
 def led_by(scene: Scene) -> list[Place]:
-    """Return the robots that a scene's console moves: of the right hand, of the left hand, then that of the camera."""
+    """Return the robots that a scene's console moves: the right hand's, then the left hand's, then the camera's."""
     table, places = console_of(scene), {p.name: p for p in scene.places}
     return [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
 

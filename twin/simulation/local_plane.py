@@ -6,7 +6,8 @@ force on the hand is computed at 1 kHz without waiting for the simulation (inter
 and Ogino, IEEE VRAIS 1995).
 
 The planes of a robot are a signal of `SIZE` numbers, `COUNT` rows of `WIDTH`; unused rows are zero. A row is (lever
-(3), normal (3), arm (3), offset): see `LocalPlane`. Everything is in the frame of the World, except the arm.
+(3), normal (3), arm (3), offset): see `LocalPlane`. All vectors are in the frame of the World, except the
+arm, which is in the frame of the tool.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The machines of a scene in a World: trainers that write packets, models, and cues (forces) on the hands."""
+"""The machines of a scene in a World: their trainers (which write packets), models, and cues (forces on the hands)."""
 
 from __future__ import annotations
 

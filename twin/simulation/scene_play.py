@@ -186,7 +186,7 @@ def play(
     props: Mechanism | None,
     progress: Callable[[str, float], None] = lambda label, fraction: None,
 ) -> Played:
-    """Play all robots until the last one ends, and check clearances and ports."""
+    """Play the protocols until the last robot has ended its motion; check clearances and distances from ports."""
     duration = _duration(actors)
     ticks = max(int(duration * RATE), 1)
     moving = world(actors, props, duration / ticks)

@@ -103,7 +103,10 @@ class Ways:
 
 
 def _stations(Ts: Array) -> list[int]:
-    """Return the indices of poses among (k, 4, 4) at steps of at most about `_STEP` and `_TURN`, with the last pose."""
+    """Return the indices of some of the poses (k, 4, 4) along a way, among them the last pose.
+
+    Between neighbouring selected poses, the tool moves at most about `_STEP` and turns at most about `_TURN`.
+    """
     moved = np.linalg.norm(np.diff(Ts[:, :3, 3], axis=0), axis=1) / _STEP
     turns = [spatial.log_so3(a[:3, :3].T @ b[:3, :3]) for a, b in pairwise(Ts)]
     turned = np.linalg.norm(turns, axis=1)

@@ -1,7 +1,7 @@
 """Move a tool by a hand: start condition, control law, and jumps of the hand.
 
 The control law is that of the da Vinci Research Kit: p = p0 + s (h - h0) and R = R_H A0. A0 = R_H0^T R0 is the rotation
-between hand and tool at the time when the hand was coupled (index 0); it stays constant. Here, the law is computed by
+between hand and tool at the time when the hand was coupled (index 0); A0 stays constant. Here, the law is computed by
 eqs (1) and (2) of `console`. The hand is coupled again after the clutch, when the motion scale or the frame of the view
 changes, and when the hand jumps.
 """

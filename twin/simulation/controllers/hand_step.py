@@ -123,7 +123,7 @@ def _chord(angle: float) -> float:
 
 
 def _towards(T: ca.SX, wanted: ca.SX, way: float, turn: float) -> ca.SX:
-    """Return the pose after one step from T towards `wanted`, of at most `way` in m and `turn` in rad."""
+    """Return the pose after a step of at most `way` in m and `turn` in rad from T towards `wanted`."""
     step = wanted[:3, 3] - T[:3, 3]
     length = symbolic.norm(step)
     far = length > way

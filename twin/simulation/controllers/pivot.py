@@ -1,4 +1,4 @@
-"""An instrument in a port: a hand controls the tip, or the outer end, whose motion the port inverts.
+"""An instrument in a port: a hand controls either its tip or its outer end; the two move in opposite directions.
 
 The port is the fulcrum of a lever. If the hand controls the outer end ("direct"), as a hand outside the patient does, a
 motion to the right moves the tip to the left by this motion times inner length / outer length. If the hand controls the

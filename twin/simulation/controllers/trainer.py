@@ -260,9 +260,9 @@ class Tips:
 class Trainer(Block):
     """Writes the packets of a machine and of its model.
 
-    Writes `<robot>.packet` (9,) for the machine; `<robot>.given` (10,) for the model: a packet, and 1 in ticks in which
-    the model is set to the joint values of the machine, else 0; and `<robot>.phase` (3,): `Phase`, `Why`, and the value
-    for `told`.
+    Writes `<robot>.packet` (9,) for the machine; `<robot>.given` (10,) for the model: a packet, then 1 in ticks that
+    set the model to the joint values of the machine, otherwise 0; and `<robot>.phase` (3,): `Phase`, `Why`, and the
+    value for `told`.
 
     Reads `pedals.training`, `console.mode`, `<robot>.goal`, `<robot>.follows`, `<robot>.planned`, `<robot>.jaw`,
     `<robot>.run`, `<robot>.measured`, and of the model `<robot>.model`, `<robot>.deviation` and `<robot>_model.q`; see

@@ -72,7 +72,7 @@ class GuidingSurgeon(SurgeonHands):
     """Writes what `SurgeonHands` writes, and `surgeon.target`: number of the step of the task.
 
     The surgeon reads the pose of the ring from `<ring>.pose`, and which jaws hold the ring from `<ring>.holder`. The
-    frame `T_tool_tip` of each arm is that of its closed jaws: z out of the tips, y along the closing direction.
+    frame `T_tool_tip` of each arm is at its closed jaws: z out of the tips, y along the closing direction.
 
     Attributes:
         missed: what the surgeon gave up: names of steps, or "way of <robot>: <reason>".

@@ -88,7 +88,7 @@ class Tremor:
 
 
 class ScriptedHand(Block):
-    """Writes `hand.handle` (n,) with tremor, `hand.pedal` (0 or 1), and `hand.goal`: index of the goal, first -1.
+    """Writes `hand.handle` (n,) with tremor, `hand.pedal` (0 or 1), and `hand.goal` (index of the goal; -1 at first).
 
     The operator sees the tool pose (from `<robot>.q`) only between two strokes (single hand motions). The device ends
     when the last goal is reached, or when the operator gives up a goal.

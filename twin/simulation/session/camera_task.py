@@ -59,7 +59,7 @@ class AlignMeasures:
 def measure(
     kept: Recording, alignment: Alignment, Ts_world_picture: Array, view: float, sight: Sight, lens: Array
 ) -> AlignMeasures:
-    """Return the measures of a session.
+    """Return the measures of a session of the camera task.
 
     Args:
         kept: signals of the session.

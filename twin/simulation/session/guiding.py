@@ -136,7 +136,8 @@ class Referee(InstrumentReferee):
         self._rubs = Runs(self._few)
         self._rubbing = self._drops = 0
         self._passed, self._on, self._held, self._holder = 0.0, False, -1, -1
-        self._fell = self._fallen = False  # the ring fell, and no hand has held it since; the same for the first arm
+        # _fell: the ring fell, and no hand has held it since; _fallen: it fell, and the first arm has not held it since
+        self._fell = self._fallen = False
 
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
         name = self._ring.name

@@ -1,8 +1,8 @@
 """Draw a part of a scene as a camera sees it, by a rasteriser with a depth buffer and 8 samples per pixel.
 
-Only the box around one surface is drawn: this surface, and everything in the box that is not farther away than the
-surface. The rasteriser needs no graphics driver, and draws the same picture on every machine. It shares no code with
-the projection in `aligned`.
+Only a box of the picture is drawn, the box around one surface. It contains this surface and everything that is not
+farther away. The rasteriser needs no graphics driver, and draws the same picture on every machine. The rasteriser
+shares no code with the projection in `aligned`.
 """
 
 from __future__ import annotations

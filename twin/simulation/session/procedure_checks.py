@@ -138,7 +138,7 @@ class ProcedureReferee(Block):
         self._cuts = [np.zeros(v.segments) for v in scene.vessels]
         self.freed, self.energy = np.zeros(len(organ.held), bool), np.zeros(len(organ.held))
         self.out = np.inf
-        self._removed: tuple[float, bool] | None = None  # first time of removal in s; whether it is removed now
+        self._removed: tuple[float, bool] | None = None  # (time in s of first removal, whether it is out now)
         self._depths = dict.fromkeys(p.spare, 0.0)
         self._paths, self._tips = dict.fromkeys(self.robots, 0.0), dict[str, Array]()
         self._pull = self._slipped = 0.0

@@ -1,4 +1,4 @@
-"""Find the targets of a task that the tips touched, with the times."""
+"""Find out which targets of a task the tips touched, and when."""
 
 from __future__ import annotations
 
