@@ -1,4 +1,4 @@
-"""Simulations: trials of an operator with one robot, and playing the protocols of all robots of a scene together."""
+"""Run simulations: trials of an operator with one robot, or the protocols of all robots of a scene together."""
 
 from __future__ import annotations
 

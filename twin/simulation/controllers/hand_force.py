@@ -20,7 +20,7 @@ from twin.simulation.local_plane import COUNT, SIZE, WIDTH
 from twin.simulation.proxy import proxy
 
 DEVICE_DAMPING = 2.0
-"""Damping in N s/m of a pen with the fingers that hold it; ASSUMED: no value is published for this pen."""
+"""Damping in N s/m of a pen and the fingers that hold it; ASSUMED: no value is published for this pen."""
 
 FORCE, LAST, ENERGY, DEPTH, RATE = slice(0, 3), slice(3, 6), 6, 7, 8
 STATE = 9
@@ -39,7 +39,7 @@ class Surface:
         stiffness: stiffness of a surface in N/m.
         damping: damping of a surface in N s/m.
         largest: limit in N of the total force on a hand; a larger force is clipped.
-        device_damping: damping in N s/m of the device with the fingers that hold it.
+        device_damping: damping in N s/m of the device and the fingers that hold it.
     """
 
     stiffness: float = STIFFNESS

@@ -2,7 +2,7 @@
 
 A force that is held for a tick while the hand moves is a source of energy. The energy observer of a hand adds up the
 energy that the hand has put in: E += b |dh|^2 / T - F . dh in every tick. Here dh in m is the motion of the hand, F in
-N the held force, T in s the tick, and b in N s/m the damping of the device with the fingers that hold it. The first
+N the held force, T in s the tick, and b in N s/m the damping of the device and the fingers that hold it. The first
 term is a lower bound of the energy that the damping dissipates (exact at constant speed). In one tick, a force F
 reduces E by at most |F|^2 T / (4 b), for any dh. Therefore a force of at most sqrt(4 b E / T) never makes E negative,
 for any motion of the hand and any delay of the surface data.
@@ -54,7 +54,7 @@ def require_passive(stiffness: float, damping: float, largest: float, device_dam
         stiffness: of the surface in N/m.
         damping: of the surface in N s/m.
         largest: force in N at which the force of the surface is clipped.
-        device_damping: damping in N s/m of the device with the fingers that hold it.
+        device_damping: damping in N s/m of the device and the fingers that hold it.
         dt: duration of a tick in s.
 
     Raises:

@@ -22,7 +22,7 @@ FULCRUMS: tuple[Fulcrum, ...] = ("compensated", "direct")
 """What the hand controls: the tip or the outer end. The index of an item is its value in `<device>.fulcrum`."""
 
 SHALLOW = 20 * MM
-"""Smallest length in m of an instrument on each side of its port; it keeps tip and handle on their sides; ASSUMED."""
+"""Smallest length in m of an instrument on each side of its port, so that neither end reaches it; ASSUMED."""
 
 CONE = 60 * DEG
 """Largest angle in rad between an instrument and its direction at the start; ASSUMED, for the abdominal wall."""

@@ -10,7 +10,7 @@ from twin.simulation.machine.states import State
 from twin.simulation.world import Block, Signals
 
 ANSWERS, LEVEL, SEQUENCE, TICK = range(4)
-"""Indices in `<robot>.run`: whether the machine answers (0 or 1); run level; number of its last packet and tick."""
+"""Indices in `<robot>.run`: whether the machine answers (0 or 1); run level; numbers of the last packet and tick."""
 
 
 class MachineStates(Block):

@@ -23,7 +23,7 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
 
 _BEHIND = 0.5
-"""Largest delay in s of a tip behind its plan; the tip is compared with the poses of this last interval only."""
+"""Largest delay in s of a tip behind its plan: the tip is compared with the newest poses over this time."""
 
 _DEVIATION = 3 * MM
 """Largest distance of a tip from its path in m; above it, the motion is stopped (ASSUMED)."""

@@ -1,6 +1,6 @@
 """Measure time and camera moves while a person performs the camera task, for the scoreboard of a page.
 
-AlignErr, the angle between line and upper side, is not shown before the end, so that the person looks at the picture.
+AlignErr, the angle between line and upper side, is not shown before the end, so that the person relies on the picture.
 """
 
 from __future__ import annotations
