@@ -242,7 +242,8 @@ class Robot:
     ) -> Array:
         """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
 
-        Without an inverse equation, each pose is solved from the previous solution, the first pose from `seed` (n,).
+        Without an inverse equation, each solution is searched from the solution for the pose before; the first search
+        starts at `seed` (n,).
 
         Raises:
             KinematicsError: a pose is out of reach; for several poses, the message names the index of the first one.

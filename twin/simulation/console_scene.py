@@ -251,8 +251,7 @@ def identity(setup: Setup, dt: float = TICK) -> str:
     """Return the hash "sha256:..." of the inputs of `world`: console, camera, places, start values, limits and frames.
 
     The duration `dt` of a tick in s is included if it is not `TICK`. The equations and the version of the program are
-    not included. Numbers are rounded to 1e-9, so that the hash does
-    not depend on the processor.
+    not included. Numbers are rounded to 1e-9, so that the hash does not depend on the processor.
     """
     plain, scene, task = operating_scene.plain, setup.scene, setup.task
     table = console_of(scene)

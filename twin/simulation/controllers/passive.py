@@ -37,8 +37,8 @@ def needed_damping(stiffness: float, damping: float, dt: float) -> float:
     frequencies w up to pi / T. Without a filter, the condition is b > K T / 2 + |B| (K: stiffness, B: damping).
 
     Args:
-        stiffness: of the surface in N/m.
-        damping: of the surface in N s/m.
+        stiffness: stiffness of the surface in N/m.
+        damping: damping of the surface in N s/m.
         dt: duration of a tick in s.
     """
     z = np.exp(1j * np.linspace(1e-3, np.pi, 4000))
@@ -51,8 +51,8 @@ def require_passive(stiffness: float, damping: float, largest: float, device_dam
     """Check that the parameters of a surface are in range, and that the surface is passive on the device.
 
     Args:
-        stiffness: of the surface in N/m.
-        damping: of the surface in N s/m.
+        stiffness: stiffness of the surface in N/m.
+        damping: damping of the surface in N s/m.
         largest: force in N at which the force of the surface is clipped.
         device_damping: damping in N s/m of the device and the fingers that hold it.
         dt: duration of a tick in s.

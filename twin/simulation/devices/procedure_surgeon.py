@@ -311,7 +311,7 @@ class ProcedureSurgeon(Block):
         self.missed.append("cut")
 
     def _remove(self) -> Iterator[None]:
-        """Free the bed cell by cell, from the instrument's side on, lifting the organ at each cell; take the organ out."""
+        """Free the bed cell by cell, from the instrument's side on; lift the organ at each cell; remove the organ."""
         robot, holder, organ = self._worker, self._holder, self._organ.name
         yield from self._change(robot, "cautery")
         order = np.argsort(np.linalg.norm(self._bed() - self._arms[robot].port, axis=1))
