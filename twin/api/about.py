@@ -25,8 +25,9 @@ SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 def scene_commands(scene: Scene) -> tuple[str, ...]:
     """Return the twin commands that accept a scene.
 
-    "run" and "export" require a protocol of every robot; "operate" requires tasks or machines. "run" also requires a
-    USD stage with each motion. Stages exist for the robots' own protocols, but not for protocol files of the scene.
+    "run" and "export" require a protocol for every robot. "run" also requires that no robot plays a protocol file of
+    the scene, because USD stages contain only the motions of the robots' own protocols. "operate" requires tasks or
+    machines.
     """
     operated = ("operate",) if scene.tasks or scene.trainer is not None else ()
     played = [c for c in SCENE_COMMANDS if c != "run" or not any(p.protocol.endswith(".toml") for p in scene.places)]
@@ -203,7 +204,7 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
 
 
 def info_of_scene(scene: Scene, word: str) -> SceneInfo:
-    """Return the robots, props, parameters and commands of a scene; `word` is the scene's name in the commands."""
+    """Return the robots, props, parameters and commands of a scene; `word` names the scene in the commands."""
     parameters: Sequence[Parameter] = scene.parameters
     return SceneInfo(
         {
@@ -283,7 +284,7 @@ def _range(limits: Sequence[float] | None, angle: bool) -> str:
 
 
 def _motors(actuators: Sequence[Mapping[str, Any]], transmissions: Sequence[Mapping[str, Any]]) -> Iterator[Part]:
-    """Yield a table of the motors and a line for each transmission; nothing if there are no transmissions."""
+    """Yield a table of the motors and a line for each transmission; without transmissions, yield nothing."""
     if not transmissions:
         return
     rows = []

@@ -1,4 +1,4 @@
-"""Simulations: trials of an operator with one robot, and playing the protocols of all robots of a scene together."""
+"""Run simulations: trials of an operator with one robot, or the protocols of all robots of a scene together."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
 
     Raises:
         TwinError: a protocol cannot be planned.
-        WorldError: the scene has organs, and `dt` is above 20 ms or a link is inside an organ at the start.
+        WorldError: the scene has organs, and either `dt` is above 20 ms or a link starts inside an organ.
     """
     from twin.simulation import scene_play, tissue_scene
     from twin.simulation.plants.tissue import Tissues
@@ -118,7 +118,7 @@ def _actors(scene: Scene, progress: Progress, *, at_ports: bool = True) -> list[
 
 
 def robots_at(places: Iterable[Place]) -> dict[str, Robot]:
-    """Return {name of a place: the robot at this place}; the files of each robot folder are read only once."""
+    """Return {name of a place: its robot}; for places with the same robot, the files are read only once."""
     places = tuple(places)
     kinds = {name: load(name) for name in {p.robot for p in places}}
     return {p.name: kinds[p.robot] for p in places}

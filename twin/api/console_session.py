@@ -50,8 +50,8 @@ class Arm:
     Attributes:
         place, mechanism: place of the robot in the scene, and mechanism of the robot.
         q: (k, n) active joints in m or rad.
-        links: T_base_link (k, 4, 4) by link, from the mechanism with closed loops, not from the robot's equations.
-        tip: (k, 3) position in m, in the World, of the frame whose path is measured.
+        links: {link: T_base_link (k, 4, 4)}, from the mechanism with closed loops, not from the robot's equations.
+        tip: (k, 3) position of the tip (the frame whose path is measured) in m in the World.
     """
 
     place: Place
@@ -69,10 +69,10 @@ class ConsoleSession(Result):
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
-        arms: all robots that the console moves, by name.
+        arms: {name of a place: arm} of all robots that the console moves.
         lost: sentence that says what is missing at the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
-        pegs: pegs of a task with rings, by name.
+        pegs: {name: peg} of a task with rings; empty for another task.
         aligned: measures of a task with an alignment; None for another task.
         guided: measures of a task with a ring to guide; None for another task.
         wire: (k, 3) centre line of the wire of a task with a ring to guide, in m in the World; empty for another task.
@@ -211,7 +211,7 @@ class ConsoleSession(Result):
         return out
 
     def _unguided(self) -> Iterator[Finding]:
-        """Yield findings on steps that are not done, and on more errors than allowed."""
+        """Yield findings on steps that are not done, and on errors that exceed their limits."""
         if (g := self.guided) is None:
             return
         for step in g.missed:
@@ -223,7 +223,11 @@ class ConsoleSession(Result):
             yield disagreement("task.errors", what, text, Quantity(value, unit), most, word="allowed")
 
     def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings: the camera is not aligned, or AlignErr is not measurable or different in the picture."""
+        """Yield findings on the alignment.
+
+        The camera is not aligned, AlignErr cannot be measured in the picture, or AlignErr in the picture differs from
+        AlignErr by projection.
+        """
         if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
             return
         wanted = self.task.alignment
@@ -382,10 +386,11 @@ class ConsoleSession(Result):
         yield from by_severity(self.findings)
 
     def write(self, folder: Path) -> None:
-        """Write session.csv, session.mcap (if mcap is installed), and a GLB and tracks for each robot in its folder.
+        """Write the files of the session: session.csv, session.mcap (if mcap is installed), and motions.
 
-        For movable objects, write a GLB, tracks and a USD stage with the motion to objects/. For a simulated surgeon,
-        also write the session file.
+        The motion of each robot is written to a folder with the robot's name, as GLB and tracks. The motion of movable
+        objects is written to objects/, as GLB, tracks and USD stage. For a simulated surgeon, the session file is
+        written as well.
         """
         from twin.exchange.write.glb import write_glb
         from twin.exchange.write.tracks import write_tracks
@@ -406,7 +411,7 @@ class ConsoleSession(Result):
             self._write_mcap(folder / "session.mcap")
 
     def _columns(self) -> dict[str, Array]:
-        """Return the columns (k,) of the CSV, by name with unit."""
+        """Return the columns of the CSV file: {name with unit: values (k,)}."""
         kept = self.ran.kept
         out = {"t_s": self.t, "mode": kept["console.mode"][:, 0]}
         out |= {n: kept[f"{PEDALS}.{n}"][:, 0] for n in ("clutch", "camera", "scale")}

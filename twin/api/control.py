@@ -42,7 +42,7 @@ def track(
         plant: simulator of the robot, "mujoco" or "pinocchio"; the controller's model always uses Pinocchio.
         inertia: source of the masses, "cited" (inertia.toml) or "cad" (computed from the CAD); default: "cited" if
             inertia.toml exists, else "cad".
-        curve: whether to also compute the error for inertias that are wrong by -20..20 %.
+        curve: whether to also compute the tip error for relative inertia errors from -20 % to 20 %.
         progress: see `Progress`.
 
     Raises:

@@ -23,7 +23,7 @@ class StageCheck(Result):
     Attributes:
         folder: folder of the stage.
         fresh: number of files of the new build.
-        differing: files that differ from the new build, or are missing.
+        differing: files of the new build that the stage lacks or has with other content.
         unexpected: files that are not in the new build.
         command: command line that rebuilds the stage.
     """
@@ -47,7 +47,7 @@ class StageCheck(Result):
         ]
 
     def content(self) -> Mapping[str, Any]:
-        """Return the names of the files that differ or are unexpected, by these two keys."""
+        """Return {"differing": file names, "unexpected": file names}."""
         return {"differing": self.differing, "unexpected": self.unexpected}
 
     def text(self) -> Iterator[Part]:

@@ -51,7 +51,7 @@ class Software:
 
 @dataclass(frozen=True)
 class Share:
-    """Sessions for one process: the robot's folder or name, the campaign file, the sessions' indices, the software."""
+    """The sessions that one process runs: robot (name or folder), campaign file, session indices, software settings."""
 
     robot: str
     campaign: str
@@ -102,7 +102,7 @@ def hazards(
     streams: list[Stream[dict[str, Any]]] = [Stream(outcomes) for _ in range(count if left else 0)]
 
     def give(stream: Stream[dict[str, Any]]) -> None:
-        """Send the next sessions to a process; fewer towards the end, so that all processes end at the same time."""
+        """Send the next sessions to a process: fewer in each call, so that all processes end at about the same time."""
         size = -(-len(left) // (2 * count))
         share, left[:size] = tuple(left[:size]), []
         stream.start(Share(source or robot.name, str(path.resolve()), share, software))
@@ -146,7 +146,7 @@ def _kept(log: Log) -> str:
 
 
 def _log(folder: Path, robot: Robot, file: Path, plan: Campaign, parts: Parts) -> Log:
-    """Open or create the log of a campaign in a folder; raise `TwinError` if it has sessions of another campaign."""
+    """Open or create a campaign's log in a folder; raise `TwinError` if the log has sessions of another campaign."""
     from twin.simulation.hazards.log import Log
 
     s, digest = parts.settings, hashlib.sha256(file.read_bytes()).hexdigest()
@@ -164,7 +164,7 @@ def _require_own(plan: Campaign, log: Log) -> None:
     """Raise an error if a line of the log is not the outcome of a session of the campaign.
 
     Raises:
-        OutputError: a session is not one of the campaign, its fault differs, or a value is missing.
+        OutputError: a session in the log has an index or a fault that the campaign does not have, or lacks a value.
     """
     from twin.simulation.hazards.attacked import Outcome
 
@@ -182,7 +182,7 @@ def _require_own(plan: Campaign, log: Log) -> None:
 
 
 def outcomes(share: Share) -> Iterator[dict[str, Any]]:
-    """Run the sessions of a share and yield the log line of each session; called in a separate process."""
+    """Run the sessions of `share` in a child process; yield the log line of each session as {key: value}."""
     from twin.simulation.hazards.attacked import Session
 
     plan, arena = _arena(share.robot, share.campaign, share.software)
@@ -199,7 +199,7 @@ def outcomes(share: Share) -> Iterator[dict[str, Any]]:
 
 @lru_cache(maxsize=1)
 def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Arena]:
-    """Return the campaign, and the arena that runs its sessions; both are cached for all shares of a process."""
+    """Return the campaign, and the arena that runs its sessions; each process creates both only once."""
     from twin.simulation.hazards.attacked import Arena
     from twin.simulation.hazards.campaign import load as load_campaign
 

@@ -58,7 +58,7 @@ def validate(
         tolerances: maximum deviations; default: tolerances of exact geometry, increased by the placement precision of
             the CAD.
         stage: root layer to judge; default: the robot's own stage, or a new build if this stage is missing or outdated.
-        baked: whether the motion in `stage` was baked from `trajectory`. If it was not, differences are only warnings.
+        baked: whether the motion in `stage` was baked from `trajectory`; if False, differences are only warnings.
         progress: see `Progress`.
 
     Raises:

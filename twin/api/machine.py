@@ -33,8 +33,8 @@ def machine_parts(
         mode: name of the DAC limits in machine.toml; None: the mode of machine.toml.
         overdrive: action for DAC commands above the DAC limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
-        released: names (fields of `settings.Released`) of the faults of the released control software that are
-            reproduced; all other faults are corrected. ("none",): all are corrected; None: as in machine.toml.
+        released: faults of the released control software to reproduce: names of fields of `settings.Released`. All
+            other faults are corrected; with ("none",), every fault is corrected. None: as in machine.toml.
 
     Raises:
         TwinError: a file is missing or malformed, the mechanism has loops, the gains make a joint oscillate, a name in
@@ -79,7 +79,7 @@ def machine(
 ) -> Machine:
     """Return a machine in its home posture and in the state E_STOP.
 
-    `mass` and `friction` are factors of all masses and of all friction; `tilt` in rad turns the base about its x axis.
+    All masses are multiplied by `mass`, and all friction by `friction`; the base is rotated by `tilt` in rad about x.
     The model in the control software keeps the nominal values. `faults` change signals of
     `twin.simulation.machine.machine.LOCATIONS`.
 
@@ -100,7 +100,7 @@ class ChildMachine:
     """
 
     def __init__(self, robot: str, *, faults: Sequence[Fault] = ()) -> None:
-        """Start the machine of `robot` (name or folder), and press the machine's start button; see `machine`.
+        """Start the machine of `robot` (name or folder), and press its start button; for `faults`, see `machine`.
 
         Raises:
             DeviceError: the machine cannot be created (see `machine_parts` and `machine`), or its process has ended.
@@ -157,8 +157,8 @@ class Machines:
     """The machines of a scene, each in a child process or already running; a context manager.
 
     Attributes:
-        parts: compiled parts of the machines, by robot.
-        links: connections to the machines, by robot.
+        parts: {name of a place: compiled parts of its machine}.
+        links: {name of a place: connection to its machine}.
     """
 
     def __init__(

@@ -195,7 +195,7 @@ def operate_procedure(
 def replay_procedure(
     path: str | Path, scene: Scene | str | Path | None = None, progress: Progress = silent
 ) -> ProcedureSession:
-    """Replay the session of a procedure in a new World, compare it with the recording bit by bit, and judge it.
+    """Replay the session of a procedure in a new World; compare the replay with the recording bit by bit; judge it.
 
     The default scene is the built-in scene that the file names.
 

@@ -29,7 +29,7 @@ class Study(Result):
 
     Attributes:
         what: description of the printed values, such as "the printed means, p-values and claims".
-        titles: (title, source) of the document of each table; ("", "") for a further table of the same document.
+        titles: for each table, (title, source) of its document; ("", "") if the table before is of the same document.
         tables: tables of the documents.
         data: the tables as plain data.
         findings: values that do not follow from the printed rows.
@@ -128,7 +128,7 @@ def _users(paths: Sequence[Path]) -> Study:
 
 
 def _grouped(path: Path) -> bool:
-    """Return whether a study file compares independent groups; the loader reports faults of the file."""
+    """Return whether a study file compares independent groups; False for a malformed file, which the loader rejects."""
     import tomllib
 
     try:

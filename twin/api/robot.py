@@ -103,7 +103,7 @@ class Source:
 class Robot:
     """A robot: its mechanism from the CAD (or a USD stage) and its equations. Created by `load`; immutable.
 
-    Arrays are in SI units; poses are T_base_tool (4, 4); q is the values of the active joints, in the order of
+    Arrays are in SI units; poses are T_base_tool (4, 4); q (n,) has the values of the active joints, in the order of
     `joints`. CAD and equations are loaded when first used. `bound`, `weighed` and `with_...` return new robots with the
     same source.
 
@@ -242,7 +242,8 @@ class Robot:
     ) -> Array:
         """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
 
-        Without an inverse equation, each pose is solved from the previous solution, the first pose from `seed` (n,).
+        Without an inverse equation, each solution is searched from the solution for the pose before; the first search
+        starts at `seed` (n,).
 
         Raises:
             KinematicsError: a pose is out of reach; for several poses, the message names the index of the first one.
@@ -316,7 +317,7 @@ class Robot:
         return protocol
 
     def bound(self, protocol: Protocol) -> Robot:
-        """Return the robot with its trocars at the positions of the protocol; the same robot if the protocol has none.
+        """Return the robot with its trocars at the positions that the protocol states; without any, the same robot.
 
         The equations have parameters trocar_x, trocar_y, trocar_z for a single trocar; with several trocars, they have
         parameters trocar_NAME_x, ... for each trocar.
@@ -340,11 +341,11 @@ class Robot:
         return replace(self, parameters={**self.parameters, **values})
 
     def with_mechanism(self, mechanism: Mechanism) -> Robot:
-        """Return the robot with `mechanism`, and the masses in `mechanism`, instead of those of its source."""
+        """Return the robot with another mechanism, including its masses, instead of the mechanism of its source."""
         return replace(self, changed=mechanism)
 
     def with_transmission(self, variant: str) -> Robot:
-        """Return the robot with another matrix between motors and joints, chosen by name from its description.
+        """Return the robot with the matrix between motors and joints that its description calls `variant`.
 
         Raises:
             MechanismError: the description has no such matrix, or the matrix cannot be inverted.

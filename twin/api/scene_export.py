@@ -31,7 +31,7 @@ from twin.model.movable import together
 from twin.model.scene import Place, Scene, load_scene
 
 _TOLERANCE = 1 * UM
-"""Maximum difference in m between the world position of a link in the scene's stage and in its robot's bundle."""
+"""Maximum distance in m between two world positions of a link: in the scene's stage, and in its robot's bundle."""
 
 _RATE = 60.0
 """Rate in Hz at which the motion of organs is simulated and written."""
@@ -226,7 +226,7 @@ def _start(bundle: Bundle) -> dict[str, float]:
 
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str, Any]:
-    """Return the maximum deviation of the links in the scene's USD stage from the poses in the robots' bundles."""
+    """Return the maximum deviation between the link poses in the scene's USD stage and in the robots' bundles."""
     from twin.exchange.audit.scene import Shown, deviation
 
     shown = {p.name: Shown(p.T_world_base, *_keys(bundles[p.name])) for p in scene.places}

@@ -91,7 +91,7 @@ def operate_machine(
         seed: random seed of the trainee.
         triangles: number of triangles that the trainee traces by teleoperation.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
-        running: addresses of the machines that are already running, by robot; the others start in child processes.
+        running: {name of a place: address} of the machines that already run; the others start in child processes.
         progress: see `Progress`.
 
     Raises:
@@ -130,7 +130,7 @@ def _require_scale(scale: float | None) -> None:
 def replay_session(
     path: str | Path, scene: Scene | str | Path | None = None, progress: Progress = silent
 ) -> ConsoleSession:
-    """Replay a session in a new World, compare it with the recording bit by bit, and measure it.
+    """Replay a session in a new World, compare the replay bit by bit with the recording, and return the measures.
 
     The default scene is the built-in scene that the file names.
 
@@ -164,7 +164,7 @@ def replay_session(
 def _session(
     setup: Setup, robots: Mapping[str, Robot], ran: Ran, source: str, seed: int | None, **more: Any
 ) -> ConsoleSession:
-    """Return the result of a session with the measures of its task; `more`: further fields of the result."""
+    """Return the result of a session with the measures of its task; `more` are further fields of the result."""
     arms, task = _arms(setup, robots, ran), setup.task
     if task is not None and task.transfers:
         more["pegs"] = contact_scene.pegs(setup.scene, setup.props, task)
@@ -192,7 +192,7 @@ def _require_console(task: Task) -> None:
 
 
 def _setup(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[dict[str, Robot], Setup]:
-    """Return a console's robots and setup; the props are read only for hand forces, grasping and alignment tasks."""
+    """Return a console's robots and setup; props are read only with a `condition`, or if a task grasps or aligns."""
     robots = robots_at(console_scene.led_by(scene))
     needed = condition is not None or (task is not None and (task.grasps or task.alignment is not None))
     return robots, Setup(scene, members_of(robots), task, props_of(scene) if needed else None, condition)

@@ -78,7 +78,7 @@ def _loaded(
     load: Callable[[str], Any],
     poses: Mapping[str, Mapping[str, Array]],
 ) -> list[Still]:
-    """Load the other robots and the props; see `twin.reference.obstacles`."""
+    """Load the props and the robots that are not in `own`, as obstacles; see `twin.reference.obstacles`."""
     from twin.cad.build import read_props
     from twin.reference.obstacles import obstacles
 

@@ -30,7 +30,7 @@ _STILL = 1e-9
 
 
 class _Arm:
-    """An arm with its joint values and tool poses at the ends of its phases."""
+    """An arm to plan, with joint values and tool poses at the start and the end of each of its phases."""
 
     def __init__(self, place: Place, robot: Robot, protocol: Protocol) -> None:
         from twin.planning.led import Led, stops
@@ -57,7 +57,7 @@ class _Arm:
         self.waypoints = [protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))]
 
     def at(self, phase: int) -> int:
-        """Return the index of the row of `q` at the start of a phase; after the arm's last phase, the last row."""
+        """Return the row index in `q` of the start of a phase; for phases after the arm's last one, the last row."""
         return min(phase, len(self.q) - 1)
 
     def ends(self, phase: int) -> tuple[Array, Array]:
@@ -83,9 +83,9 @@ class _Arm:
     def keep(self, phase: int) -> Keep:
         """Return a function that tests whether this arm is within its limits and in the phase's working mode.
 
-        The working mode is the one at the start of the phase. The function's arguments are the tool poses T_world_tool
-        (k, 4, 4) of this arm (other tests use T_base_tool), and the joint values q (k, m) of the arms before this arm
-        and, in the last columns, of this arm.
+        The working mode is the one at the start of the phase. The function has two arguments: the tool poses
+        T_world_tool (k, 4, 4) of this arm (other tests use T_base_tool), and the joint values q (k, m) of all arms up
+        to this arm. The values of this arm are the last columns of q.
         """
         from twin.planning.feasible import Anchor
         from twin.planning.freeing import kept
@@ -106,10 +106,11 @@ def plan_together(
     """Return a common plan of several robots of a scene, by priority.
 
     The first phases of all protocols begin together and end together, then the second phases, and so on. The first arm
-    avoids the obstacles at rest. Each further arm also avoids the moving arms before it; the earlier arms may wait for
-    this arm. If no path is found, the opposite order of the arms is tried. Each arm satisfies the limits that `plan`
-    checks for one robot: joints and motors, speed, acceleration and jerk of the moved frame, reach, singularities and
-    working mode. The samples of each arm are checked as by `plan`.
+    avoids the obstacles at rest. Each further arm also avoids the arms before it as they move; the earlier arms may
+    wait. If no path is found, the opposite order of the arms is tried.
+
+    Each arm satisfies the limits that `plan` checks for one robot: joints and motors; speed, acceleration and jerk of
+    the moved frame; reach, singularities and working mode. `plan`'s check of the samples is applied to each arm.
 
     Args:
         scene: name or path of the scene.
@@ -122,9 +123,9 @@ def plan_together(
 
     Raises:
         CancelledError: `cancelled` returned True.
-        TwinError: the scene or a robot in it does not exist, or the robot in the scene is of another kind.
-        ProtocolError: a phase is not of type joints, positioning, home or free, a waypoint exceeds a limit or has too
-            little clearance, no arm moves in a phase, or no path was found.
+        TwinError: the scene or an arm does not exist, or the arm in the scene is another robot than the given one.
+        ProtocolError: the type of a phase is none of joints, positioning, home and free; a waypoint exceeds a limit or
+            has too little clearance; no arm moves in a phase; or no path was found.
         TimingError: no timing within the limits was found.
     """
     from twin.planning.playable import props_files
@@ -163,7 +164,7 @@ def plan_together(
 
 
 class _Plan:
-    """A plan with one order of the arms."""
+    """A common plan of several arms, for one order of their priorities."""
 
     def __init__(
         self,
@@ -184,7 +185,7 @@ class _Plan:
     def _space(self, count: int) -> JointSpace:
         """Return the joint space of the first `count` arms.
 
-        The arms after these are left out; all other robots of the scene are obstacles.
+        Later arms are not in the space; the robots of the scene that are not planned are obstacles.
         """
         from twin.model.joined import joined, owners
         from twin.reference import ReferenceModel
@@ -267,14 +268,14 @@ class _Plan:
         return PlannedTogether(self.read, self.clearance, robots, names, longest.t, phases, checked, apart)
 
     def _kind(self, a: str, b: str) -> str:
-        """Return the key of `KINDS` for two bodies, given by their names in the joint space."""
+        """Return the kind of a pair of bodies (a key of `KINDS`); `a` and `b` are their names in the joint space."""
         first, second = self.owners.get(a), self.owners.get(b)
         if first is None or second is None:
             return "to_scene"
         return "inside_arm" if first == second else "between_arms"
 
     def _resting(self) -> dict[str, Moved]:
-        """Return the scene's robots that are not planned, in the rest poses in which they were obstacles."""
+        """Return the scene's robots that are not planned, each at rest in the pose that it has as an obstacle."""
         from twin.planning.playable import Moved
 
         out = {}
@@ -321,7 +322,7 @@ def _joints(mechanism: Mechanism) -> list[tuple[str, bool]]:
 
 
 class _Course:
-    """One arm's columns of the common path; each evaluation first checks whether planning is cancelled."""
+    """The joint path of one arm: its columns of the common path. Each evaluation first checks for cancellation."""
 
     def __init__(self, path: Path, columns: slice, check: Callable[[], None]) -> None:
         self._path, self._columns, self._check = path, columns, check

@@ -9,7 +9,7 @@ from twin.core.extras import require
 
 
 def free_port(host: str, port: int) -> int:
-    """Return the given port if it is free; for 0, return any free port.
+    """Return `port` if this port is free; if `port` is 0, return any free port.
 
     Raises:
         TwinError: the port is in use (the message names a free port), or `host` is not an address of this computer.

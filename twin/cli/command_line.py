@@ -94,7 +94,7 @@ def _prepared(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
 
 
 def _kept() -> str:
-    """Return a note that names the folders in which an interrupted command has completed its files."""
+    """Return a note for an interrupted command: in which folders all files are complete."""
     from twin.core.atomic import completed
 
     folders = ", ".join(dict.fromkeys(map(str, completed)))
@@ -102,7 +102,7 @@ def _kept() -> str:
 
 
 def _trace(debug: bool) -> None:
-    """With --debug, print the traceback of the current error, without raising it: exit code 1 means "disagree"."""
+    """With --debug, print the traceback of the current error. An uncaught error would set exit code 1: "disagree"."""
     if debug:
         import traceback
 

@@ -45,7 +45,7 @@ class Cures:
         self._known: dict[tuple[object, ...], str] = {}
 
     def of(self, report: Report, protocol: str | Path | None, progress: Progress) -> Report:
-        """Return the report, with a fix added if its first cause is in the equations and a fix is found."""
+        """Add a fix to a report if the report's first cause is in the equations and a fix is found."""
         causes = report.causes
         if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
             return report
@@ -97,7 +97,7 @@ def tolerance(report: Report) -> tuple[float, float]:
 def text(found: Explanation, command: str) -> str:
     """Return one line of text on the fix of the equation rows that disagree with the mechanism; "" without a fix.
 
-    `command` is a command line that shows details; the text refers to it where necessary.
+    `command` is a command line that shows details; where necessary, the text refers to this command.
     """
     parts = [*_edits(found, command), *_numbers(found), *dict.fromkeys(c.message for c in found.conventions)]
     if not parts:

@@ -35,7 +35,7 @@ def running(given: Sequence[str] | None) -> dict[str, Address]:
 
 
 def connected(loaded: LoadedScene, given: Sequence[str] | None) -> LoadedScene:
-    """Return a scene connected to its machines; those that are not in `given` are started.
+    """Connect a scene to its machines; start the machines that are not in `given`.
 
     `given` contains the values of the option --machine.
 

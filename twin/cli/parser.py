@@ -37,7 +37,7 @@ class UsageError(Exception):
 
 
 class _Help(argparse.RawDescriptionHelpFormatter):
-    """Help formatter whose first column fits the longest command name and its indentation, which argparse ignores."""
+    """Help formatter whose first column fits every indented command name; argparse ignores the indentation."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -53,13 +53,13 @@ class _Parser(argparse.ArgumentParser):
 
 
 SHOWN = "a built-in robot or scene, the path of a robot folder, a scene or a USD stage"
-"""Help of the argument of a command that shows or exports a robot."""
+"""Help text of the robot argument, for commands that show or export a robot or a scene."""
 
 VARIANT = (
     "use another variant of an equation, such as eq1=printed; a variant name alone, such as `printed`, applies to "
     "every equation that has this variant"
 )
-"""Help of the option --variant for the equations of a robot."""
+"""Help text of the option --variant, for the equations of a robot."""
 
 
 class Command(_Parser):
@@ -98,7 +98,7 @@ class Command(_Parser):
     def integer(
         self, name: str, text: str, default: int | None = None, metavar: str = "N", least: int | None = None
     ) -> None:
-        """Add an option with a whole number, as `number` does; numbers below `least` are refused."""
+        """Add an option with a whole number; numbers below `least` are rejected."""
         self.number(name, metavar, text, default, int if least is None else _at_least(least))
 
     def seed(self, text: str) -> None:
@@ -231,7 +231,7 @@ def count(text: str) -> int:
 
 @cache
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line; it is built once, for programs that run many commands."""
+    """Return the parser of the whole command line; later calls in the same process return the same parser."""
     root = _Parser(
         prog="twin",
         description="Compare the equations of a robot with its CAD, and show where they disagree.",

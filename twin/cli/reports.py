@@ -10,12 +10,12 @@ from twin.cli import show
 
 
 def folder(protocol: str, variants: Mapping[str, str] | None) -> str:
-    """Return the name of a report's folder."""
+    """Return the name of a report's folder, made of protocol and variants."""
     return "-".join([protocol, *(f"{k}-{v}" for k, v in (variants or {}).items())])
 
 
 def write(report, folder: Path, root: Path) -> None:
-    """Write a report into a folder; include the score of the self-test if `root` has its selftest.json."""
+    """Write a report into a folder; if `root` contains selftest.json, include the score of the self-test."""
     from twin.ui.report.files import write_report
     from twin.ui.report.selftest import with_selftest
 

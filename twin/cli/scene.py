@@ -65,7 +65,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 
 
 def with_organs(loaded: LoadedScene, task: Task | None = None) -> LoadedScene:
-    """Return a scene with its soft organs; their simulator is the World in a procedure, else the scene's `feed`."""
+    """Return a scene with its soft organs. The World simulates them in a procedure; otherwise, the `feed` does."""
     found = tissues(loaded.scene)
     if task is not None and task.procedure is not None:
         return replace(loaded, organs=found)

@@ -45,7 +45,7 @@ def serve(args: argparse.Namespace) -> int:
 
 
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
-    """Return (title, function that starts the source in the event loop); raise `TwinError` for wrong arguments."""
+    """Return (title, function to create the served object in the event loop); raise `TwinError` for wrong arguments."""
     from twin.ui.headset import served
     from twin.ui.session.protocols import protocols_of
 
@@ -194,7 +194,7 @@ def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:
 
 
 def _on_ctrl_c(stopping: asyncio.Event) -> None:
-    """Make Ctrl-C request the end of the server; a second Ctrl-C ends the process."""
+    """Let the first Ctrl-C set `stopping`, which stops the server, and a second Ctrl-C end the process."""
     loop = asyncio.get_running_loop()
 
     def end() -> None:

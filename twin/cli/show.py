@@ -72,7 +72,7 @@ def finish(
 ) -> int:
     """Print a result as text or, with --json, as JSON; return its exit code.
 
-    `folder` and `files` are the written files to list; `text` replaces the whole text of the result.
+    `files` are the names of the written files in `folder`, which are listed; `text` replaces the text of the result.
     """
     if args.json:
         print(as_json({**result.as_dict(), **({} if folder is None else {"folder": str(folder)})}))
@@ -110,9 +110,9 @@ def folder(args: argparse.Namespace, *default: str) -> Path:
 
 
 def store(result: Result, args: argparse.Namespace, out: Path, more: Iterable[str] = ()) -> int:
-    """Write the page, pictures and data of a result into a folder, and finish the result.
+    """Write the page, pictures and data of a result into a folder; then print the result and return its exit code.
 
-    `more` has the names of further files in the folder, which are listed after the pictures.
+    `more` are the names of further files in the folder, to be listed after the pictures.
     """
     from twin.ui.report.files import write_result
 

@@ -123,7 +123,9 @@ def _write(
 def _what(
     args: argparse.Namespace,
 ) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front | ConsoleFront | WatchFront]]:
-    """Return (title, function of a server and further arguments of `Front` that loads the robots and opens the page).
+    """Return (title, function that loads the robots and opens the page).
+
+    The arguments of the function are a server and {name: value} of further arguments of `Front`.
 
     Raises:
         TwinError: a name or option is invalid; raised before a port opens.

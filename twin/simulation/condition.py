@@ -18,7 +18,7 @@ RUNS = 2
 """Number of runs of a participant, one with and one without forces."""
 
 _BLOCK = 4
-"""Number of successive participants of whom half begin with forces."""
+"""Number of successive participants in a block; half of the participants of each block begin with forces."""
 
 
 class Condition(Table):

@@ -46,7 +46,7 @@ HANDS = ("right", "left")
 PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
 
 ORGANS = 16e-3
-"""Time in s between two steps of organs on pages; with shorter steps, a served World lags behind real time."""
+"""Time in s between two steps of the organs in a World shown live; with shorter steps, it lags behind real time."""
 
 
 def start(place: Place, mechanism: Mechanism) -> Array:
@@ -82,9 +82,9 @@ def world(
 ) -> World:
     """Return a World in which a console controls the robots of a scene.
 
-    The camera's arm rotates about its port. Tilt is about the horizontal direction that points to the right in the
-    picture at the start; pan is about the horizontal direction perpendicular to it. The frame {H} of the hands is
-    parallel to the frame of the picture: x right, y up, z out of the picture.
+    The camera's arm rotates about its port. The axis of tilt is the horizontal direction that points to the right in
+    the picture at the start; the axis of pan is the horizontal direction perpendicular to the tilt axis. The frame {H}
+    of the hands is parallel to the frame of the picture: x right, y up, z out of the picture.
 
     Args:
         setup: a scene with a console, its robots and its task.
@@ -93,8 +93,8 @@ def world(
         dt: duration of one tick in s.
         records: whether every tick is recorded; see `World`.
         watch: blocks without outputs that read all signals at the end of a tick.
-        parts: compiled parts of the machines of the scene, by place name; `device` then also writes the states of the
-            machines (`devices.machine_states`). None: machines move like other robots, without dynamics and states.
+        parts: {name of a place: compiled parts of its machine}; `device` then also writes the states of the machines
+            (`devices.machine_states`). None: machines move like other robots, without dynamics and states.
 
     Raises:
         TwinError: the scene has no console, the camera is not on its robot's tool, a start value is wrong, or a solid
@@ -159,7 +159,7 @@ def _planned(device: Block) -> list[str]:
 def _jaws(
     hand: str, arms: Sequence[Arm], limits: Mapping[str, Limits], q: Mapping[str, Array], dt: float
 ) -> Iterator[Block]:
-    """Yield the blocks by which a hand moves the jaws of its arms; the first auxiliary joint is the jaw."""
+    """Yield a block for each arm that has a jaw: a hand moves the jaw, the first auxiliary joint of the arm."""
     for arm in arms:
         for k in np.flatnonzero(arm.kin.auxiliary)[:1]:
             low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
@@ -167,7 +167,7 @@ def _jaws(
 
 
 def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.Field, list[Block]]:
-    """Return the operating field of a procedure, and the blocks by which grippers close the jaws of tools."""
+    """Return the operating field of a procedure, and for each robot with a tool, the block that closes its jaws."""
     procedure, hands = operating_scene.procedure_of(setup.scene, setup.task), hands_of(setup.scene)
     if without := [n for n in procedure.start if n not in hands]:
         raise TwinError(f"{setup.label}: no hand of [console] moves {', '.join(without)}")
@@ -186,7 +186,7 @@ def console_of(scene: Scene) -> ConsoleTable:
 
 
 def hands_of(scene: Scene) -> dict[str, str]:
-    """Return the hand that moves each robot of a console, by robot; the robots of the right hand come first.
+    """Return {robot: hand that moves it} for a console; the robots of the right hand come first.
 
     Raises:
         TwinError: the scene has no console.
@@ -200,7 +200,7 @@ def port_in_base(place: Place) -> Array:
 
 
 def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
-    """Return the pivot of an instrument at its start joint values q (n,); None: `table` has no length for it.
+    """Return the pivot of an instrument at the start, with joint values q (n,); None if `table` lacks its length.
 
     Raises:
         TwinError: the tip is less than 1 mm from the port.
@@ -226,11 +226,11 @@ def drag(table: ConsoleTable) -> Drag:
 
 
 def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None = None) -> dict[str, float]:
-    """Return the settings of the device of a scene's console, with their first values.
+    """Return {setting: initial value} of the device of a scene's console.
 
-    `pedals.fulcrum`: which end of an instrument follows the hand, the tip or the outer end, see `pivot`.
-    `<robot>.tool`: index of the chosen tool, in the order of the scene file; in a procedure, the first value is the
-    tool at the start of the task. A scene without instruments in ports has no `pedals.fulcrum`, and a scene without
+    `pedals.fulcrum` selects the end of an instrument that follows the hand (the tip or the outer end, see `pivot`).
+    `<robot>.tool` is the index of the chosen tool, in the order of the scene file; in a procedure, its initial value is
+    the tool at the start of the task. A scene without instruments in ports has no `pedals.fulcrum`, and a scene without
     tools has no `<robot>.tool`.
     """
     table = console_of(scene)
@@ -242,7 +242,7 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None =
 
 
 def led_by(scene: Scene) -> list[Place]:
-    """Return the robots that the console of a scene moves: those of the right and the left hand, then the camera's."""
+    """Return the robots that a scene's console moves: the right hand's, then the left hand's, then the camera's."""
     table, places = console_of(scene), {p.name: p for p in scene.places}
     return [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
 
@@ -250,10 +250,8 @@ def led_by(scene: Scene) -> list[Place]:
 def identity(setup: Setup, dt: float = TICK) -> str:
     """Return the hash "sha256:..." of the inputs of `world`: console, camera, places, start values, limits and frames.
 
-    The duration `dt` of a tick in s is included if it is not `TICK`.
-
-    The equations and the version of the program are not included. Numbers are rounded to 1e-9, so that the hash does
-    not depend on the processor.
+    The duration `dt` of a tick in s is included if it is not `TICK`. The equations and the version of the program are
+    not included. Numbers are rounded to 1e-9, so that the hash does not depend on the processor.
     """
     plain, scene, task = operating_scene.plain, setup.scene, setup.task
     table = console_of(scene)
@@ -298,7 +296,7 @@ def identity(setup: Setup, dt: float = TICK) -> str:
 
 
 def _forces(setup: Setup, limits: Mapping[str, Limits], dt: float) -> list[Block]:
-    """Return the blocks of the forces on both hands."""
+    """Return the blocks that compute the forces on both hands."""
     scene, members, places = setup.scene, setup.members, setup.places
     table, names = console_of(scene), [*hands_of(scene)]  # in the order of the grippers in contact
     camera, objects = scene.cameras[table.camera].robot, [o.name for o in setup.objects]
@@ -344,7 +342,7 @@ def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:
 
 
 def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
-    """Return the pose (4, 4) of the picture's frame in the tool frame of the camera's robot; both are on one body."""
+    """Return the pose (4, 4) of the picture's frame in the tool frame of its robot; both frames are on one body."""
     tool, frame = (mechanism.frame(n) for n in (mechanism.tool, camera.frame))
     return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
 

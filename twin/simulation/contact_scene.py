@@ -56,8 +56,8 @@ def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) ->
 
     Args:
         setup: a scene with a section [contact], its robots, props and task.
-        instruments: names of the robots that touch.
-        q: joint values (n,) of the instruments at the start, by robot.
+        instruments: names of the robots that can be in contact.
+        q: {robot: joint values (n,) at the start} of the instruments.
 
     Raises:
         TwinError: the scene has no section [contact], or a solid body is not in the props.
@@ -73,13 +73,13 @@ def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) ->
 
 
 def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
-    """Return the pegs of a task by name, measured on the drawn parts.
+    """Return {name: peg} for the pegs of a task, measured on the drawn parts.
 
     The axis of a peg is its longest direction. Its free end is the end that is farther from the bounding boxes of the
     other parts of its body.
 
     Raises:
-        TwinError: a peg is not a part of a solid body, or is its only part.
+        TwinError: a peg is not a part of a solid body, or the body has no other part.
     """
     solids = _solids(scene, props)
     return {name: _peg(scene, solids, task, name) for name in sorted({t.peg for t in task.transfers})}

@@ -14,9 +14,9 @@ class Frame:
 
     Attributes:
         t: time in s.
-        link_poses: T_world_link (4, 4), by name of the robot, prop or movable object, then by name of the link. The
-            only link of a movable object has the name of the object.
-        fields: vertices (n, 3) in m, by name of the deformable.
+        link_poses: {name of a robot, prop or movable object: {link: T_world_link (4, 4)}}. The only link of a movable
+            object has the name of the object.
+        fields: {name of a deformable: vertices (n, 3) in m}.
     """
 
     t: float

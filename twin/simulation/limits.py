@@ -36,7 +36,7 @@ class Limits:
         return lower, upper
 
     def steps_of(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return the expressions of `steps`, for compiled functions."""
+        """Return the same two results as `steps`, as expressions for compiled functions."""
         reach = ca.DM(self.max_speed) * dt
         lower = ca.fmin(ca.fmax(ca.DM(self.lower) - q, -reach), reach)
         return lower, ca.fmin(ca.fmax(ca.DM(self.upper) - q, -reach), reach)

@@ -1,11 +1,13 @@
 """Local planes: surfaces at a tool, approximated between two updates of the simulation that finds the contacts.
 
-A simulation of contact or tissue updates a few planes when it steps: every few ms, or at 60 Hz. Between two updates,
-a plane does not move, and the depth of the tool in it depends on the tool's pose alone. The hand at 1 kHz therefore
-never waits for the simulation (intermediate representation; Adachi, Kumano and Ogino, IEEE VRAIS 1995).
+A simulation of contact or tissue updates a few planes in each of its steps: every few ms, or at 60 Hz. Between two
+updates, the planes do not move, and the depth of the tool in a plane depends on the tool's pose alone. Therefore, the
+force on the hand is computed at 1 kHz without waiting for the simulation (intermediate representation; Adachi, Kumano
+and Ogino, IEEE VRAIS 1995).
 
 The planes of a robot are a signal of `SIZE` numbers, `COUNT` rows of `WIDTH`; unused rows are zero. A row is (lever
-(3), normal (3), arm (3), offset): see `LocalPlane`. Everything is in the frame of the World, except the arm.
+(3), normal (3), arm (3), offset): see `LocalPlane`. All vectors are in the frame of the World, except the
+arm, which is in the frame of the tool.
 """
 
 from __future__ import annotations
@@ -71,8 +73,8 @@ class LocalPlane:
 def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
     """Return the signal (SIZE,) of at most `COUNT` of the planes at T_world_tool (4, 4).
 
-    Planes are selected in turn: next is the plane in which the tool would be deepest after it had left the
-    planes selected before. So the planes of one side do not use up the rows that planes of another side need.
+    The planes are selected one by one. The next plane is the one in which the tool is deepest when it has been moved
+    out of the planes selected before. Thus similar planes on one side of the tool do not fill all rows.
     """
     out = np.zeros((COUNT, WIDTH))
     depths, normals = np.array([plane.depth(T_world_tool) for plane in planes]), np.array([p.normal for p in planes])

@@ -1,4 +1,4 @@
-"""The machines of a scene in a World: trainers that write packets, models, and cues (forces) on the hands."""
+"""The machines of a scene in a World: their trainers (which write packets), models, and cues (forces on the hands)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def cue(table: TrainerTable) -> Cue:
 
 
 class Arm(Protocol):
-    """A drawn robot; see `twin.simulation.world.Placed`."""
+    """What a model needs of its machine: mechanism and function of the link poses, as in `world.Placed`."""
 
     @property
     def mechanism(self) -> Mechanism: ...  # noqa: D102
@@ -58,10 +58,10 @@ class Arm(Protocol):
 
 
 class Machined:
-    """The machines of a World.
+    """Creates the controllers, models and cues for the machines of a World.
 
     Attributes:
-        parts: compiled parts of the machines, by robot; empty: there are no machines.
+        parts: {robot: compiled parts of its machine}; empty: there are no machines.
     """
 
     def __init__(self, scene: Scene, parts: Mapping[str, Parts]) -> None:

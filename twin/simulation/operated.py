@@ -1,4 +1,4 @@
-"""Trials of a simulated operator on one robot, and their result: `twin operate`."""
+"""Trials of a simulated operator on one robot, and the result of these trials (`twin operate`)."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _LAST = {"provenance", "note"}
 
 @dataclass(frozen=True)
 class Field:
-    """The operating field: the plant that simulates organs and tools, and the deformables and objects that it moves."""
+    """The operating field: a plant that simulates organs and tools; the deformables and objects moved by the plant."""
 
     plant: Operating
     deformables: Sequence[Deformable]
@@ -52,12 +52,12 @@ def procedure_of(scene: Scene, task: Task | None) -> ProcedureTable:
 
 
 def port_of(place: Place) -> Array:
-    """Return the position (3,) in m in the World of the port for a robot's only trocar."""
+    """Return the position (3,) of the port of a robot that has only one trocar, in m in the World."""
     return next(iter(place.p_world_ports.values()))
 
 
 def bound(place: Place, mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism with its trocar at the port of its place; unchanged if it has no trocar."""
+    """Return a mechanism with its trocar at the port of `place`; without a trocar, the mechanism is unchanged."""
     if not mechanism.trocars:
         return mechanism
     T = place.T_world_base

@@ -2,15 +2,15 @@
 
 The smallest displacement w that leaves planes with normals n_i and depths x_i minimises |w|^2 / 2, subject to
 n_i . w >= x_i (Zilles and Salisbury, IROS 1995; Ruspini, Kolarov and Khatib, SIGGRAPH 1997). If planes squeeze the
-tool, as in a slot that is narrower than the tool, there is no such w, or w is long, and its direction is sensitive to
-the normals. Therefore w minimises |w|^2 / 2 + REACH s, where s >= 0 is the largest depth that remains. If a short
+tool, as in a slot narrower than the tool, either there is no such w, or w is long and its direction is sensitive
+to the normals. Therefore w minimises |w|^2 / 2 + REACH s, where s >= 0 is the largest depth that remains. If a short
 displacement leaves all planes, s is 0. Otherwise, w is the displacement of a tool that is smaller by s on all sides and
 therefore fits: in a slot, w moves the tool to the middle.
 
-The dual problem has a push p_i >= 0 for each plane, sum p_i = REACH, with one more plane n = 0, x = 0 for s >= 0. An
-optimum has at most four planes, and it is the best one among the stationary points of all sets of up to four planes
-(docs/derivations.md). There are few planes, hence all sets are computed: the number of operations is the same in each
-tick, without iterations and without branches.
+The dual problem has a push p_i >= 0 for each plane, and the sum of all p_i is REACH. The condition s >= 0 adds a plane
+with n = 0 and x = 0. There is an optimum with at most four positive pushes. It is therefore the best of the
+stationary points of all sets of up to four planes (docs/derivations.md). There are few planes, hence all sets are
+computed: the number of operations is the same in each tick, without iterations and without branches.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ _MOST = 4
 """Number of planes in the largest set."""
 
 _REGULAR, _LEAST = 1e-10, 1e-20
-"""Smallest pivot of a set of independent planes; value in m2 that a set must exceed to be used."""
+"""Pivot above which the planes of a set are independent; dual value in m2 above which a set is used."""
 
 
 @dataclass(frozen=True)
 class _Set:
-    """A set of planes, with the factors L D L' of the matrix G of n_i . n_j + 1.
+    """A set of planes, with the factors L D L' of the matrix G with the elements n_i . n_j + 1.
 
     Attributes:
         planes: indices of the planes.
         regular: whether the planes are independent.
-        rows, pivots: rows of L left of the diagonal; D.
+        rows, pivots: rows of L, left of the diagonal; diagonal of D.
         depths, ones: D^-1 L^-1 times depths x and times (1, ..., 1).
         way, unit: sums of the components of G^-1 x and of G^-1 (1, ..., 1).
     """

@@ -42,7 +42,7 @@ PORT_TOLERANCE = 0.1e-3
 
 @dataclass(frozen=True)
 class Actor:
-    """A robot of the scene with its trajectory; `trocars`: positions (3,) in m in its base, by name of the trocar."""
+    """A robot of the scene with its trajectory; `trocars` is {trocar: position (3,) in m in the robot's base}."""
 
     place: Place
     mechanism: Mechanism
@@ -57,7 +57,7 @@ class Played(Result):
     Attributes:
         scene, actors, props: the scene, its robots, and its props (None: no props).
         t: (k,) times in s at which clearances are measured.
-        by_pair: minimum clearances of each pair of owners (robots, props).
+        by_pair: {(owner, owner): minimum clearance at each time}; the owners are robots and props.
         findings: findings on collisions, clearances below the required one, and robots whose RCM is not at their port.
     """
 
@@ -145,7 +145,7 @@ def _duration(actors: Sequence[Actor]) -> float:
 
 
 def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Array]:
-    """Return the positions (3,) in m of a robot's trocars in the robot's base, by name of the trocar.
+    """Return {trocar: position (3,) in m in the robot's base}.
 
     The result for a robot without trocars is the first RCM of its motion, with the name "".
 
@@ -186,7 +186,7 @@ def play(
     props: Mechanism | None,
     progress: Callable[[str, float], None] = lambda label, fraction: None,
 ) -> Played:
-    """Play all robots until the last one ends, and check clearances and ports."""
+    """Play the protocols until the last robot has ended its motion; check clearances and distances from ports."""
     duration = _duration(actors)
     ticks = max(int(duration * RATE), 1)
     moving = world(actors, props, duration / ticks)
@@ -217,7 +217,7 @@ def play(
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
-    """Return a finding for the nearest pair at sample k; if a pair overlaps at the start, suggest a later start."""
+    """Return a finding on the nearest bodies at sample k; if bodies overlap at the start, on these instead."""
     a, b = found.pair[k]
     least, start = float(found.distance[k]), float(found.distance[0])
     what, code = "come too close", "scene.near"

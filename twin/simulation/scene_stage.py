@@ -1,4 +1,4 @@
-"""Write one USD stage for a scene. It references the robots' stages at their places, and has props and cameras.
+"""Write one USD stage for a scene. The stage has props and cameras, and references each robot's stage at its place.
 
 Props do not move: they are static colliders with their exact triangles. Engines accept exact triangles only for static
 colliders. Collisions of bodies that touch by design are switched off. Movable objects are rigid bodies in start pose.
@@ -55,8 +55,8 @@ def write_scene(
     Args:
         scene: the scene.
         folder: output folder, created if it does not exist.
-        stages: by robot, path of the layer with the robot's motion, as written into the root layer.
-        mechanisms: mechanism by robot, to find the bodies that carry cameras.
+        stages: {robot: path of the layer with the robot's motion, as written into the root layer}.
+        mechanisms: {robot: mechanism}, to find the bodies that carry cameras.
         props: mechanism of the props; None: no props.
         duration: duration of the longest motion in s.
         bends: motions of the deformables.
@@ -97,7 +97,7 @@ def write_scene(
 
 
 def _objects(stage: Usd.Stage, scene: Scene, folder: Path) -> Path:
-    """Write the shapes of the movable objects, and make them rigid bodies of the scene; return the layer of shapes."""
+    """Write the shapes of the movable objects, and make them rigid bodies of the scene; return the shapes' layer."""
     mechanism = together(scene.objects, OBJECTS)
     shapes = write_geometry(mechanism, folder / f"{OBJECTS}.usdc", mechanism.rest)
     UsdGeom.Xform.Define(stage, f"/{scene.name}/{OBJECTS}")

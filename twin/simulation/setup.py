@@ -31,9 +31,9 @@ class Setup:
 
     Attributes:
         scene: the scene.
-        members: robots, by place name.
+        members: {name of a place: its robot}.
         task: a task; None: no task. If the task has rings, the instruments touch objects and the solid bodies of the
-            props. In a procedure, the grippers of the hands close the jaws of tools, which act on the organs.
+            props. In a procedure, the grippers of the hands close the jaws of tools, and the tools act on the organs.
         props: mechanism of the props; only needed for a task with rings, and for the forces of contacts.
         condition: condition of the session; None: the World has no forces on the hands. With forces on the hands, the
             instruments touch the solid bodies and each other in every task.
@@ -49,7 +49,7 @@ class Setup:
 
     @property
     def places(self) -> dict[str, Place]:
-        """The places of the robots, by name."""
+        """{name: place} of all robots of the scene."""
         return {p.name: p for p in self.scene.places}
 
     @property
@@ -74,5 +74,5 @@ class Setup:
 
     @property
     def felt(self) -> bool:
-        """Whether the forces on the hands include those of contacts."""
+        """Whether the forces on the hands include contact forces."""
         return self.condition is not None and self.scene.contact is not None and self.props is not None

@@ -29,7 +29,7 @@ def tissues(scene: Scene, drawn: Mechanism | None) -> tuple[Tissue, ...]:
 
 
 def touching(scene: Scene) -> dict[str, list[str]]:
-    """Return the bodies that touch organs, by robot."""
+    """Return {robot: names of its bodies that touch organs}."""
     out: dict[str, list[str]] = {}
     for name in () if scene.anatomy is None else scene.anatomy.touching:
         robot, body = name.split("/")
@@ -54,7 +54,7 @@ def links(scene: Scene, mechanisms: Mapping[str, Mechanism], q: Mapping[str, Arr
 
 
 def followed(tissues: Sequence[Tissue], tools: Sequence[Tool], poses: Sequence[Array], period: float) -> list[Bend]:
-    """Return the motions of the organs during a motion of the links.
+    """Return the motions of the organs that a motion of the links causes.
 
     Args:
         tissues: the organs.

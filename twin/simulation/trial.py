@@ -30,7 +30,7 @@ class Record:
         pedal: (k,) bool, whether the pedal is pressed.
         q: (k, n) joint values in m or rad.
         Ts_base_tool: (k, 4, 4) tool poses.
-        spans: (first row, last row) of each goal that was started, by name.
+        spans: {goal: (first row, last row)} of each goal that was started.
         missed: name of the goal that the operator gave up, after which the trial ends; "": none was given up.
     """
 
@@ -101,7 +101,7 @@ def operate(
 
 
 def record_of(recording: Recording, kin: Kinematics, goals: Sequence[Goal], missed: str = "") -> Record:
-    """Return the record from a recording of a World made by `world`: the last row of each teleoperation tick."""
+    """Convert a recording of a World from `world` to a `Record`; each row is the last tick of a teleoperation tick."""
     at = slice(INNER - 1, None, INNER)
     goal = recording["hand.goal"][at, 0]
     joints = recording[f"{kin.formula.name}.q"][at]
@@ -128,8 +128,8 @@ class Measures:
         time: time in s from the first press of the pedal to the end.
         presses: number of presses of the pedal.
         path: length in m of the tip's path, including tremor.
-        contacts: for each insertion, whether the tip touched: at most `contact` from the axis, and at most `contact`
-            short of the end along the axis.
+        contacts: for each insertion, whether the tip touched: its distance from the axis, and its distance from the
+            end along the axis, were both at most `contact` (see `measure`); a tip beyond the end counts as well.
         nearest: for each insertion, minimum distance in m of the tip from the end.
         aside: for each insertion, maximum distance in m of the tip from the axis.
     """

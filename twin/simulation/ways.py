@@ -36,7 +36,7 @@ class Ways:
 
     @property
     def clearance(self) -> float:
-        """Clearance in m that a way usually keeps: the required clearance of the scene."""
+        """Usual minimum clearance of a way in m: the required clearance of the scene."""
         return self._scene.clearance
 
     @cached_property
@@ -60,7 +60,7 @@ class Ways:
         return float((np.minimum(q - low, high - q) / (high - low))[~kin.auxiliary].min())
 
     def obstacles(self, robot: str, q: Mapping[str, Array], objects: Mapping[str, Array]) -> list[Still]:
-        """Return the obstacles of an arm, in its base frame: the other robots, the props and objects; see `plan`."""
+        """Return the obstacles of an arm (other robots, props, objects) in its base; for the arguments, see `plan`."""
         T_world_base, poses = self._places[robot].T_world_base, {}
         for name in q.keys() - {robot}:
             links = self._models[name].solve(q[name]).link_poses
@@ -80,14 +80,14 @@ class Ways:
         clearance: float,
         seed: int = 0,
     ) -> list[Array]:
-        """Return poses (4, 4) of the tool in the World along a way that keeps the clearance, the last one at the goal.
+        """Return poses (4, 4) of the tool in the World along a way with the clearance; the last pose is at the goal.
 
         Args:
             robot: the arm that moves.
             goal: joint values (n,) of this arm at the end.
-            q: present joint values (n,) by robot, of this arm and of other robots; robots without values are in their
+            q: {robot: present joint values (n,)} of this arm and of other robots; robots without values are in their
                 rest pose.
-            objects: present poses (4, 4) in the World of the objects that are obstacles, by name.
+            objects: {object: present pose (4, 4) in the World} of the objects that are obstacles.
             clearance: minimum distance in m from bodies that do not touch the arm by design.
             seed: random seed of the search.
 
@@ -103,7 +103,10 @@ class Ways:
 
 
 def _stations(Ts: Array) -> list[int]:
-    """Select from poses (k, 4, 4) at steps of about `_STEP` and `_TURN`, with the last pose; return the indices."""
+    """Return the indices of some of the poses (k, 4, 4) along a way, among them the last pose.
+
+    Between neighbouring selected poses, the tool moves at most about `_STEP` and turns at most about `_TURN`.
+    """
     moved = np.linalg.norm(np.diff(Ts[:, :3, 3], axis=0), axis=1) / _STEP
     turns = [spatial.log_so3(a[:3, :3].T @ b[:3, :3]) for a, b in pairwise(Ts)]
     turned = np.linalg.norm(turns, axis=1)

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
-    """Return the twin, connected to its machine.
+    """Return a mirror of the robot, connected to the machine whose states it shows.
 
     Raises:
         TwinError: nothing answers at --states, or the port of --packets is in use.

@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _at_console(file: Path, args: argparse.Namespace) -> int:
-    """Simulate a surgeon at the console or the instruments of a scene.
+    """Simulate a surgeon at a console, a trainee at machines, or a surgeon in a procedure, as the scene requires.
 
     Write the session, and the same files as `twin session --out`.
     """

@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _drawn(what: str, searches: Mapping[str, Rounds], folder: Path) -> list[str]:
-    """Draw the rounds of the searches of a plan, if there are any; return the names of the written files."""
+    """Plot the path cost in each round of the path searches, if there are any; return the written file names."""
     if not searches:
         return []
     from twin.ui.report import rounds, style

@@ -1,4 +1,4 @@
-"""`twin run`: build, plan and validate a robot; play a scene."""
+"""`twin run`: build, plan and validate a robot, or play a scene."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Build, plan and validate a robot; play a scene."""
+    """Build, plan and validate a robot, or play a scene."""
     from twin import api
     from twin.cli import reports, scene, show
     from twin.cli.chosen import protocols

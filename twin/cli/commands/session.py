@@ -28,7 +28,7 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Replay the session and print its measures; with --out, write page, picture and data.
 
-    The exit code is 1 if the replay differs from the recording, or if a target was not touched or a check failed.
+    The exit code is 1 if the replay differs from the recording, a target was not touched, or a check failed.
     """
     from twin.cli import show
 

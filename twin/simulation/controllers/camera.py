@@ -101,7 +101,7 @@ def _compile(drag: Drag, dt: float) -> Evaluator:
 
 
 def view(at: Array) -> Array:
-    """Return the pose (4, 4) of the picture about the remote centre; `at`: pan, tilt, depth, roll in rad and m."""
+    """Return the pose (4, 4) of the picture in the remote centre's frame; `at`: pan, tilt, depth, roll in rad and m."""
     return np.array(ca.DM(_view(ca.DM(at))))
 
 
@@ -111,7 +111,7 @@ def _view(at: ca.SX | ca.DM) -> ca.SX:
 
 
 def looking(T: Array) -> Array:
-    """Return pan, tilt, depth and roll (4,) for a picture at T (4, 4) about the remote centre: inverse of `view`.
+    """Return pan, tilt, depth and roll (4,) for a pose T (4, 4) of the picture: the inverse of `view`.
 
     Raises:
         WorldError: the line of sight does not pass through the remote centre.
@@ -131,7 +131,7 @@ def looking(T: Array) -> Array:
 def hands(at: Array, wanted: Array, right: Array, left: Array, drag: Drag) -> tuple[Array, Array]:
     """Return the positions (3,) in m of the right and of the left hand that move the camera to `wanted`.
 
-    Inverse of `Dragging.step`.
+    This function is the inverse of `Dragging.step`.
 
     Args:
         at: (4,) pan, tilt, depth, roll when the hands were coupled, in rad and m.

@@ -41,7 +41,7 @@ equation = Equations(PAPER, variant="decoupled")
     why="rotations change frame by R_T alone, translations by R_T and scale; each body rotates about its own origin",
 )
 def eq2(W_0, W_1, T, scale):
-    """Return the tool motion (4, 4) in the base frame {RB}, translation in m. Eq. (1) moves the tool by it."""
+    """Return the tool motion (4, 4) in the base frame {RB}, translation in m; eq. (1) applies this motion."""
     R = T[:3, :3]
     dW = pose(R @ W_1[:3, :3] @ W_0[:3, :3].T @ R.T, scale * R @ (W_1[:3, 3] - W_0[:3, 3]))
     return dW
@@ -171,14 +171,14 @@ def eq7_paper(P_0, P_1, W_0, W_1, T):
 
 
 EQUATIONS: Mapping[str, Equation] = {e.name: e for e in equation}
-"""Equations by name, in the order of this file."""
+"""{name: equation}, in the order of this file."""
 
 READINGS: Mapping[str, Mapping[str, str]] = {
     "paper": {"eq1": "paper", "eq2": "paper", "eq4": "paper", "eq5": "paper", "eq7": "paper"},
     "conjugate": {"eq1": "conjugate", "eq2": "conjugate"},
     "decoupled": {},
 }
-"""Readings of the whole console by name: the variant of each equation that differs from the correct reading."""
+"""{name of a reading of the console: {equation: variant}}; equations that are not listed have the correct variant."""
 
 
 @dataclass(frozen=True)
@@ -187,8 +187,8 @@ class Console:
 
     Attributes:
         name, title, source: name, title and source document of the console.
-        variants: reading of each equation, by name of the equation.
-        laws: function of each equation, by name of the equation; tests may replace functions.
+        variants: {equation: its reading}.
+        laws: {equation: its function}; tests may replace functions.
         force_model: name of the force model of eq. (5).
         force_units: units of stiffness and damping; "" if not printed.
         turn_unit: unit of the result of eq. (4).
@@ -227,7 +227,7 @@ def console(variants: Mapping[str, str] | None = None) -> Console:
     """Return the paper's console.
 
     Args:
-        variants: readings that differ from the correct one, by equation; None: all equations are corrected.
+        variants: {equation: reading} for readings other than the correct one; None: all readings are the correct one.
 
     Raises:
         KinematicsError: there is no equation or reading of this name.

@@ -11,7 +11,7 @@ from twin.core.spatial import Array
 from twin.simulation.controllers.teleoperation import Teleoperation
 
 _DISTANCE, _HOLD = 0.03, 4.0
-"""Displacement of the handle, in the unit of its coordinates; duration in s of each step of the test."""
+"""Displacement of the handle in the test, in the unit of the handle's coordinates; duration of each step in s."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class ClutchReport:
 
 
 def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) -> Array:
-    """Return the positions (k + 1, n) of an ideal tool for handle positions (k, n) and pedal states (k,)."""
+    """Return the positions (k + 1, n) of an ideal tool, first `tool` (n,), for handles (k, n) and pedals (k,)."""
     out = [np.asarray(tool, float)]
     for x, pressed in zip(handle, pedal, strict=True):
         out.append(out[-1] + controller.dt * controller.step(x, out[-1], bool(pressed)))

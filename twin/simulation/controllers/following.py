@@ -1,7 +1,7 @@
 """Move a tool by a hand: start condition, control law, and jumps of the hand.
 
 The control law is that of the da Vinci Research Kit: p = p0 + s (h - h0) and R = R_H A0. A0 = R_H0^T R0 is the rotation
-between hand and tool at the time when the hand was coupled (index 0); it stays constant. Here, the law is computed by
+between hand and tool at the time when the hand was coupled (index 0); A0 stays constant. Here, the law is computed by
 eqs (1) and (2) of `console`. The hand is coupled again after the clutch, when the motion scale or the frame of the view
 changes, and when the hand jumps.
 """
@@ -129,7 +129,7 @@ class Following:
         return self.goal
 
     def _couple(self, W_0: Array, P_0: Array, T: Array, scale: float, hand: Array) -> None:
-        """Couple the hand at W_0 with the tool at P_0, and compute this tick again."""
+        """Couple the hand at W_0 with the tool at P_0, each (4, 4); then repeat this tick with the pose `hand`."""
         self._coupled = T, scale
         self._tick.couple(W_0, P_0, T, scale)
         self._tick(hand, self.goal)
@@ -200,7 +200,7 @@ class HandToPose(Block):
             arms: the arms, in the order in which taps select them.
             q: joint values (n,) of each arm at the start.
             T_view_hand: (4, 4) pose of {H} in the frame of the picture.
-            view: (4, 4) frame of the picture in the World, or the name of the camera that writes this frame.
+            view: (4, 4) frame of the picture in the World, or the name of the movable camera that writes this frame.
             dt: duration of one tick in s.
             plans: whether a device writes planned motions of the arms.
 
@@ -221,7 +221,7 @@ class HandToPose(Block):
             self.outputs |= {f"{a.robot}.target": [0, *T.ravel()] for a, T in zip(arms, self._tools, strict=True)}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
-        """Keep views of the signals."""
+        """Store views of the signals that this block reads."""
         now = signals.now
         self._pose = now[f"{self.hand}.pose"].reshape(4, 4)
         self._grip, self._scale = now[f"{self.hand}.grip"].item, now[f"{self.device}.scale"].item
@@ -268,7 +268,7 @@ class HandToPose(Block):
         return self.arms[i].kin.forward(signals[f"{self.arms[i].robot}.encoder"], self._tools[i])
 
     def _state(self, i: int, signals: Signals) -> float:
-        """Return the state of the plan of an arm; couple the hand again if the state has changed."""
+        """Return the state of an arm's plan (`controllers.planned`); if it has changed, couple the hand again."""
         state, before = self._planned[i].item(0), self._states[i]
         if state != before:
             self._states[i] = state
@@ -291,7 +291,7 @@ class HandToPose(Block):
             goal[...] = pivot.tool(led, self._direct)
 
     def _poses_of_hand(self) -> list[Array]:
-        """Return the pose of {H} in the base of each arm; the same arrays as before if the view has not moved."""
+        """Return the pose (4, 4) of {H} in the base of each arm; recompute the poses only if the view has moved."""
         seen = self._camera.tobytes()
         if seen != self._view[0]:
             T_world_hand = self._camera.reshape(4, 4) @ self._T_view_hand

@@ -20,12 +20,12 @@ from twin.simulation.local_plane import COUNT, SIZE, WIDTH
 from twin.simulation.proxy import proxy
 
 DEVICE_DAMPING = 2.0
-"""Damping in N s/m of a pen with the fingers that hold it; ASSUMED: no value is published for this pen."""
+"""Damping in N s/m of a pen and the fingers that hold it; ASSUMED: no value is published for this pen."""
 
 FORCE, LAST, ENERGY, DEPTH, RATE = slice(0, 3), slice(3, 6), 6, 7, 8
 STATE = 9
-"""Indices in the state of a hand, and number of values of the state: force (3,) in N and position (3,) in m of the hand
-in this tick, both in {H}; observed energy in J; depth in m; filtered rate of the depth in m/s."""
+"""Number of values of the state of a hand. Their indices: FORCE (3,) in N, and LAST (3,), the position of the hand in
+this tick in m, both in {H}; ENERGY, observed, in J; DEPTH in m; RATE, the filtered rate of the depth in m/s."""
 
 _AT_LIMIT = 1e-6
 """Tolerance in rad or m within which a joint counts as being at its limit."""
@@ -39,7 +39,7 @@ class Surface:
         stiffness: stiffness of a surface in N/m.
         damping: damping of a surface in N s/m.
         largest: limit in N of the total force on a hand; a larger force is clipped.
-        device_damping: damping in N s/m of the device with the fingers that hold it.
+        device_damping: damping in N s/m of the device and the fingers that hold it.
     """
 
     stiffness: float = STIFFNESS
@@ -62,7 +62,7 @@ def hand_force(
         laws: equations of the console.
         surface: parameters of the forces.
         limits: joint limits of the arm.
-        moves: (n,) whether a joint moves the tool.
+        moves: (n,) bool, whether each joint moves the tool.
         sources: number of signals with planes.
         dt: duration of a tick in s.
         bounds: whether the observed energy bounds the force.

@@ -31,7 +31,7 @@ class Pace:
 
     Attributes:
         speed, turn: maximum speeds of the tool, in m/s and rad/s.
-        jump, twist: largest hand motion in one tick, in m and rad; after a larger one, the hand is coupled again.
+        jump, twist: largest hand motion in one tick, in m and rad; a larger motion is a jump: the hand is coupled anew.
     """
 
     speed: float = 0.5
@@ -45,7 +45,7 @@ class HandStep:
 
     Attributes:
         rigid: whether the hand's pose was a rigid pose in the last call.
-        jumped: whether the hand had moved farther from `last` than `Pace.jump` or `Pace.twist` allow.
+        jumped: whether the hand moved more than `Pace.jump` or turned more than `Pace.twist` in the last call.
         wanted: (4, 4) tool pose in {RB} by the equations, without speed limits.
         goal: (4, 4) tool pose in {RB} after the tick: from the previous goal towards `wanted`, within the limits.
         last: (4, 4) pose of the handle one tick earlier; the caller writes into this array.
@@ -114,7 +114,7 @@ def _has_jumped(last: ca.SX, hand: ca.SX, pace: Pace) -> ca.SX:
 
 
 def _apart(T: ca.SX, other: ca.SX) -> ca.SX:
-    """Return 4 (1 - cos angle) as |R1 - R2|^2 (Frobenius): faster than with a matrix logarithm."""
+    """Return 4 (1 - cos angle) for the angle between two poses, as |R1 - R2|^2 (Frobenius): faster than by a log."""
     return ca.sumsqr(ca.vec(other[:3, :3] - T[:3, :3]))
 
 
@@ -123,7 +123,7 @@ def _chord(angle: float) -> float:
 
 
 def _towards(T: ca.SX, wanted: ca.SX, way: float, turn: float) -> ca.SX:
-    """Return the pose after one step from T towards `wanted`, of at most `way` in m and `turn` in rad."""
+    """Return the pose after a step of at most `way` in m and `turn` in rad from T towards `wanted`."""
     step = wanted[:3, 3] - T[:3, 3]
     length = symbolic.norm(step)
     far = length > way

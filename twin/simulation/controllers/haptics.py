@@ -1,7 +1,8 @@
 """Forces on the hands of a console: surfaces that the instruments touch, limits of the arms, and grasps of objects.
 
 The law is eq. (5) of `console`: F = -k x - c dx/dt along the normal, clipped, never pulling inwards. The paper renders
-the pulse of a grasp, walls, and a held ring against pegs. Contact of two instruments and of shafts is added here.
+the pulse of a grasp, walls, and a held ring against pegs. Added here are contacts between two instruments and contacts
+of shafts.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class FeltArm:
         kin: the robot's equations.
         limits: the robot's joint limits.
         T_world_base: (4, 4) pose of the robot's base.
-        index: index of the robot's gripper in `<object>.holder`; -1: the robot has no gripper.
+        index: number of the robot's gripper, as in `<object>.holder`; -1: the robot has no gripper.
     """
 
     robot: str
@@ -48,7 +49,7 @@ class FeltArm:
 
 
 class HapticSwitch(Block):
-    """Writes `haptics.on`: `<device>.haptics` if the device has this signal, else the value given at the start."""
+    """Writes `haptics.on`: the value of `<device>.haptics`; if there is no such signal, the value `on`."""
 
     def __init__(self, device: str, on: bool = True) -> None:
         """Connect to a device."""
@@ -61,7 +62,7 @@ class HapticSwitch(Block):
 
 
 class HapticHand(Block):
-    """Computes the force on one hand; a plant that runs after the plants that move robots and find contacts.
+    """Computes the force on one hand; must be placed after all plants that move robots or find contacts.
 
     Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; `<robot>.follows`,
     `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>` of the arm that the hand controls; and
@@ -88,7 +89,7 @@ class HapticHand(Block):
             device: name of the device of pedals and scale.
             camera: name of the camera's arm.
             arms: the arms of this hand, in the order in which taps select them.
-            sources: last parts of the names of signals with planes, such as "planes"; see `local_plane`.
+            sources: names of signals with planes (see `local_plane`), without the robot: "planes" for `<robot>.planes`.
             objects: names of objects whose grasp causes a pulse of the force.
             surface: parameters of the forces; None: the defaults.
             dt: duration of a tick in s.
@@ -126,7 +127,7 @@ class HapticHand(Block):
             self._calls.append(attach(law, self._state, self._pulse, *given, base, tool, *more))
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
-        """Compute the force of this tick, which the device holds until the next one."""
+        """Compute the force of this tick; the device applies this force until the next tick."""
         if self._fresh:  # before the first tick, the device has written no pose
             self._state[LAST], self._fresh = self._pose[:3, 3], False
         i = int(self._taps()) % len(self._arms)

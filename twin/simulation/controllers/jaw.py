@@ -21,7 +21,7 @@ class Grip:
 
     Attributes:
         travel: travel of the gripper that moves the jaw from its lower to its upper angle.
-        fast, slow: largest rates of the jaw: in normal use; after use of the clutch.
+        fast, slow: largest rates of the jaw: `fast` in normal use, `slow` after use of the clutch.
         near: difference between jaw and gripper below which the slow rate ends.
     """
 
@@ -41,13 +41,13 @@ class Jaw:
     """
 
     def __init__(self, lower: float, upper: float, angle: float, dt: float, grip: Grip | None = None) -> None:
-        """Start at `angle` in rad; `lower` is the lower limit, `upper` the angle for an open gripper, both in rad."""
+        """Start at the jaw angle `angle`; the lower limit is `lower`, and an open gripper means `upper`, all in rad."""
         self.lower, self.upper, self.angle, self.dt, self.grip = lower, upper, angle, dt, grip or Grip()
         self.closed = math.inf
         self._slow, self._led = True, False
 
     def step(self, grip: float, follows: bool) -> float:
-        """Return the angle of the jaw in rad after one tick; it is constant while the arm does not follow the hand."""
+        """Return the jaw angle in rad after one tick; while the arm does not follow the hand, the jaw is at rest."""
         if not self._led:
             self.closed = min(self.closed, grip)
         if not follows:

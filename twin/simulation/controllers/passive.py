@@ -2,7 +2,7 @@
 
 A force that is held for a tick while the hand moves is a source of energy. The energy observer of a hand adds up the
 energy that the hand has put in: E += b |dh|^2 / T - F . dh in every tick. Here dh in m is the motion of the hand, F in
-N the held force, T in s the tick, and b in N s/m the damping of the device with the fingers that hold it. The first
+N the held force, T in s the tick, and b in N s/m the damping of the device and the fingers that hold it. The first
 term is a lower bound of the energy that the damping dissipates (exact at constant speed). In one tick, a force F
 reduces E by at most |F|^2 T / (4 b), for any dh. Therefore a force of at most sqrt(4 b E / T) never makes E negative,
 for any motion of the hand and any delay of the surface data.
@@ -37,8 +37,8 @@ def needed_damping(stiffness: float, damping: float, dt: float) -> float:
     frequencies w up to pi / T. Without a filter, the condition is b > K T / 2 + |B| (K: stiffness, B: damping).
 
     Args:
-        stiffness: of the surface in N/m.
-        damping: of the surface in N s/m.
+        stiffness: stiffness of the surface in N/m.
+        damping: damping of the surface in N s/m.
         dt: duration of a tick in s.
     """
     z = np.exp(1j * np.linspace(1e-3, np.pi, 4000))
@@ -51,10 +51,10 @@ def require_passive(stiffness: float, damping: float, largest: float, device_dam
     """Check that the parameters of a surface are in range, and that the surface is passive on the device.
 
     Args:
-        stiffness: of the surface in N/m.
-        damping: of the surface in N s/m.
+        stiffness: stiffness of the surface in N/m.
+        damping: damping of the surface in N s/m.
         largest: force in N at which the force of the surface is clipped.
-        device_damping: damping in N s/m of the device with the fingers that hold it.
+        device_damping: damping in N s/m of the device and the fingers that hold it.
         dt: duration of a tick in s.
 
     Raises:
@@ -92,13 +92,13 @@ def stored(depth: ca.SX, stiffness: float, largest: float) -> ca.SX:
 
 
 def bounded(force: ca.SX, energy: ca.SX, device_damping: float, dt: float) -> ca.SX:
-    """Return the force (3,) in N, shortened so that the next tick cannot use more than the energy in J."""
+    """Return a force (3,) in N, shortened so that it cannot use more than `energy` in J in the next tick."""
     most = ca.sqrt(4 * _MARGIN * device_damping / dt * ca.fmax(energy, 0))
     return force * ca.fmin(1, most / ca.fmax(_length(force), 1e-12))
 
 
 def clipped(force: ca.SX, largest: float) -> ca.SX:
-    """Return the force (3,) in N, shortened to at most `largest` in N."""
+    """Return a force (3,) in N, shortened to the length `largest` in N if it is longer."""
     return force * ca.fmin(1, largest / ca.fmax(_length(force), 1e-12))
 
 

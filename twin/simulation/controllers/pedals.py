@@ -10,7 +10,7 @@ from twin.simulation.controllers.planned import AIM, HELD
 from twin.simulation.world import Block, Signals
 
 TOOLS, FREE, CAMERA = 0.0, 1.0, 2.0
-"""Values of `console.mode`: the hands control the instruments; nothing (clutch); the camera."""
+"""Values of `console.mode`, for what the hands control: the instruments, nothing (clutch pressed), or the camera."""
 
 TAP = 0.25
 """Longest duration in s of a quick tap of the clutch (ASSUMED)."""

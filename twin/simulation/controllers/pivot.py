@@ -1,4 +1,4 @@
-"""An instrument in a port: a hand controls the tip, or the outer end, whose motion the port inverts.
+"""An instrument in a port: a hand controls either its tip or its outer end; the two move in opposite directions.
 
 The port is the fulcrum of a lever. If the hand controls the outer end ("direct"), as a hand outside the patient does, a
 motion to the right moves the tip to the left by this motion times inner length / outer length. If the hand controls the
@@ -22,7 +22,7 @@ FULCRUMS: tuple[Fulcrum, ...] = ("compensated", "direct")
 """What the hand controls: the tip or the outer end. The index of an item is its value in `<device>.fulcrum`."""
 
 SHALLOW = 20 * MM
-"""Smallest length in m of an instrument on each side of its port, so that tip and handle keep their sides; ASSUMED."""
+"""Smallest length in m of an instrument on each side of its port, so that neither end reaches it; ASSUMED."""
 
 CONE = 60 * DEG
 """Largest angle in rad between an instrument and its direction at the start; ASSUMED, for the abdominal wall."""

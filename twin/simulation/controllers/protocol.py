@@ -1,4 +1,4 @@
-"""Playback of a planned trajectory."""
+"""Play a planned trajectory as joint commands."""
 
 from __future__ import annotations
 

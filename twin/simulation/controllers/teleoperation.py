@@ -1,6 +1,6 @@
 """The mid-level controller of the SHER 3.0 simulation paper: tool rates from handle and pedal, eqs (5) to (7).
 
-The coordinates are those of the robot's equations (SHER: x, y, z in m, psi, theta in rad), with one scale each. The
+The coordinates are those of the robot's equations (SHER: x, y, z in m, psi, theta in rad), each with its own scale. The
 paper's Ms is 5x5 although its poses have six degrees of freedom; this file uses as many coordinates as the robot's
 equations.
 """

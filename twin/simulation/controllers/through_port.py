@@ -22,7 +22,7 @@ _NEAR = 0.05
 """Largest joint step in rad or m per tick; a larger step may belong to another working mode."""
 
 _TRIES, _SAFE = 4, 0.98
-"""Maximum number of inverse solutions for one motion; safety factor for the fraction that the limits allow."""
+"""Maximum number of inverse kinematics calls per motion; safety factor of the motion's fraction within limits."""
 
 _STUCK = 0.02
 """If less than this fraction of a motion is possible, its components (direction, depth, roll) are tried separately."""
@@ -73,7 +73,7 @@ class ThroughPort(Block):
         return {self._command: q + step}
 
     def _along(self, done: Array, way: Array) -> tuple[Array, float]:
-        """Return (joint step (n,), fraction of `way` (4,) that the step adds to `done` (4,)); 0: blocked."""
+        """Return (joint step (n,) for the displacement done + fraction * way, fraction); zeros if it is blocked."""
         part = 1.0 if np.abs(way).max() > _STILL else 0.0
         for _ in range(_TRIES):
             if part <= 0:

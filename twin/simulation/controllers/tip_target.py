@@ -11,7 +11,7 @@ from twin.core.units import MM
 from twin.simulation.world import Block, Signals
 
 _INSIDE = 10 * MM
-"""Minimum distance in m of the tip from the port; nearer, the direction of the shaft is not determined."""
+"""Minimum distance in m of the tip from the port; at smaller distances, the shaft has no definite direction."""
 
 
 class TipTarget(Block):
@@ -22,7 +22,7 @@ class TipTarget(Block):
     """
 
     def __init__(self, robot: str, T_world_base: Array, port: Array, T_world_tool: Array) -> None:
-        """Begin at the tool's pose T_world_tool (4, 4); `port` (3,): position of the port in m in the World.
+        """Start at the tool pose T_world_tool (4, 4); `port` (3,) is the position of the port in m in the World.
 
         Raises:
             WorldError: the tip is too near to the port at the start.

@@ -15,9 +15,10 @@ HALF = 20 * DEG
 class GripToTool(Block):
     """Reads `<hand>.grip` in rad and `<robot>.follows`; writes `<robot>.opening` (0 or 1) and `<robot>.pedal` (0 or 1).
 
-    The jaws begin open. While the robot does not follow the hand, the jaws keep their state. Afterwards, they keep it
-    until the gripper has the same state: a gripper that is closed at the start must be opened before it can close the
-    jaws. While the gripper is open and controls the jaws, the pedal is 1; only a tool with energy uses the pedal.
+    The jaws are open at the start. While the robot does not follow the hand, the jaws do not move. Afterwards, the
+    gripper controls the jaws again only after it has had the same state (open or closed) as the jaws: a gripper that is
+    closed at the start must be opened before it can close the jaws. The pedal is 1 while the gripper is open and
+    controls the jaws; only a tool with energy uses the pedal.
     """
 
     def __init__(self, hand: str, robot: str) -> None:

@@ -28,7 +28,7 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
 
 MODE = "pedals.training"
-"""Setting of the device by which a mode is requested, see `asked`."""
+"""Name of the device's setting that requests a mode, see `asked`."""
 
 VIEW = "console.view"
 """Signal that selects what the viewer draws as a solid: the machine (0) or its model (1)."""
@@ -48,7 +48,7 @@ _JAW = 2.0
 _UM, _STILL = 1e-6, np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.0])
 
 _READY, _SETTLE = 1.0, 0.5
-"""Maximum time in s until machine and model are in PEDAL_DN; time in s after the last packet until both are at rest."""
+"""Maximum time in s until machine and model reach PEDAL_DN; time in s from the last packet until both are at rest."""
 
 _SILENCE = 1.0
 """Maximum time in s for which the hands may be silent in a replay (ASSUMED).
@@ -121,7 +121,7 @@ class Bounds:
 
 
 def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
-    """Return a sentence with value, limit and what to do; "" for NOTHING."""
+    """Return a sentence that states a reason with its value, the limit and what to do; "" for NOTHING."""
     again = "rehearse again"
     return {
         Why.NOTHING: "",
@@ -178,7 +178,7 @@ class Smooth:
     """
 
     def __init__(self, bounds: Bounds, step: float, dt: float) -> None:
-        """Prepare for one packet every dt s; `step`: opening of the jaws in rad for one unit of a packet."""
+        """Prepare for packets every dt s, in which one unit of jaw motion opens the jaws by `step` in rad."""
         self._bounds, self._step, self._dt = bounds, step, dt
         self.begin(np.eye(4), 0.0)
 
@@ -188,7 +188,7 @@ class Smooth:
         self._jaw = jaw
 
     def values(self, goal: Array, jaw: float) -> Array:
-        """Return the values (9,) of the next packet towards a goal (4, 4) and a jaw opening in rad, pedal down."""
+        """Return the values (9,) of the next packet, with the pedal down, to a goal (4, 4) and a jaw opening in rad."""
         dt, b = self._dt, self._bounds
         self._v = _chased(self._v, goal[:3, 3] - self._p, b.speed, dt)
         self._p = self._p + dt * self._v
@@ -218,9 +218,9 @@ def _turn(R: Array) -> Array:
 def _chased(v: Array, way: Array, most: float, dt: float) -> Array:
     """Return the rate (at most `most`) of a critically damped filter after one tick; `way`: remaining displacement.
 
-    The rate changes by no more than `_FOLLOW` * most / e in a second. With this acceleration the filter itself stops
-    at a goal from the rate `most`; so the limit delays no stop. Without it, a goal that jumps would start the arm so
-    suddenly that its tip exceeds `most`.
+    The acceleration is limited to `_FOLLOW` * most / e. This limit does not delay a stop, because the filter needs no
+    larger acceleration to stop at a goal from the rate `most`. Without the limit, a jump of the goal would start the
+    arm so suddenly that the speed of its tip exceeds `most`.
     """
     change = _limited((v + dt * _FOLLOW**2 * way) / (1 + dt * _FOLLOW) ** 2 - v, dt * _FOLLOW * most / math.e)
     return _limited(v + change, most)
@@ -260,9 +260,9 @@ class Tips:
 class Trainer(Block):
     """Writes the packets of a machine and of its model.
 
-    Writes `<robot>.packet` (9,) for the machine; `<robot>.given` (10,) for the model: a packet, and 1 in ticks in which
-    the model is set to the joint values of the machine, else 0; and `<robot>.phase` (3,): `Phase`, `Why`, and the value
-    for `told`.
+    Writes `<robot>.packet` (9,) for the machine; `<robot>.given` (10,) for the model: a packet, then 1 in ticks that
+    set the model to the joint values of the machine, otherwise 0; and `<robot>.phase` (3,): `Phase`, `Why`, and the
+    value for `told`.
 
     Reads `pedals.training`, `console.mode`, `<robot>.goal`, `<robot>.follows`, `<robot>.planned`, `<robot>.jaw`,
     `<robot>.run`, `<robot>.measured`, and of the model `<robot>.model`, `<robot>.deviation` and `<robot>_model.q`; see
@@ -276,8 +276,8 @@ class Trainer(Block):
             robot: name of the machine.
             device: name of the device of the pedals.
             bounds: limits.
-            grasp_step: opening of the jaws in rad for one unit of a packet.
-            tips: compares joint values at the tip.
+            grasp_step: angle in rad by which one unit of jaw motion in a packet opens the jaws.
+            tips: compares joint configurations by the positions of the tip.
             dt: duration of a tick in s.
         """
         self.robot, self.bounds, self._tips, self._dt = robot, bounds, tips, dt
@@ -395,7 +395,7 @@ class Trainer(Block):
     # -- packets --------------------------------------------------------------------------------------
 
     def _led_by_hand(self, signals: Signals, s: Mapping[str, Array], ready: bool, alone: bool) -> Array:
-        """Return the values of the packet of this tick; the increments are 0 until PEDAL_DN is reached."""
+        """Return the values (9,) of this tick's packet; its increments are 0 until PEDAL_DN is reached."""
         led = (s["follows"].item() > 0.5 or self._is_planned(signals)) and (ready or alone)
         jaw = signals.now[self._jaw].item() if self._jaw in signals else 0.0
         goal = s["goal"].reshape(4, 4)
@@ -417,7 +417,7 @@ class Trainer(Block):
         self._fastest = max(self._fastest, float(s["model"][1]))
 
     def _replayed(self, s: Mapping[str, Array], held: bool, t: float) -> Array:
-        """Return the values of the next packet; the record waits while machine or model is not in PEDAL_DN."""
+        """Return the values (9,) of the next packet; the replay pauses while machine or model is not in PEDAL_DN."""
         level, record, down = s["run"][LEVEL], self._record, np.append(_STILL[:8], 1.0)
         values = record[self._k] if self._k < len(record) else down
         if min(s["model"][0], level) >= Level.PEDAL_DN or values[8] < 0.5:

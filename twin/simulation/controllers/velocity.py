@@ -39,7 +39,7 @@ class Step:
     Attributes:
         q: (n,) joint values after the step.
         dq: (n,) the step.
-        residual: remaining pose error to first order, in m (rotations times the characteristic length).
+        residual: remaining pose error after the step, to first order, in m (rotations times the characteristic length).
         saturated: (n,) bool, whether each joint is at a limit.
     """
 
@@ -80,8 +80,8 @@ def step(
         dt: duration of the step in s.
         limits: limits of the joints.
         solver: "slsqp" as in the paper, or "damped" least squares.
-        seed: (4, 4) pose near the current one, which makes iterative forward equations a thousand times faster; None:
-            no seed.
+        seed: (4, 4) tool pose near the current tool pose; with a seed, iterative forward equations are a thousand times
+            faster. None: no seed.
 
     Raises:
         KinematicsError: a value is not finite, or there is no Jacobian at q.

@@ -1,7 +1,7 @@
 """A simulated surgeon, with a random seed, who aligns the endoscope with a rectangle by both hands.
 
 The surgeon looks at the ends of the rectangle's upper side in the picture, presses the camera pedal, and moves both
-hands: in the same direction to move the scene, in opposite directions to roll it. After each
+hands. The hands move in the same direction to move the scene, and in opposite directions to roll the scene. After each
 press, the surgeon looks again. The motion of the hands is in `devices.surgeon_hands`; all habits are ASSUMED.
 """
 
@@ -19,14 +19,14 @@ from twin.simulation.devices.hand import Hand
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _STROKES, _PRESSES = 25, 12
-"""Maximum number of strokes per press of the pedal; maximum number of presses, after which the surgeon gives up."""
+"""Maximum number of strokes per press of the pedal, and of presses; after these presses, the surgeon gives up."""
 
 _TURNED, _ASIDE = 0.08 * DEG, 0.01
 """Largest errors that the surgeon accepts, ASSUMED: angle in rad between line and upper side; distance between
-corresponding ends of both, divided by the length of the line."""
+corresponding ends of line and upper side, divided by the length of the line."""
 
 _ACUITY = 0.02 * DEG
-"""Standard deviation in rad of the angle as the surgeon sees it; ASSUMED."""
+"""Standard deviation in rad of the surgeon's error in seeing the angle; ASSUMED."""
 
 HABITS = Habits(hand=Hand(misjudge=0.05))
 """Habits in moving the camera: a stroke of both hands has a larger error of judgement than a stroke of one hand."""

@@ -66,7 +66,7 @@ class GivenHands(Block):
             hands: names of the right and the left hand.
             scale: value of `<device>.scale` until `rescale` is called.
             patience: time in s without a state after which a hand counts as silent.
-            settings: further signals with their values until `set` is called, such as chosen tools.
+            settings: {name: initial value} of further signals, such as chosen tools; `set` changes a value.
 
         Raises:
             WorldError: the number of hands is not two.
@@ -113,7 +113,7 @@ class GivenHands(Block):
 
     @property
     def heard(self) -> int:
-        """Minimum over both hands of the last received sequence number; -1 until both hands have sent a state."""
+        """Smaller of the two hands' last received sequence numbers; -1 until both hands have sent a state."""
         return min(-1 if last is None else last.number for last in self._last)
 
     def silent(self, hand: int, t: float) -> bool:

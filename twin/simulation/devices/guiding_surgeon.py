@@ -26,9 +26,9 @@ from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 from twin.simulation.ways import Ways
 
 Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
-"""Mistakes on request, in the order after "" (none): the first hand opens before the second arm holds the ring; the
-first arm guides the ring itself; the ring is released in the middle of the wire; the ring touches the first half of the
-wire; an instrument is moved into the wall of the dome; the instruments stay in the dome."""
+"""Mistakes on request, in the order of the names after "" (none): the first hand opens before the second arm holds the
+ring; the first arm guides the ring itself; the ring is released in the middle of the wire; the ring touches the first
+half of the wire; an instrument is moved into the wall of the dome; the instruments stay in the dome."""
 
 _TRIES = 3
 """Maximum number of grasps of the ring, and of searches for a way, before the surgeon gives up."""
@@ -50,8 +50,8 @@ class Manner:
         ahead: distance of the ring from the free end of the wire before the ring is put over this end.
         step: length of the wire along which the ring is guided in one movement.
         last: distance of the ring from the end of the wire when the ring is released.
-        fallen: the surgeon does not try to grasp a ring that lies lower than this height below the free end of the
-            wire.
+        fallen: largest depth of the ring below the free end of the wire at which the surgeon still tries to grasp the
+            ring.
         near, fine: distance from the target at which a rough movement ends, and at which a fine movement ends.
     """
 
@@ -72,7 +72,7 @@ class GuidingSurgeon(SurgeonHands):
     """Writes what `SurgeonHands` writes, and `surgeon.target`: number of the step of the task.
 
     The surgeon reads the pose of the ring from `<ring>.pose`, and which jaws hold the ring from `<ring>.holder`. The
-    frame `T_tool_tip` of each arm is that of its closed jaws: z out of the tips, y along the closing direction.
+    frame `T_tool_tip` of each arm is at its closed jaws: z out of the tips, y along the closing direction.
 
     Attributes:
         missed: what the surgeon gave up: names of steps, or "way of <robot>: <reason>".
@@ -131,7 +131,7 @@ class GuidingSurgeon(SurgeonHands):
         return n if n @ towards >= 0 else -n
 
     def _wire(self, s: float) -> tuple[Array, Array]:
-        """Return point (3,) and direction (3,) of the wire at s in m along it from its free end, or beyond an end."""
+        """Return point (3,) and direction (3,) of the wire at arc length s in m from its free end, or extrapolated."""
         a, b = (self._on_wire(s + d) for d in (-self.manner.step / 2, self.manner.step / 2))
         return self._on_wire(s), (b - a) / np.linalg.norm(b - a)
 
@@ -160,7 +160,10 @@ class GuidingSurgeon(SurgeonHands):
         return spatial.pose(R, tip) @ spatial.inverse(self.arms[hand].T_tool_tip)
 
     def _flip(self, hand: str, places: Sequence[tuple[Array, Array]]) -> float:
-        """Return the flip of the jaws, 1 or -1, that stays farther from joint limits in grasps at (centre, axis)."""
+        """Return the sign of the closing direction, 1 or -1, that is farther from joint limits in all of the grasps.
+
+        A grasp is given by centre (3,) and axis (3,) of the ring.
+        """
         robot = self.arms[hand].robot
         q, room = self._signals[f"{robot}.q"], {}
         for flip in (1.0, -1.0):
@@ -172,7 +175,7 @@ class GuidingSurgeon(SurgeonHands):
         return max(room, key=lambda flip: room[flip])
 
     def _carrying(self, hand: str, centre: Array, n: Array) -> Array:
-        """Return the tool pose (4, 4) that brings the ring, held as it is now, to a centre (3,) and an axis n (3,)."""
+        """Return the tool pose (4, 4) at which the ring, as grasped now, has the given centre (3,) and axis n (3,)."""
         T, T_ring = self._tool(hand), self._pose()
         R = self._grasp(hand, centre, n)[:3, :3]
         held = R @ T[:3, :3].T @ self._axis(T[:3, :3] @ R.T @ n)

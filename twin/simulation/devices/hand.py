@@ -23,7 +23,7 @@ _STALLED = 12
 """Number of strokes (single hand motions) without progress after which the operator gives up."""
 
 _BLOCK = 256
-"""Number of tremor outputs per block. Computing a whole block is ten times as fast as computing single outputs."""
+"""Number of tremor outputs in a block; a block is computed ten times as fast as the same outputs one by one."""
 
 _LINES = 24
 """Number of sines of a tremor."""
@@ -88,7 +88,7 @@ class Tremor:
 
 
 class ScriptedHand(Block):
-    """Writes `hand.handle` (n,) with tremor, `hand.pedal` (0 or 1), and `hand.goal`: index of the goal, or -1.
+    """Writes `hand.handle` (n,) with tremor, `hand.pedal` (0 or 1), and `hand.goal` (index of the goal; -1 at first).
 
     The operator sees the tool pose (from `<robot>.q`) only between two strokes (single hand motions). The device ends
     when the last goal is reached, or when the operator gives up a goal.
@@ -158,7 +158,7 @@ class ScriptedHand(Block):
         return self.kin.program.coordinates_of_pose.one(self._T.ravel())
 
     def _work(self) -> Iterator[bool]:
-        """Yield the state of the pedal in each period."""
+        """Do the task; yield the state of the pedal once per period."""
         hand, angular, scale = self.hand, self._angular, self._scale
         reach = np.where(angular, hand.reach[1], hand.reach[0])
         yield from self._hold(0.2, False)
@@ -188,13 +188,13 @@ class ScriptedHand(Block):
                 return
 
     def _move(self, to: Array, seconds: float, pedal: bool) -> Iterator[bool]:
-        """Move the handle with minimum jerk; yield the state of the pedal in each period."""
+        """Move the handle with minimum jerk to `to` (n,) in `seconds`; yield `pedal` once per period."""
         start, k = self._handle.copy(), max(1, round(seconds / self.period))
         for s in minimum_jerk(np.arange(1, k + 1) / k):
             self._handle = start + s * (to - start)
             yield pedal
 
     def _hold(self, seconds: float, pedal: bool) -> Iterator[bool]:
-        """Hold the handle at rest; yield the state of the pedal in each period."""
+        """Hold the handle at rest for `seconds`; yield `pedal` once per period."""
         for _ in range(round(seconds / self.period)):
             yield pedal

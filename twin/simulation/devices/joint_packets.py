@@ -50,8 +50,8 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
     """Return a packet's number, time in s, measured joint values (n,), and desired joint values (n,) or None.
 
     Raises:
-        DeviceError: length, first four bytes, version, number of joints or a number is wrong; the message has value
-            and limit.
+        DeviceError: the length, the first four bytes, the version, or the number of joints or rows is wrong; or the
+            time or a joint value is not finite.
     """
     if len(data) < HEAD.size:
         raise DeviceError(f"the packet has {len(data)} bytes; it must have at least {HEAD.size}")
@@ -77,7 +77,7 @@ class JointPackets:
 
     Attributes:
         port: the UDP port.
-        accepted, refused: number of packets so far.
+        accepted, refused: number of accepted and of refused packets so far.
         reason: why the last refused packet was refused.
     """
 
@@ -144,7 +144,7 @@ class JointPackets:
 
     @property
     def problem(self) -> str:
-        """Reason why the last packet was refused, if no packet is accepted at present; else ""."""
+        """Reason why the last packet was refused; "" if a packet was accepted within the last `PATIENCE` seconds."""
         return f"packets are refused: {self.reason}" if self.reason and not self.answers else ""
 
     def close(self) -> None:

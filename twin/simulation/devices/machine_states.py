@@ -10,11 +10,11 @@ from twin.simulation.machine.states import State
 from twin.simulation.world import Block, Signals
 
 ANSWERS, LEVEL, SEQUENCE, TICK = range(4)
-"""Indices in `<robot>.run`: whether the machine answers (0 or 1), run level, last packet, number of the tick."""
+"""Indices in `<robot>.run`: whether the machine answers (0 or 1); run level; numbers of the last packet and tick."""
 
 
 class MachineStates(Block):
-    """Writes `<robot>.measured` and `<robot>.desired` (n,), joints of the newest state, and `<robot>.run` (4,)."""
+    """Writes the newest state: joint values `<robot>.measured` and `<robot>.desired` (n,), and `<robot>.run` (4,)."""
 
     def __init__(self, robot: str, q: Array) -> None:
         """Start at joint values q (n,), with a machine that does not answer."""

@@ -27,7 +27,7 @@ _MAGIC, _ANSWER, _VERSION = b"TWNH", b"TWNF", 1
 _CLUTCH, _CAMERA = 1, 2
 
 _FAR, _OPEN, _UNIT = 10.0, 2 * math.pi, 1e-3
-"""Largest accepted coordinate in m; gripper angle in rad; difference of a quaternion's length from 1."""
+"""Largest accepted values: coordinate in m; gripper angle in rad; deviation of a quaternion's length from 1."""
 
 
 def pack(

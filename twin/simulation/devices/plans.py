@@ -23,13 +23,13 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
 
 _BEHIND = 0.5
-"""Time in s for which a machine may be behind its plan; older poses of the plan are not compared with its tip."""
+"""Largest delay in s of a tip behind its plan: the tip is compared with the newest poses over this time."""
 
 _DEVIATION = 3 * MM
 """Largest distance of a tip from its path in m; above it, the motion is stopped (ASSUMED)."""
 
 _READY, _SETTLE = 1.5, 1.0
-"""Largest time in s until a machine is in PEDAL_DN; time in s in which an arm comes to rest at the end (ASSUMED)."""
+"""Largest times in s: until a machine is in PEDAL_DN; from the last pose until the tip has arrived (ASSUMED)."""
 
 _SILENCE = 1.0
 """Maximum time in s for which the hands may be silent in a motion, as in a replay (ASSUMED)."""
@@ -53,15 +53,15 @@ class Plans(Block):
     A machine's motion begins when machine and model are in PEDAL_DN. The clutch and silence of the hands end a motion.
 
     Attributes:
-        robot: name of the arm that is planned for; "": none.
+        robot: name of the arm whose motion is planned or executed; "": none.
         state: state of this arm, see `controllers.planned`.
-        why: why the last motion was stopped; "" if it was not stopped.
+        why: reason why the last motion was stopped; "" if it was not stopped.
         arrived: whether the last motion ended at the end of its path.
-        off: largest distance in m of the tip from the path of the last motion.
+        off: largest distance in m between tip and path in the last motion.
     """
 
     def __init__(self, device: str, arms: Mapping[str, PlannedArm]) -> None:
-        """Connect to the arms, which are given by place name, and to `device`, the device of the pedals."""
+        """Connect to `arms`, {name of a place: its arm}, and to `device`, the name of the device of the pedals."""
         self._arms, self._silent, self._heard = dict(arms), f"{device}.silent", 0.0
         self.robot, self.state, self.why, self.arrived, self.off = "", OFF, "", False, 0.0
         self._Ts, self._k, self._since = np.zeros((0, 4, 4)), 0, 0.0
@@ -89,7 +89,7 @@ class Plans(Block):
         self._set(self.robot, HELD)
 
     def run(self, Ts: Array) -> None:
-        """Let the arm of `aim` follow poses (k, 4, 4) of its tool in base, one per tick; other arms do not move.
+        """Let the arm chosen by `aim` follow tool poses (k, 4, 4) in base, one per tick; other arms do not move.
 
         Raises:
             WorldError: there is no arm, there are no poses, or a pose is not finite.

@@ -1,7 +1,7 @@
 """A simulated surgeon who removes an organ in five stages, with assistants who hold the grasper and the endoscope.
 
 The hands move along straight lines with minimum jerk, aim with an error, and tremble. The surgeon sees the organ, its
-bed and the vessels at the start of each movement, and repeats what did not succeed. All habits are ASSUMED.
+bed and the vessels at the start of each movement, and repeats failed attempts. All habits are ASSUMED.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Manner:
     """Habits of the surgeon, SI; all ASSUMED.
 
     Attributes:
-        hand: tremor of a hand, which is added to the position of the tip without the motion scale.
+        hand: parameters of a hand's tremor; the tremor moves the tip without being multiplied by a motion scale.
         aim: standard deviation in m of the error of aim, along each axis.
         quick, slow: mean speeds in m/s far from and near to tissue.
         before: distance in m from the target at which the slow approach to the target begins.
@@ -91,7 +91,7 @@ class ProcedureSurgeon(Block):
     """
 
     def __init__(self, setup: Setup, seed: int = 0, mistake: Mistake = "", manner: Manner | None = None) -> None:
-        """Prepare the work.
+        """Prepare the surgeon's work.
 
         Args:
             setup: a scene with organs, vessels and tools, its robots, and a task with a procedure.
@@ -130,7 +130,7 @@ class ProcedureSurgeon(Block):
         self.outputs = self._said(still=True)
 
     def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
-        """Return the robot for a kind of tool: one that starts with it, or else the first robot that can carry it."""
+        """Return the robot for a kind of tool: the one with it at the start, else the first that can carry it."""
         p = self.procedure
         able = [n for n in among if any(t.kind == kind and n in t.robots for t in self._tools.values())]
         if not able:
@@ -164,7 +164,7 @@ class ProcedureSurgeon(Block):
         return np.vstack([rings[:, 0, 0], rings[-1:, 1, 0]])
 
     def _place(self, vessel: str, s: float) -> tuple[Array, Array]:
-        """Return the point (3,) at a distance s in m along a vessel at rest, and the direction (3,) of the vessel."""
+        """Return the present point (3,) and direction (3,) of a vessel at arc length s in m of its rest shape."""
         line, v = self._line(vessel), self._vessels[vessel]
         k = int(np.clip(np.searchsorted(v.arc, s) - 1, 0, v.segments - 1))
         part = (s - v.arc[k]) / v.lengths[k]
@@ -176,7 +176,7 @@ class ProcedureSurgeon(Block):
         return self._now[f"{self._organ.name}.nodes"].reshape(-1, 3)[self._organ.held]
 
     def _inwards(self, robot: str, p: Array) -> Array:
-        """Return the direction (3,) of the shaft of a robot whose tip is at p (3,)."""
+        """Return the direction (3,) of a robot's shaft, from the port to the tip at p (3,), in the World."""
         way = p - (self._arms[robot].port if robot in self._arms else self._camera.port)
         return way / np.linalg.norm(way)
 
@@ -197,7 +197,7 @@ class ProcedureSurgeon(Block):
             yield
 
     def _move(self, to: Mapping[str, Array], speed: float) -> Iterator[None]:
-        """Move the tips to points (3,) in the World along straight lines; all motions last equally long."""
+        """Move the tips to points (3,) in the World along straight lines; all tips arrive at the same time."""
         start = {n: self._at[n] for n in to}
         long = max(float(np.linalg.norm(p - start[n])) for n, p in to.items())
         k = max(1, round(max(0.2, long / speed) / TICK))
@@ -311,7 +311,7 @@ class ProcedureSurgeon(Block):
         self.missed.append("cut")
 
     def _remove(self) -> Iterator[None]:
-        """Free the bed cell by cell, beginning on the instrument's side; lift the organ at each cell; take it out."""
+        """Free the bed cell by cell, from the instrument's side on; lift the organ at each cell; remove the organ."""
         robot, holder, organ = self._worker, self._holder, self._organ.name
         yield from self._change(robot, "cautery")
         order = np.argsort(np.linalg.norm(self._bed() - self._arms[robot].port, axis=1))

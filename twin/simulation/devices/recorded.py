@@ -10,7 +10,7 @@ from twin.simulation.world import Block, Recording, Signals
 class Recorded(Block):
     """Writes recorded signals tick by tick until the recording ends.
 
-    The values are those before a hazard changed them.
+    If a hazard changed a recorded signal, this block writes the value from before the change.
     """
 
     def __init__(self, recording: Recording, *signals: str) -> None:

@@ -130,7 +130,7 @@ class RingSurgeon(SurgeonHands):
         yield from self._rest(0.5)
 
     def _next(self) -> dict[str, Ring]:
-        """Return the next ring of each hand; the hand for a ring is the one on the side of its peg in the picture."""
+        """Return {hand: its next ring}; a ring is for the hand on the side where its peg is in the picture."""
         right, left = self.arms
         jobs: dict[str, Ring] = {}
         for ring in self._left:
@@ -180,7 +180,7 @@ class RingSurgeon(SurgeonHands):
         yield from self._reach(back, self.manner.near)
 
     def _outwards(self, ring: Ring) -> Array:
-        """Return the direction (3,) of the axis of a ring towards the camera."""
+        """Return the axis (3,) of a ring, with the sign that makes it point towards the camera."""
         n = self._ring(ring)[:3, 2]
         return n if n @ self._view()[:3, 2] > 0 else -n
 

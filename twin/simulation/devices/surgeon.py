@@ -25,7 +25,7 @@ class ScriptedSurgeon(SurgeonHands):
     picture (`<camera>.view`) only between two strokes (single hand motions). The device ends after the last target.
 
     Attributes:
-        targets: (name, points) of each target; points: (3,) in m in the World, by name of the hand.
+        targets: (name, points) of each target; `points` is {hand: position (3,) for its tip in m in the World}.
         tolerance: largest distance in m of a tip from its point.
         hold: time in s for which the tips remain at a target.
         missed: names of the targets that the surgeon gave up.
@@ -39,7 +39,7 @@ class ScriptedSurgeon(SurgeonHands):
         hold: float,
         habits: Habits | None = None,
     ) -> None:
-        """Connect the surgeon to a console; `targets`, `tolerance` and `hold` as in the class.
+        """Connect the surgeon to a console; for `targets`, `tolerance` and `hold`, see the class.
 
         Raises:
             WorldError: a target is for another hand.

@@ -27,11 +27,11 @@ _STALLED = 8
 """Number of strokes without progress after which the surgeon gives up a movement."""
 
 _DRAGS = 20
-"""Maximum number of strokes with the camera pedal for one target; then the surgeon accepts the picture."""
+"""Maximum number of camera strokes for one target; after these, the surgeon works with the picture as it is."""
 
 
 _EYE = np.eye(4)
-"""Identity matrix: a copy of it in every tick is faster than `np.eye`."""
+"""Identity matrix; in every tick, a copy of this matrix is faster than a call of `np.eye`."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class Habits:
 
     Attributes:
         hand: parameters of the motion of each hand.
-        middle: position in m in {H} of the right hand in the middle of its range; mirrored for the left hand.
+        middle: middle of the right hand's range in m in {H}; that of the left hand is its mirror image.
         show: rotation of the handles in rad to meet the start condition, see `following.Start`.
         clutched: time in s for which the clutch is pressed before and after the hands move back.
         open: angle of the grippers on the way to a target.
         grasp: time in s in which the grippers open or close.
         central: size of the central area in which targets must be, as a fraction of half the picture.
-        drag: motion of the scene divided by motion of the hands, as the surgeon expects with the camera pedal pressed.
+        drag: motion of the scene divided by motion of the hands, as expected while the camera pedal is pressed.
         settle: time in s that the surgeon waits for the camera, whose speed is limited.
     """
 
@@ -73,11 +73,11 @@ class Eye:
 
 @dataclass(frozen=True)
 class Seat:
-    """What connects a surgeon to a console: names of pedals, arms and camera, and parameters of the picture.
+    """Connection of a surgeon to a console: names of pedals, arms and camera, and parameters of the picture.
 
     Attributes:
         device: name of the device of the pedals.
-        arms: the arm of each hand, by name of the hand; first the right hand, then the left hand.
+        arms: {hand: its arm}; first the right hand, then the left hand.
         camera: name of the arm of the camera.
         view: angle of view over the height of the picture, in rad.
         scale: motion scale of the console; the surgeon divides displacements by this scale.
@@ -102,7 +102,7 @@ class Seat:
 
 
 class SurgeonHands(Block):
-    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, and the pedals; a subclass decides what the hands do.
+    """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, and the pedals; a subclass defines the task.
 
     The surgeon sees the instruments (from `<robot>.q`) in the picture (`<camera>.view`) only between two strokes
     (single hand motions). The input of the device ends when the task is done.
@@ -157,7 +157,7 @@ class SurgeonHands(Block):
         return self._signals[f"{self.camera}.view"].reshape(4, 4)
 
     def _in_picture(self, points: Mapping[str, Array]) -> dict[str, Array]:
-        """Return points (3,) of the World in the frame of the picture."""
+        """Transform points (3,) from the World to the frame of the picture."""
         T = spatial.inverse(self._view())
         return {hand: (T @ np.append(p, 1.0))[:3] for hand, p in points.items()}
 
@@ -203,8 +203,8 @@ class SurgeonHands(Block):
     ) -> Iterator[None]:
         """Move the hands by displacements (3,) in m and rotations (3,) in rad.
 
-        Displacements and rotations are shortened if a hand would leave its range. If less than 5 % of them is possible,
-        the stroke is not made: the hands move back to the middle of their ranges with the clutch pressed.
+        If a hand would leave its range, all displacements and rotations are shortened by the same factor. If this
+        factor is below 5 %, the hands instead move back to the middle of their ranges with the clutch pressed.
         """
         hand = self.habits.hand
         part = 1.0

@@ -1,4 +1,4 @@
-"""Combine several devices into one device; its input ends as soon as the input of any of the devices ends."""
+"""Combine several devices into one device, which ends as soon as one of the devices ends."""
 
 from __future__ import annotations
 

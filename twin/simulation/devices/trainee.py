@@ -15,15 +15,15 @@ _STROKE = 0.045
 """Length in m of a stroke of a hand."""
 
 _WAIT, _REST = 150.0, 0.6
-"""Longest time in s for a replay; pause in s between two steps of the exercise."""
+"""Longest time in s that the trainee waits for a replay; pause in s between two steps of the exercise."""
 
 
 class Trainee(SurgeonHands):
     """Makes the same strokes with both hands, and also writes `pedals.training`.
 
-    The trainee moves the tips along closed triangles by teleoperation. Then, with the model alone, the trainee
-    rehearses a motion that does not end where it began, has the record checked, and replays it on the machines. Then
-    the trainee requests a second replay where the first one ended, which must be refused. At the end, the trainee
+    The trainee moves the tips along closed triangles by teleoperation. Then the trainee rehearses a motion with the
+    model alone, has the record checked, and replays the record on the machines. The motion does not end at its start
+    pose. Therefore a second replay, which the trainee requests next, must be refused. At the end, the trainee
     teleoperates again.
 
     Attributes:

@@ -1,6 +1,6 @@
 """Measure time and camera moves while a person performs the camera task, for the scoreboard of a page.
 
-AlignErr, the angle between line and upper side, is not shown before the end, so that the person looks at the picture.
+AlignErr, the angle between line and upper side, is not shown before the end, so that the person relies on the picture.
 """
 
 from __future__ import annotations
@@ -50,6 +50,6 @@ class CameraReferee(Block):
         return {}
 
     def content(self) -> dict[str, Any]:
-        """Return the scoreboard as plain data, with the keys of the peg board; the task has no rings and no events."""
+        """Return the scoreboard as plain data, with the same keys as for the peg board; rings and events are empty."""
         rows = [["Time", f"{self.time:.1f} s"], ["Camera moves", str(self.moves)]]
         return {"rows": rows, "rings": [], "events": []}

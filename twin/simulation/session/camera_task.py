@@ -38,7 +38,7 @@ class AlignMeasures:
         seen: AlignErr in rad in the drawn picture at the end; None: the angle could not be measured.
         refused: reason why `seen` is None; "" otherwise.
         path: length in m of the path of the lens.
-        hands: length in m of the path of each hand while it moved the camera.
+        hands: {hand: length in m of its path while it moved the camera}.
         course: (k, 2, 2) ends of the upper side in the picture over time, see `aligned.seen_ends`; NaN behind the lens.
     """
 
@@ -59,7 +59,7 @@ class AlignMeasures:
 def measure(
     kept: Recording, alignment: Alignment, Ts_world_picture: Array, view: float, sight: Sight, lens: Array
 ) -> AlignMeasures:
-    """Return the measures of a session.
+    """Return the measures of a session of the camera task.
 
     Args:
         kept: signals of the session.

@@ -42,10 +42,10 @@ LONGEST = 3600.0
 _HEAD = struct.Struct("<4sII32s")
 _MAGIC, _END = b"TWNS", b"TWNE"
 _LONGEST_HEAD, _MOST_NUMBERS = 1_000_000, 10_000
-"""Maximum length of the first line in bytes; maximum number of values in one row."""
+"""Maximum length of the file's first line in bytes; maximum number of values in one row of signals."""
 
 LARGEST = 4_000_000_000
-"""Maximum size of all unpacked chunks in bytes: a session of `LONGEST` with 138 values of the device in each row."""
+"""Maximum size of all unpacked chunks in bytes: enough for `LONGEST` s at 1 kHz, if the device has 138 values."""
 
 
 class Head(Table):
@@ -105,7 +105,7 @@ class Session:
 
 
 def sizes(signals: list[SignalTable]) -> dict[str, int]:
-    """Return the number of values of each signal, by name."""
+    """Return {signal: number of values}."""
     return {s.name: s.size for s in signals}
 
 
@@ -124,7 +124,7 @@ def head(
     seed: int | None = None,
     condition: Condition | None = None,
 ) -> Head:
-    """Return the first line of a file; `device` and `world` are numbers of values by signal, as `Signals.sizes`."""
+    """Return the first line of a file; `device` and `world`: {signal: number of values}, as in `Signals.sizes`."""
     return Head.model_validate(
         {
             "schema": "twin-session",
@@ -201,7 +201,7 @@ class SessionWriter:
         return self.ticks * self._head.dt >= LONGEST or self.ticks + CHUNK > self._most
 
     def add(self, rows: Array) -> None:
-        """Add rows (k, m) of all signals; whole chunks are written at once.
+        """Add rows (k, m) of all signals; complete chunks are written to the file immediately.
 
         Raises:
             OutputError: the file cannot be written; data written before remain in the `.part`.

@@ -16,8 +16,8 @@ class ForceMeasures:
 
     Attributes:
         on: fraction of the session in which the forces were switched on.
-        felt: time in s with a force on each hand.
-        largest: largest force in N on each hand.
+        felt: {hand: time in s with a force on it}.
+        largest: {hand: largest force on it in N}.
     """
 
     on: float

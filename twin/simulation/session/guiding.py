@@ -122,7 +122,7 @@ class Referee(InstrumentReferee):
             course: wire and dome.
             robots: the instruments, in the order of the numbers in `<ring>.holder`.
             first: the instrument that picks the ring up.
-            tools: functions from joint values (n,) to the position (3,) of the tool in the World, by instrument.
+            tools: {instrument: function from joint values (n,) to its tool's position (3,) in the World}.
             period: time in s between two samples.
         """
         super().__init__(robots, period)
@@ -136,7 +136,8 @@ class Referee(InstrumentReferee):
         self._rubs = Runs(self._few)
         self._rubbing = self._drops = 0
         self._passed, self._on, self._held, self._holder = 0.0, False, -1, -1
-        self._fell = self._fallen = False  # the ring fell, and no hand has held it since; the same for the first arm
+        # _fell: the ring fell, and no hand has held it since; _fallen: it fell, and the first arm has not held it since
+        self._fell = self._fallen = False
 
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
         name = self._ring.name
@@ -203,7 +204,7 @@ class Referee(InstrumentReferee):
         self._do("retracted", k) if out else self._undo("retracted")
 
     def _place(self, T: Array) -> float | None:
-        """Return the length in m of the wire from its free end to the ring; None: the wire is not in the ring."""
+        """Return the length in m of the wire from its free end to the ring; None: the wire is not inside the ring."""
         along = 0.0
         for (a, b), length in self._pieces:
             if (s := crossing(T, self._ring.size[0], a, b)) is not None:

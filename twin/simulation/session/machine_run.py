@@ -25,7 +25,7 @@ _CHUNK = 100
 """Number of ticks between two writes."""
 
 _OWED = 0.1
-"""Largest delay in s that the World catches up; a larger delay is dropped, so that the World lags behind real time."""
+"""Largest lag in s behind real time that the World makes up by faster steps; a larger lag remains."""
 
 _HOME = 20.0
 """Maximum time in s in which a machine must reach its home posture after its start."""
@@ -46,8 +46,8 @@ def train(
 
     Args:
         setup: a scene with machines, its robots, and the condition of the cues on the hands.
-        parts: compiled parts of the machines, by place name.
-        links: connections to the machines.
+        parts: {name of a place: compiled parts of its machine}.
+        links: {name of a place: connection to its machine}.
         path: the session file.
         seed: random seed of the trainee; with the same seed, the states of real machines still differ between runs.
         triangles: number of triangles that the trainee traces by teleoperation.

@@ -75,7 +75,7 @@ def of_arms(kept: Recording, table: ConsoleTable, tips: Mapping[str, Array]) -> 
     Args:
         kept: signals of the session.
         table: the console.
-        tips: position (k, 3) in m of the tip of each arm in the World, at the times of `kept`.
+        tips: {arm: positions (k, 3) of its tip in m in the World, at the times of `kept`}.
     """
     return [_arm(kept, hand, name, tips[name]) for hand in HANDS for name in getattr(table, hand)]
 

@@ -1,8 +1,8 @@
 """Draw a part of a scene as a camera sees it, by a rasteriser with a depth buffer and 8 samples per pixel.
 
-Only the box around one surface is drawn: this surface, and everything in the box that is not farther away than the
-surface. The rasteriser needs no graphics driver, and draws the same picture on every machine. It shares no code with
-the projection in `aligned`.
+Only a box of the picture is drawn, the box around one surface. It contains this surface and everything that is not
+farther away. The rasteriser needs no graphics driver, and draws the same picture on every machine. The rasteriser
+shares no code with the projection in `aligned`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Picture:
 
     Attributes:
         rgb: (height, width, 3) linear colours; 0 outside the box.
-        covered: fraction of the surface that is hidden by nearer surfaces, by owner of the nearer surfaces.
+        covered: {owner: fraction of the surface that is hidden by nearer surfaces of this owner}.
     """
 
     rgb: Array
@@ -108,7 +108,7 @@ def _project(surfaces: Sequence[Surface], T_world_camera: Array, focal: float) -
 
 
 def _reaches(flat: Array, low: np.ndarray, high: np.ndarray, depth: float) -> np.ndarray:
-    """Return (k,) bool: whether the inverse depth of each triangle may exceed `depth` inside the box low to high."""
+    """Return (k,) bool: whether a triangle's inverse depth may exceed `depth` inside the box from low to high."""
     a, b, c = flat[:, 0], flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     area = np.where(np.abs(area) < 1e-12, np.inf, area)

@@ -48,7 +48,7 @@ class ProcedureMeasures:
     Attributes:
         checks: the five stages in order, then the checks of the whole session.
         time: time in s until the last stage was passed; if a stage was not passed, duration of the session.
-        paths: length in m of the path of each robot's tip, by name of the robot.
+        paths: {robot: length in m of the path of its tip}.
         clips: number of clips used.
         energy: total energy in J that cautery applied to the cells of the bed.
         largest_pull: largest force of a grasper in N.
@@ -138,7 +138,7 @@ class ProcedureReferee(Block):
         self._cuts = [np.zeros(v.segments) for v in scene.vessels]
         self.freed, self.energy = np.zeros(len(organ.held), bool), np.zeros(len(organ.held))
         self.out = np.inf
-        self._removed: tuple[float, bool] | None = None  # first time of removal in s; whether it is removed now
+        self._removed: tuple[float, bool] | None = None  # (time in s of first removal, whether it is out now)
         self._depths = dict.fromkeys(p.spare, 0.0)
         self._paths, self._tips = dict.fromkeys(self.robots, 0.0), dict[str, Array]()
         self._pull = self._slipped = 0.0

@@ -84,7 +84,7 @@ class ProcedureGuide(ProcedureReferee):
 
     @property
     def ending(self) -> str:
-        """Sentences that state whether the organ is out, and which checks failed."""
+        """Text that states whether the organ is out, and which checks failed."""
         missed = [_TITLES[c.name] for c in self.checks() if not c.done]
         said = f"Not passed: {', '.join(missed)}." if missed else "All checks are passed."
         return f"The {spoken(self.procedure.organ)} is out. {said}"
@@ -118,7 +118,7 @@ class ProcedureGuide(ProcedureReferee):
     # -- what to do next ---------------------------------------------------------------------------------------
 
     def _hint(self, checks: Sequence[Check]) -> str:
-        """Return the step that the first open stage needs now."""
+        """Return an instruction for the next step of the first stage that is not done."""
         p, states = self.procedure, {c.name: _state(c) for c in checks}
         holder = next((n for n in self.robots if self._holds[n] == 0), None)
         if states["expose"] == "open" and holder is None:
@@ -149,7 +149,7 @@ class ProcedureGuide(ProcedureReferee):
         )
 
     def _with(self, kind: Kind, do: str) -> str:
-        """Return the instruction `do` for the robot with a kind of tool; if there is none, how to change the tool."""
+        """Return the instruction `do` for the robot with a kind of tool; without one, how to choose the tool."""
         carrier = next((n for n in self.robots if self._tools[self._carried[n]].kind == kind), None)
         if carrier is not None:
             return f"{self._tools[self._carried[carrier]].title} of {carrier}, {self._hands[carrier]} hand: {do}"

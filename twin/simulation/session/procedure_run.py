@@ -25,12 +25,12 @@ _STAGES = ("begin", "expose", "show", "clip", "cut", "remove")
 
 
 def by_hand(session: Session) -> bool:
-    """Return whether a procedure was performed by the hands at a console, and not by a simulated surgeon."""
+    """Return whether a procedure was performed at a console by hand; otherwise, a simulated surgeon performed it."""
     return any(s.name == f"{console_scene.PEDALS}.clutch" for s in session.head.device)
 
 
 def keep_for(world: World, procedure: ProcedureTable, sample: float = _SAMPLE) -> Keep:
-    """Return a `Keep` for the signals that measures use, one row every `sample` s; of all nodes, only the organ's."""
+    """Return a `Keep` of the measures' signals, with the nodes of the removed organ only; one row every `sample` s."""
     own = f"{procedure.organ}.nodes"
     names = [n for n in world.signals.sizes if n == own or not n.endswith((".nodes", ".pose", ".goal", ".command"))]
     return Keep(world, names, sample)

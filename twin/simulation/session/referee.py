@@ -83,7 +83,7 @@ class InstrumentReferee(Block):
         return [f"{name}.{what}" for name in self._names for what in ("touches", "meets", "follows")]
 
     def see_all(self, kept: Recording) -> None:
-        """Judge all samples of a recording; the referee must be new, and have the period of `kept`."""
+        """Judge all samples of a recording; the referee must have no samples yet, and the same period as `kept`."""
         for now in kept.samples(self.signals):
             self.see(now)
 

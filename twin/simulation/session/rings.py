@@ -57,17 +57,17 @@ class BoardMeasures:
 
     @property
     def transferred(self) -> int:
-        """Number of rings that are around their pegs, and not held, at the end; n_RTC."""
+        """Number of rings that, at the end, are around their pegs and not held (n_RTC in the paper)."""
         return sum(r.t is not None for r in self.rings)
 
     @property
     def dropped(self) -> int:
-        """Number of drops; n_RD."""
+        """Number of drops of all rings (n_RD in the paper)."""
         return sum(r.drops for r in self.rings)
 
     @property
     def errors(self) -> int:
-        """Drops and collisions; n_Err."""
+        """Number of drops and collisions together (n_Err in the paper)."""
         return self.dropped + self.collisions
 
     def rows(self) -> list[tuple[str, str]]:
@@ -97,7 +97,7 @@ class Referee(InstrumentReferee):
         Args:
             task: a task with transfers.
             objects: the objects of the scene.
-            pegs: the pegs, by name.
+            pegs: {name: peg}.
             robots: the instruments, in the order of the numbers in `<ring>.holder`.
             period: time in s between two samples.
         """
@@ -177,7 +177,7 @@ def crossing(T: Array, radius: float, start: Array, end: Array) -> float | None:
 
 @dataclass
 class _Ring:
-    """A ring, its peg, and its history: when a hand held it, and since when it is around its peg."""
+    """A ring and its peg: when a hand last held the ring, and since when the ring is around the peg."""
 
     item: Movable
     peg: Peg
@@ -185,10 +185,10 @@ class _Ring:
     drops: int = 0
     at: int = -1
     held: int | None = None
-    """Last sample in which a hand held the ring; None: no hand has held it yet."""
+    """Index of the last sample in which a hand held the ring; None: the ring was never held."""
     holder: int = -1
     free: float | None = None
-    """Height in m at which a hand last released the ring; None: a hand holds it, or no hand has held it yet."""
+    """Height in m at which a hand last released the ring; None: the ring is held, or was never held."""
     z: float = 0.0
     placed: int | None = None
     told: str = field(default="")
@@ -204,7 +204,7 @@ class _Ring:
 
     @property
     def fell(self) -> bool:
-        """Whether the ring has been dropped since a hand last released it."""
+        """Whether the ring has fallen by more than `_FALL` since its last release, and is not around its peg."""
         return self.free is not None and self.placed is None and self.free - self.z > _FALL
 
     @property

@@ -38,7 +38,7 @@ SAMPLE = 5e-3
 _KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets", ".rubs", ".force")
 _KEPT += (".deviation", ".apart", ".phase", ".run", ".cue")
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.", "haptics.")
-"""Prefixes of the names of kept signals; signals whose names end with an item of `_KEPT` are kept as well."""
+"""Prefixes of signal names. A signal is kept if its name has one of these prefixes, or ends with an item of `_KEPT`."""
 
 Progress = Callable[[str, float], None]
 
@@ -86,7 +86,7 @@ class Ran:
 
 
 class Keep:
-    """Collects every n-th row of the signals with the given names."""
+    """Collects the values that signals with given names have at every n-th tick."""
 
     def __init__(self, world: World, names: Sequence[str], sample: float = SAMPLE) -> None:
         """Begin with no row; `sample`: time in s between two rows."""
@@ -160,7 +160,7 @@ def surgeon(
 
 
 def seat_of(setup: Setup, seed: int, scale: float | None) -> Seat:
-    """Return the seat of a simulated surgeon, who controls the first arm of each hand; `scale` as in `surgeon`."""
+    """Return the seat of a simulated surgeon, who controls the first arm of each hand; for `scale`, see `surgeon`."""
     table, arms = console_scene.console_of(setup.scene), {}
     for hand in HANDS:
         name = getattr(table, hand)[0]
@@ -290,7 +290,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
 
 
 def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
-    """Compare the last rows of a chunk from t0 to t1 in s: `row` of the replay with `last` of the recording."""
+    """Compare the rows after a chunk that lasts from t0 to t1 in s: `row` of the replay, `last` of the recording."""
     off = np.abs(row - last)
     k = int(np.argmax(off))
     if off[k] == 0:

@@ -1,4 +1,4 @@
-"""Find the targets of a task that the tips touched, with the times."""
+"""Find out which targets of a task the tips touched, and when."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def touched(task: Task, t: Array, tips: Mapping[str, Array]) -> list[Touched]:
     Args:
         task: the task.
         t: (k,) times in s, evenly spaced.
-        tips: position (k, 3) in m of the tip of each hand in the World.
+        tips: {hand: positions (k, 3) of its tip in m in the World}.
     """
     dt = float(t[1] - t[0]) if len(t) > 1 else np.inf
     out, begin = [], 0

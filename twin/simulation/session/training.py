@@ -23,7 +23,7 @@ from twin.simulation.session import movement
 from twin.simulation.world import Recording
 
 _LAG = 0.3
-"""Maximum delay in s of a replay on the machine relative to its record, for the comparison of their paths."""
+"""Maximum delay in s between record and replay that the comparison of their paths compensates."""
 
 _NAMES = {
     Phase.TELEOPERATE: "teleoperation",
@@ -65,7 +65,7 @@ class Training:
         deviation: (k,) distance in m between the tips of machine and model; nan while the model moves alone.
         limit: deviation in m above which the cue (force on the hand) acts.
         steps: the phases in order.
-        cue: largest force of the cue in N, and time in s with a cue.
+        cue: (largest force of the cue in N, total time in s in which the cue acts).
         stops: number of times that the machine went to E_STOP.
         silent: total time in s in which the machine did not answer, counted after its first state.
     """
@@ -91,7 +91,7 @@ class Training:
             yield (_NAMES[s.phase], f"{s.end - s.begin:.1f} s", *shown, s.text or "-")
 
     def findings(self) -> Iterator[Finding]:
-        """Yield findings on cues, stops, times without an answer, and stopped replays of the machine."""
+        """Yield findings on the machine: cues, stops, times without an answer, ended records and stopped replays."""
         if self.cue[0] > 0:
             yield warning(
                 "training.cue",
@@ -174,9 +174,9 @@ def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -
 
 
 def _apart(path: Array, record: Array, most: int) -> float:
-    """Return the largest distance of a path (k, 3) from a record (n, 3), at the best delay of at most `most` samples.
+    """Return the largest distance in m of a path (k, 3) from a record (n, 3), for the delay that minimises it.
 
-    Path and record begin and end at rest.
+    The delay is at most `most` samples. Path and record begin and end at rest.
     """
     first = [int(np.argmax(np.linalg.norm(p - p[0], axis=1) > 1e-4)) for p in (record, path)]
     record = record[first[0] :]

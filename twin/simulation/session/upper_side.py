@@ -13,16 +13,16 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
 _GREEN = 0.02
-"""Minimum difference of linear green to red and blue in the rectangle."""
+"""Minimum difference between green and the larger of red and blue (all linear) at the greenest pixel."""
 
 _SHORTEST = 60
-"""Minimum number of columns of an upper side; with fewer, the error of the angle may exceed 0.05 degrees."""
+"""Minimum number of columns of an upper side; with fewer columns, the angle error may exceed 0.05 degrees."""
 
 _OFF = 0.75
 """Maximum distance in pixels of a point of the upper side from its line; without smoothing, up to 0.5 is normal."""
 
 _FULL, _ABOVE = 0.97, 4
-"""Minimum green fraction of a fully green pixel; number of rows above this pixel that contain the edge."""
+"""Minimum green fraction of a fully green pixel; number of rows, above the first such pixel, with the edge."""
 
 _INSIDE = np.arange(3, 8)
 """Rows in which a column is fully green, counted downwards from its first green pixel."""

@@ -1,4 +1,4 @@
-"""Parts of a World: blocks, which write signals, and hazards, which change a signal between two blocks."""
+"""Parts of a World. Blocks write signals; hazards change a signal before other blocks read it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Block(ABC):
 
         Args:
             signals: the signals of the World.
-            memory: memory (n,) of each output, by name of the signal.
+            memory: {output signal: memory (n,) of its values}.
         """
         return
 

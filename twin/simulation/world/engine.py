@@ -26,8 +26,8 @@ from twin.simulation.world.signals import Signals, put
 class Placed:
     """A mechanism and its pose T_world_base (4, 4); for a robot, `<name>.q` has the values (n,) of the active joints.
 
-    `links` returns T_base_body (4, 4) of each body at active joint values (n,). The default is the reference model; a
-    compiled function is worth its compilation in a World that is drawn many times per second.
+    `links` returns T_base_body (4, 4) of each body at active joint values (n,). The default is the reference model.
+    In a World that is drawn many times per second, a compiled function saves more time than its compilation takes.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Placed:
 
 
 class _Run(NamedTuple):
-    """A block, the ticks and the time in s between two steps, and memory and hazards of the block's signals.
+    """A block with the ticks and the time in s between its steps, and the memory and hazards of its signals.
 
     The World unpacks this tuple in each tick, which is faster than reading attributes.
     """
@@ -206,7 +206,7 @@ class World:
         return Frame(self.t, poses, self._fields(poses))
 
     def fields(self) -> dict[str, Array]:
-        """Return the vertices (n, 3) in m of all deformables in the World, by name; faster than `frame`."""
+        """Return {name of a deformable: vertices (n, 3) in m in the World}; faster than `frame`."""
         owners = {d.owner for d in self.deformables}
         return self._fields({p.name: self._poses(p) for p in chain(self._robots, self._props) if p.name in owners})
 
@@ -218,7 +218,7 @@ class World:
         return fields
 
     def link_poses(self) -> dict[str, dict[str, Array]]:
-        """Return T_world_link (4, 4) now, by robot, prop or object, then by link; the World does not change."""
+        """Return {robot, prop or object: {link: T_world_link (4, 4)}} at the current time, as `frame` does."""
         poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
         return poses | {o.name: {o.name: self.signals[f"{o.name}.pose"].reshape(4, 4)} for o in self._objects}
 

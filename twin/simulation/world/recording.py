@@ -54,7 +54,7 @@ class Recording:
 
     Attributes:
         dt: duration of one tick in s.
-        sizes: number of values of each signal, by name, in the order of a row.
+        sizes: {signal: number of values}, in the order of a row.
         rows: (k, m) one row per tick.
     """
 
@@ -78,7 +78,7 @@ class Recording:
         return self.rows[:, columns(self.sizes)[name]]
 
     def samples(self, names: Iterable[str]) -> Iterator[dict[str, Array]]:
-        """Yield the values (n,) of signals, by name, of each row in order."""
+        """Yield {signal: values (n,)} for each row, in order."""
         columns = [(name, self[name]) for name in names]
         return ({name: column[k] for name, column in columns} for k in range(len(self.rows)))
 

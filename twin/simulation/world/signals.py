@@ -17,7 +17,7 @@ NAME = r"[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+"
 
 
 def columns(sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Return the columns of each signal in a row, from the number of values of each signal."""
+    """Return {signal: its columns in a row}; `sizes` is {signal: number of values}, in the order of the row."""
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:], strict=False)}
 
@@ -28,9 +28,9 @@ class Signals:
     Reading returns a copy that a block may store. Only the World writes.
 
     Attributes:
-        now: the current values (n,) without copying, read-only and valid until the next write; for fast blocks.
+        now: the current values (n,) without a copy, for fast blocks; they are read-only and valid until the next write.
         row: all values.
-        sizes: number of values of each signal.
+        sizes: {signal: number of values}.
     """
 
     def __init__(self, initial: Mapping[str, ArrayLike]) -> None:
@@ -60,7 +60,7 @@ class Signals:
         return name in self.sizes
 
     def view(self, name: str) -> Array:
-        """Return the memory (n,) of a signal, for `put`."""
+        """Return the memory (n,) of a signal, into which `put` writes."""
         return self._views[name]
 
     def check(self, t: float) -> None:
