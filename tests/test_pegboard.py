@@ -265,7 +265,7 @@ def test_a_wrong_peg_or_body_is_named(davinci, props):
     with pytest.raises(TwinError, match=r"there is no peg 'board_peg_rihgt'\. Did you mean 'board_peg_right'"):
         contact_scene.pegs(davinci, props, wrong)
     scene = replace(davinci, contact=davinci.contact.model_copy(update={"solid": ["bord"]}))
-    with pytest.raises(TwinError, match=r"there is no body of the props 'bord'"):
+    with pytest.raises(TwinError, match=r"there is no props body 'bord'"):
         contact_scene.pegs(scene, props, task)
     with pytest.raises(TwinError, match="no contact: add a section"):
         contact_scene.pegs(replace(davinci, contact=None), props, task)

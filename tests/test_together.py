@@ -520,7 +520,7 @@ def test_bad_input_for_several_arms_is_named(tmp_path, scene, names, clearance, 
     [
         ("", "--with '': scene 'raven' has no such robot; it has: raven_left, raven_right, ecm"),
         ("sils", "--with 'sils': scene 'raven' has no such robot; it has: raven_left, raven_right, ecm"),
-        ("raven_left", "--with raven_left: this robot is already planned"),
+        ("raven_left", "--with raven_left: this robot is given twice"),
         ("raven_right", "cannot write to"),
     ],
 )

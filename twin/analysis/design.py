@@ -179,8 +179,8 @@ def job(
     places = [f.name for f in factors if ":" in f.name]
     if places and set(objectives) - {"tolerance"}:
         raise TwinError(
-            f"--objective: only 'tolerance' depends on '{places[0]}', a distance of the mechanism; for other "
-            "objectives, vary a parameter of the equations"
+            f"--vary '{places[0]}' is a distance of the mechanism and affects only the objective 'tolerance'; for "
+            "other objectives, vary a parameter of the equations"
         )
     if len(places) < len(factors) and "tolerance" in objectives:
         raise TwinError(

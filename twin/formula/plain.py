@@ -281,10 +281,10 @@ def _point_names(
 
 
 def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
-    """Return a function that finds the first line with a result of NaN or infinity; None if there are no rows.
+    """Return a function that finds the first line of source whose result is NaN or infinite; None if `rows` is empty.
 
-    The function takes a pose (4, 4) and the parameters. It returns a text with file, line and cause; "" without such a
-    line.
+    The function takes a pose (4, 4) and the parameters. It returns a text with file, line and cause, or "" if there is
+    no such line.
     """
 
     def first(T: Array, parameters: Mapping[str, float]) -> str:

@@ -38,7 +38,7 @@ class CameraTable(Sourced):
 
     @property
     def in_frame(self) -> Array:
-        """Pose (4, 4) of the camera in its frame: a rotation by the roll angle about z."""
+        """Pose (4, 4) of the camera in the frame `frame` of the robot: a rotation by the roll angle about z."""
         return spatial.pose(spatial.rotation_z(self.roll_deg * DEG))
 
 

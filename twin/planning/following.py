@@ -233,7 +233,7 @@ class Follower:
         )
 
     def _directions(self, lever: Array) -> np.ndarray:
-        """Return a mask (6,) of the controlled directions: one for each degree of freedom, positions first."""
+        """Return a mask (6,) of the directions that can be controlled independently, selected in order."""
         J = self._carrier.jacobians(self._state, lever)
         J = np.concatenate([J[:, :3] / _LENGTH, J[:, 3:]], axis=1)
         largest = np.linalg.norm(J, axis=2).max()
@@ -433,8 +433,9 @@ def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, proto
             where = f"{protocol}: phase '{phase.name}' ({phase.type})"
             if foreign := [n for n in phase.joints if n in names and n not in kinematics.auxiliary]:
                 raise ProtocolError(
-                    f"{where}: joint '{foreign[0]}' moves the tool; auxiliary joints of this robot: "
-                    f"{', '.join(kinematics.auxiliary) or 'none'}. Use a positioning, or a waypoint with joint values"
+                    f"{where}: joint '{foreign[0]}' moves the tool, but the phase moves auxiliary joints only "
+                    f"(this robot: {', '.join(kinematics.auxiliary) or 'none'}); use a positioning, or a waypoint with "
+                    "joint values"
                 )
             after = moved(q, phase, names, kinematics.revolute, where)
         out.append(replace(path, extra_joints=tuple((i, float(q[i]), float(after[i])) for i in places)))

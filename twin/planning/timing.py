@@ -269,7 +269,7 @@ class _Path:
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         if len(s) != len(self._tables[order]):
-            raise TimingError("TOPP-RA evaluated the path between its grid points")
+            raise TimingError("TOPP-RA asked for values of the path between the grid points, where they are not known")
         return self._tables[order]
 
 

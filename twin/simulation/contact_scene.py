@@ -172,7 +172,7 @@ def _solids(scene: Scene, props: Mechanism | None) -> list[Solid]:
     bodies = {} if props is None else {b.name: b for b in props.bodies}
     for name in table.solid:
         if name not in bodies:
-            raise TwinError(f"{scene.file.name}: contact: {unknown('body of the props', name, bodies)}")
+            raise TwinError(f"{scene.file.name}: contact: {unknown('props body', name, bodies)}")
     poses = {} if props is None else ReferenceModel(props).home().link_poses
     return [Solid(name, bodies[name].meshes, table.friction, poses[name]) for name in table.solid]
 

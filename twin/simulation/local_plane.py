@@ -61,7 +61,10 @@ class LocalPlane:
 
     @classmethod
     def at_shaft(cls, T_world_tool: Array, lever: Array, normal: Array, depth: float) -> LocalPlane:
-        """Return the plane of a point of the shaft; arguments as in `at_tool` and `LocalPlane`."""
+        """Return the plane for a contact on the shaft.
+
+        T_world_tool, normal and depth are arguments of `at_tool`; lever (3,) is an attribute of `LocalPlane`.
+        """
         return cls(normal, lever, np.zeros(3), float(lever @ T_world_tool[:3, 3]) + depth)
 
     def depth(self, T_world_tool: Array) -> float:

@@ -47,7 +47,7 @@ def procedure_of(scene: Scene, task: Task | None) -> ProcedureTable:
     """
     if task is None or task.procedure is None:
         named = "there is no task" if task is None else f"task '{task.name}' is not a procedure"
-        raise TwinError(f"{scene.name}: {named}: choose a task with a section [task.NAME.procedure]")
+        raise TwinError(f"{scene.name}: {named}; choose a task that has a section [task.NAME.procedure]")
     return task.procedure
 
 

@@ -57,7 +57,7 @@ def _times(path: str, factor: float) -> Made:
 
 
 def _joints(stage: Usd.Stage, kind: type = UsdPhysics.Joint) -> list[Usd.Prim]:
-    """Return the joints between two bodies, without fixed joints."""
+    """Return all joints of type `kind` that connect two bodies, except fixed joints."""
     found = [p for p in stage.Traverse() if p.IsA(kind) and UsdPhysics.Joint(p).GetBody0Rel().GetTargets()]
     return [p for p in found if p.GetName() not in ("root_joint", "world") and not p.IsA(UsdPhysics.FixedJoint)]
 

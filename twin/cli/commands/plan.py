@@ -106,7 +106,7 @@ def _together(robot: Robot, args: argparse.Namespace) -> int:
     for text in args.beside.split(","):
         name, _, chosen = text.strip().partition("=")
         if name in arms:
-            raise TwinError(f"--with {name}: this robot is already planned; name each robot once, as in the scene")
+            raise TwinError(f"--with {name}: this robot is given twice; give each robot once, by its name in the scene")
         if name not in {*places, *places.values()}:
             raise TwinError(f"--with '{name}': scene '{scene.name}' has no such robot; it has: {', '.join(places)}")
         other = api.load(places.get(name) or name)

@@ -226,7 +226,7 @@ class Physics:
 
         A link outside `known` with two joints is removed, and its two joints become one joint. A link outside `known`
         with one joint is removed together with the joint. A link outside `known` with three or more joints remains.
-        All ties between the same two links become one joint.
+        If a file states joints by ties (`Joint.tied`), all ties between the same two links become one joint.
         """
         joints = [j for j in self.joints if not j.tied]
         pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n and n not in known]

@@ -1,4 +1,4 @@
-"""Two pedals select what the hands control: instruments, camera or nothing. A quick clutch tap changes the arm."""
+"""Two pedals select what the hands control: instruments, camera or nothing; a tap on one changes to another arm."""
 
 from __future__ import annotations
 
