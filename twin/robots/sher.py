@@ -76,7 +76,7 @@ def delta_forward(q1, q2, q3, r_b, r_p, l):  # noqa: E741 - the symbol of the so
 
 
 def _crank(x_AR, y_AR, AQ, QR):
-    """Return the angle al from the negative x axis to A->Q; `eq3` computes th1, the angle from x to A->D, from it."""
+    """Return the angle al from the negative x axis to A->Q; th1, the angle from x to A->D, follows from al."""
     L_AR = hypot(x_AR, y_AR)
     return acos((L_AR**2 + AQ**2 - QR**2) / (2 * L_AR * AQ)) + atan2(y_AR, x_AR)
 

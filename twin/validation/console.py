@@ -66,7 +66,7 @@ class Laws(Protocol):
         ...
 
     def turns(self, p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array, n: Array) -> tuple[float, float]:
-        """Return two values of the camera roll about the axis n (3,): from the motion of the right hand, and of the left.
+        """Return two values of the camera roll about the axis n (3,), from the motion of each hand, right hand first.
 
         The unit is `turn_unit`. p_R0 and p_R1 (3,) in m are the positions of the right hand before and after the
         motion, p_L0 and p_L1 (3,) in m those of the left hand.
