@@ -2,7 +2,7 @@
 
     python docs/make_serve_pictures.py [--only vsrs_by_hand]
 
-No graphics card is needed; three minutes.
+No graphics card is needed; five minutes.
 """
 
 from __future__ import annotations
@@ -11,19 +11,13 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 
 from pages import draw
 from playwright.sync_api import Browser, Page
 
-PICTURES: dict[str, tuple[tuple[str, ...], str]] = {
-    "vsrs_by_hand": (("vsrs",), "KeyQ"),
-    "serve_cholecystectomy": (("vsrs", "--task", "cholecystectomy"), ""),
-    "serve_pegboard": (("davinci", "--task", "pegboard"), ""),
-}
-"""By file: arguments of `twin serve`, and a key that is held for a while to move an instrument."""
-
 HELD = 2.5
-"""Time in s of the World for which the key is held."""
+"""Time in s of the World for which a key is held."""
 
 SHARP = "twin.app.world.renderer.getPixelRatio() === 1 && !twin.app.world.dirty"
 """Whether the page shows a picture of full quality."""
@@ -38,15 +32,53 @@ def until(page: Page, expression: str, seconds: float = 240.0) -> None:
         time.sleep(0.2)
 
 
-def at_rest(page: Page, url: str, key: str) -> bytes:
+def nothing(page: Page) -> None:
+    """Leave the page as it opens."""
+
+
+def instrument(page: Page) -> None:
+    """Move an instrument by a key."""
+    begin = page.evaluate("twin.app.model.time")
+    page.keyboard.down("KeyQ")
+    until(page, f"twin.app.model.time > {begin + HELD}")
+    page.keyboard.up("KeyQ")
+
+
+def inserted(page: Page) -> None:
+    """Seek to the deepest insertion of the protocol."""
+    until(page, "twin.app.model.state.duration > 0")
+    page.evaluate("twin.app.ask('seek', { t: 9.57 })")
+
+
+def rehearsed(page: Page) -> None:
+    """Rehearse a motion of the left arm in its model; the machine holds."""
+    state = "twin.app.machines.state.robots.raven_left"
+    until(page, f"twin.app.machines.state !== null && {state}.level === 'PEDAL_UP'")
+    while page.evaluate(f"{state}.level") != "PEDAL_DN":
+        page.evaluate("twin.app.console.move('left', 0.0005, 0, 0)")
+        time.sleep(0.05)
+    page.locator("[data-id=rehearse]").click()
+    until(page, f"{state}.phase === 'rehearse' && {state}.level === 'PEDAL_UP'")
+    for _ in range(60):
+        page.evaluate("twin.app.console.move('left', 0.001, -0.0005, 0)")
+        time.sleep(0.05)
+
+
+PICTURES: dict[str, tuple[tuple[str, ...], Callable[[Page], None]]] = {
+    "serve": (("sils",), inserted),
+    "vsrs_by_hand": (("vsrs",), instrument),
+    "serve_cholecystectomy": (("vsrs", "--task", "cholecystectomy"), nothing),
+    "serve_pegboard": (("davinci", "--task", "pegboard"), nothing),
+    "raven_trainer": (("raven",), rehearsed),
+}
+"""By file: arguments of `twin serve`, and what is done with the page before its picture is taken."""
+
+
+def at_rest(page: Page, url: str, prepare: Callable[[Page], None]) -> bytes:
     """Return the picture of a page at rest."""
     page.goto(url)
     until(page, "window.twin?.app.firstPicture > 0 && twin.app.loaded")
-    if key:
-        begin = page.evaluate("twin.app.model.time")
-        page.keyboard.down(key)
-        until(page, f"twin.app.model.time > {begin + HELD}")
-        page.keyboard.up(key)
+    prepare(page)
     time.sleep(8)
     until(page, SHARP)
     time.sleep(2)
@@ -55,7 +87,7 @@ def at_rest(page: Page, url: str, key: str) -> bytes:
 
 def served(browser: Browser, name: str) -> bytes:
     """Return the picture of the page that a server of its own shows."""
-    options, key = PICTURES[name]
+    options, prepare = PICTURES[name]
     with socket.create_server(("127.0.0.1", 0)) as s:
         port = s.getsockname()[1]
     command = [sys.executable, "-m", "twin", "serve", *options, "--no-browser", "--port", str(port)]
@@ -67,7 +99,7 @@ def served(browser: Browser, name: str) -> bytes:
                     break
             time.sleep(0.2)
         page = browser.new_page(viewport={"width": 1280, "height": 800})
-        picture = at_rest(page, f"http://127.0.0.1:{port}/", key)
+        picture = at_rest(page, f"http://127.0.0.1:{port}/", prepare)
         page.close()
     finally:
         server.terminate()
