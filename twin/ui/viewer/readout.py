@@ -14,13 +14,13 @@ _GOOD, _BAD, _WARN, _DIM = "#1f8a55", "#d62f2f", "#c77700", "#7d8896"
 
 
 def length(metres: float) -> str:
-    """Return a length in m as text with a suitable unit."""
+    """Return a length in m as text with a suitable unit; lengths below 0.1 nm are rounding errors."""
     if not np.isfinite(metres):
         return "-"
-    for smallest, scale, unit in ((1e-4, MM, "mm"), (1e-7, 1e-6, "µm"), (1e-10, 1e-9, "nm"), (0.0, 1e-12, "pm")):
+    for smallest, scale, unit in ((1e-4, MM, "mm"), (1e-7, 1e-6, "µm"), (1e-10, 1e-9, "nm")):
         if abs(metres) >= smallest:
             return f"{metres / scale:.3f} {unit}"
-    return "-"
+    return "below 0.1 nm"
 
 
 def amount(residual: Residual) -> str:
@@ -54,7 +54,7 @@ def table(reading: Reading, variants: str = "") -> str:
         of = f", {escape(t.name)}" if len(reading.trocars) > 1 else ""
         rows.append(_line(f"RCM error{of}", length(t.error), _GOOD if t.error < 0.1 * MM else _BAD))
         if t.depth is not None:
-            rows.append(_line(f"insertion depth{of}", length(t.depth)))
+            rows.append(_line(f"insertion depth{of}", f"{t.depth / MM:.3f} mm"))
     if reading.condition is not None:
         rows.append(_line("condition number", f"{reading.condition:.1f}", _WARN if reading.condition > 100 else ""))
     for kind, name in (("type1", "type I"), ("type2", "type II")):
