@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from twin.cli import main
 from twin.core.errors import DescriptionError
 from twin.simulation.session.guiding import GuideMeasures
 from twin.simulation.session.rings import BoardMeasures
+from twin.ui.report.study import figure
 from twin.validation.questionnaires import keys
 from twin.validation.ranks import compare, label
 
@@ -197,6 +198,23 @@ def test_the_command_writes_page_boxes_and_table(four, tmp_path, capsys):
     assert {p.name for p in out.iterdir()} == {"study.html", "study.json", "study.png", "users.csv"}
     again = compare(out / "users.csv")
     assert {c.measure for c in again.comparisons} >= {"time_s", "align_err_deg"}
+
+
+@pytest.mark.slow
+def test_names_below_the_boxes_do_not_overlap(tmp_path):
+    """Neither with several sessions of long groups, nor with many groups; a group's colour is that of its curve."""
+    groups = {"by the console": 3, "by laparoscopy": 3}
+    rows = [f"{g},{n},{k + n}" for g, most in groups.items() for n in range(1, most + 1) for k in range(4)]
+    sessions = "group,session,time\n" + "\n".join(rows)
+    many = "group,time\n" + "\n".join(f"surgeons of hospital {k},{k + j}" for k in range(6) for j in range(4))
+    for text in (sessions, many):
+        drawn = figure(compare(table(tmp_path, text)))
+        drawn.canvas.draw()
+        boxes = [t.get_window_extent() for t in drawn.axes[0].get_xticklabels()]
+        assert len(boxes) == (4 if text is sessions else 6)
+        assert all(a.x1 < b.x0 for a, b in pairwise(boxes))
+        dots = [line.get_color() for line in drawn.axes[0].lines if line.get_marker() == "o"]
+        assert text is many or dots[0] == dots[1] != dots[2] == dots[3]
 
 
 @pytest.mark.parametrize(

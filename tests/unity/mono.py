@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -130,8 +131,20 @@ def nunit(folder: Path) -> Outcome:
 
 
 def run(command: list[str], cwd: Path | None = None, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
-    """Run a program, with the package's resources where the stub looks for them."""
-    return subprocess.run(command, cwd=cwd, env=surroundings(), capture_output=True, text=True, timeout=timeout)
+    """Run a program, with the package's resources where the stub looks for them.
+
+    Mono hangs in about one of some hundred runs of the same program; a program that does not end is run once more.
+
+    Raises:
+        subprocess.TimeoutExpired: the program has not ended twice.
+    """
+    done = partial(
+        subprocess.run, command, cwd=cwd, env=surroundings(), capture_output=True, text=True, timeout=timeout
+    )
+    try:
+        return done()
+    except subprocess.TimeoutExpired:
+        return done()
 
 
 def surroundings() -> dict[str, str]:
