@@ -215,7 +215,7 @@ def test_a_picture_alone_shows_that_its_rectangle_is_not_whole(hole, why):
 def test_a_rectangle_seen_as_a_line_is_named():
     rgb = np.zeros((720, 960, 3))
     rgb[np.arange(200, 400), np.arange(300, 500)] = (0.02, 0.5, 0.05)
-    with pytest.raises(upper_side.UnmeasuredError, match="is a line in the picture"):
+    with pytest.raises(upper_side.UnmeasuredError, match="only an edge of the rectangle, as a line"):
         upper_side.angle(rgb)
 
 

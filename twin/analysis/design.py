@@ -93,7 +93,9 @@ class Job:
 
 
 def factor(robot: api.Robot, text: str) -> Factor:
-    """Return the factor for the text NAME=LOW..HIGH[unit]; default unit: the unit of the parameter, or mm.
+    """Return the factor for the text NAME=LOW..HIGH[unit].
+
+    Without a unit, the unit is that of the parameter, or mm for a distance of the mechanism.
 
     Raises:
         TwinError: the text does not have this form, the name does not exist, or the unit does not fit the parameter.

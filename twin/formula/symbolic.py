@@ -151,8 +151,8 @@ def retract(T: SX, xi: SX) -> SX:
 def pose_residual(T: SX, T_target: SX) -> SX:
     """Return the 6 errors of T relative to T_target, in the axes of the target: position in m, rotation vector in rad.
 
-    All errors are 0 only if the poses are equal. A task may omit rows: the rotation rows x and y alone are 0 if, and
-    only if, the z axes of both poses agree.
+    All errors are 0 only if the poses are equal. A task may omit errors. For example, the rotation errors
+    about x and y are both 0 if, and only if, the z axes of the two poses agree.
     """
     R = T_target[0:3, 0:3].T
     return ca.vertcat(R @ (T[0:3, 3] - T_target[0:3, 3]), log_so3(R @ T[0:3, 0:3]))

@@ -242,7 +242,7 @@ def _place(r: RobotTable, table: SceneTable, folder: Path) -> Place:
 
 
 def _check_pair(path: Path, k: int, pair: tuple[str, str], names: list[str]) -> None:
-    """Raise an error unless a pair of `touching` names two different bodies and at least one belongs to a robot."""
+    """Raise an error if an entry of `touching` is not two different bodies, or if neither body belongs to a robot."""
     for full in pair:
         if full.count("/") != 1:
             raise error_at(path, ("touching", k), f"'{full}' is not a body; write \"owner/body\"")

@@ -134,7 +134,7 @@ class Follower:
                 X, q, Ts = self._carrier.follow(goal[None], directions, lever, self._state)
                 self._outside(name, T_tool_frame, Ts[-1], directions)
         except AssemblyError as error:
-            raise ProtocolError(f"{where}, '{name}', cannot be reached from the drawn pose: {error}") from error
+            raise ProtocolError(f"{where}, '{name}', cannot be reached from the pose in the CAD: {error}") from error
         self._state, self.q, T = X[-1], q[-1], Ts[-1]
         return angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles), T[:3, 3] + T[:3, :3] @ lever
 
@@ -371,7 +371,7 @@ def freed(
                 X, _ = carrier.carry(line(drawn, q[0])(np.linspace(0.0, 1.0, _STATIONS)), x)
             except AssemblyError as error:
                 raise ProtocolError(
-                    f"{where}: the start of the phase cannot be reached from the drawn pose: {error}"
+                    f"{where}: the start of the phase cannot be reached from the pose in the CAD: {error}"
                 ) from error
             path, _ = carried(path, course, carrier, X[-1], where)
         out.append(path)

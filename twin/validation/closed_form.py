@@ -203,7 +203,10 @@ def _left(difference: Array, edit: Array) -> float:
 
 
 def _parameters(form: ClosedForm, states: list[_State], M: Array, g: Array) -> Iterator[tuple[str, float, float, str]]:
-    """Yield (name, required value, published value, unit) of each parameter whose change explains all differences."""
+    """Yield (name, required value, published value, unit) of each parameter that alone explains all differences.
+
+    With the required value instead of the published one, closed form and mechanism agree.
+    """
     n, k = len(form.joints), len(form.parameters)
     share = np.concatenate([np.concatenate([s.A.M_share.reshape(n * n, k), s.A.g_share]) for s in states])
     size = np.concatenate([np.concatenate([M[i].reshape(-1), g[i]]) for i in range(len(states))])

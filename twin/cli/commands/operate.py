@@ -107,7 +107,7 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
         return _machine(scene, args)
     if args.machine:
         raise TwinError(
-            f"--machine applies only to a scene with a section [trainer] in {file.name}, and without --task"
+            f"--machine requires a scene with a section [trainer] in {file.name}, and cannot be used with --task"
         )
     wrong = [n for n, v in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
     if wrong:

@@ -227,10 +227,10 @@ def console(variants: Mapping[str, str] | None = None) -> Console:
     """Return the paper's console.
 
     Args:
-        variants: {equation: reading} for readings other than the correct one; None: all readings are the correct one.
+        variants: {equation: name of its variant}; for the other equations, the correct variant is used.
 
     Raises:
-        KinematicsError: there is no equation or reading of this name.
+        KinematicsError: there is no equation or variant of this name.
     """
     chosen = {name: e.default for name, e in EQUATIONS.items()}
     for name, reading in (variants or {}).items():

@@ -267,7 +267,7 @@ def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[st
 
 
 def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Progress) -> Ran:
-    """Step a World with the recorded device to the end of a session, and compare its signals with the recording.
+    """Step a World by the recorded device to the end of a session; compare the signals of the World with the recording.
 
     Args:
         session: the session.

@@ -36,13 +36,13 @@ class UnmeasuredError(TwinError):
 
 
 def angle(rgb: Array) -> float:
-    """Return the angle in rad of the upper side against the picture's horizontal, counter-clockwise positive.
+    """Return the angle in rad of the rectangle's upper side from the picture's horizontal, counter-clockwise positive.
 
     Args:
         rgb: (height, width, 3) linear colours of the picture.
 
     Raises:
-        UnmeasuredError: there is no green, or the rectangle is cut by the border of the picture, too small, partly
+        UnmeasuredError: there is no green rectangle, or it is cut by the border of the picture, too small, partly
             covered, or turned by more than 45 degrees.
     """
     mask = _mask(rgb)
@@ -97,7 +97,9 @@ def _require_convex(mask: Array) -> None:
     try:  # hull of the pixels' middles: half a pixel smaller on every side
         hull = ConvexHull(np.column_stack([columns, rows]))
     except QhullError as error:
-        raise UnmeasuredError("the rectangle is a line in the picture; turn the camera towards its front") from error
+        raise UnmeasuredError(
+            "the camera sees only an edge of the rectangle, as a line; move the camera in front of the rectangle"
+        ) from error
     missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
     if missing > _DENT * len(rows) + 0.25 * hull.area:
         raise UnmeasuredError(

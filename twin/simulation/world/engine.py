@@ -218,7 +218,7 @@ class World:
         return fields
 
     def link_poses(self) -> dict[str, dict[str, Array]]:
-        """Return {robot, prop or object: {link: T_world_link (4, 4)}} at the current time, as `frame` does."""
+        """Return {robot, prop or object: {link: T_world_link (4, 4)}} at the current time, as part of `frame()`."""
         poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
         return poses | {o.name: {o.name: self.signals[f"{o.name}.pose"].reshape(4, 4)} for o in self._objects}
 

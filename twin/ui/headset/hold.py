@@ -69,4 +69,4 @@ def move_of(hold: Hold, message: wire.Drag, desk: Desk) -> Callable[[], Moved]:
         p, target = np.array(hold.point), np.array(message.point)
         return lambda: desk.move_point(hold.body, p, target)
     wanted = {"tool": "pose", "joint": "value", "link": "point"}[hold.target]
-    raise RefusedError("not_held", f"the {hold.target} is grabbed: a drag must state its {wanted}")
+    raise RefusedError("not_held", f"the {hold.target} is grabbed; a drag of it must contain `{wanted}`")

@@ -1,4 +1,4 @@
-"""Pack link poses of several robots for a scene's frames; quaternions do not flip their sign between frames."""
+"""Pack link poses of several robots for the stream; the signs of quaternions do not flip between two pictures."""
 
 from __future__ import annotations
 

@@ -230,7 +230,7 @@ class Letters:
         if not good or up.bytes < 0 or up.parts < 0 or (up.parts == 0) != (up.bytes == 0):
             self._upload = None
             sender.cut()  # disconnecting makes viser drop the received parts
-            raise NonsenseError("a part of a file does not match its upload")
+            raise NonsenseError("a part of a file has the wrong number or size for the upload in progress")
         up.next += 1
         if up.parts == 0:
             self._upload = None

@@ -117,7 +117,7 @@ class Hold:
             self._d.eq_active[self._m.equality(f"bed_{node}_{axis}").id] = 0
 
     def grasp(self, k: int, weights: Array, p_world: Array, limit: float) -> None:
-        """Hold the point weights @ nodes at p_world (3,) in m with jaws k, up to a force of `limit` in N."""
+        """Let jaws k hold the point `weights @ nodes` at p_world (3,) in m with a force of at most `limit` in N."""
         self.grips[k] = Grip(weights, limit, p_world.copy(), np.zeros(3), np.zeros(3))
         w = weights[self._free]
         for axis in range(3):
