@@ -112,7 +112,7 @@ class Door:
         select_subprotocol: Callable[..., Any],
         **ours: Any,
     ) -> Any:
-        """Open viser's socket in place of `websockets.serve`, with the access control and limits of this module."""
+        """Open viser's socket instead of `websockets.serve`, with the access control and limits of this module."""
         self.stands = True
         return listen(
             handler,
