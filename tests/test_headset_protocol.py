@@ -65,7 +65,7 @@ def test_a_frame_lies_as_the_documentation_says():
     ("spoil", "message"),
     [
         (lambda d: d[:20], "the header needs 32"),
-        (lambda d: b"XXXX" + d[4:], "the first word is"),
+        (lambda d: b"XXXX" + d[4:], "begins with"),
         (lambda d: d[:-1], "need 72"),
         (lambda d: d + b"\0", "need 72"),
         (lambda d: d[:28] + struct.pack("<I", wire.GHOST) + d[32:], "need 100"),

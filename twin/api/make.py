@@ -136,7 +136,7 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
 def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Array, dict[str, Array]]]:
     """Return {protocol: (key times (k,) in s, {link: poses (k, 4, 4)})}, computed by the reference model.
 
-    The result is empty if the files have no clips, as an URDF.
+    The result is empty if the files have no clips, like a URDF.
     """
     from twin.exchange.audit import key_times
     from twin.reference import ReferenceModel

@@ -103,7 +103,7 @@ def size_of(data: bytes) -> int:
         raise TwinError(f"frame: {len(data)} bytes; the header needs {_HEADER.size}")
     magic, *_, links, joints, flags = _HEADER.unpack_from(data)
     if magic != MAGIC:
-        raise TwinError(f"frame: the first word is {magic:#010x}, expected {MAGIC:#010x}")
+        raise TwinError(f"frame: begins with {magic:#010x}, not with {MAGIC:#010x}")
     return _HEADER.size + 4 * (7 * links + joints + (7 if flags & GHOST else 0))
 
 
