@@ -148,8 +148,10 @@ def test_a_gamepad_moves_both_hands_pedals_and_jaws_and_rumbles_at_a_wall(page):
     page.until("twin.app.console.pad.walls === 0", "no wall")
     page("window.felt = []; twin.app.console.walls = () => 1")
     page.until("window.felt.length > 0", "the wall is felt")
-    page("delete twin.app.console.walls")
-    assert page("window.felt") == ["dual-rumble"], "a wall is felt once"
+    time.sleep(0.5)  # some pictures, in each of which it could be felt again
+    felt = page("[...window.felt]")
+    page("delete twin.app.console.walls")  # an arm may be at one of its limits, which would be felt from now on
+    assert felt == ["dual-rumble"], "a wall is felt once"
     page("window.pad.connected = false")
     page.until("twin.app.console.pad.name === ''", "the pad is gone")
 
