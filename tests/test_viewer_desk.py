@@ -34,7 +34,6 @@ from twin.ui.viewer import readout
 from twin.ui.viewer.design import with_distance
 from twin.ui.viewer.design_panel import differs, refused
 from twin.ui.viewer.panels import LEAST_SPAN, curves
-from twin.ui.viewer.readout import length
 
 ROBOTS = one_of_a_kind()
 
@@ -524,5 +523,5 @@ def test_a_slider_ends_where_the_loops_end_whatever_its_speed(any_desk):
 
 
 def test_a_rounding_error_is_shown_without_digits():
-    lengths = [length(metres) for metres in (0.0, -3e-13, 2e-10, 5e-6, 0.04, np.nan)]
-    assert lengths == ["below 0.1 nm", "below 0.1 nm", "0.200 nm", "5.000 µm", "40.000 mm", "-"]
+    lengths = [readout.length(metres) for metres in (0.0, -3e-13, 3e-11, 2e-10, 5e-6, 0.04, np.nan)]
+    assert lengths == ["0 mm", "< 1 pm", "30 pm", "0.200 nm", "5.000 µm", "40.000 mm", "-"]

@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 
+from twin.core.format import quantity
 from twin.core.units import DEG, MM
 from twin.ui.session.instruments import AGREE, Limit, Reading, Residual
 
@@ -14,13 +15,13 @@ _GOOD, _BAD, _WARN, _DIM = "#1f8a55", "#d62f2f", "#c77700", "#7d8896"
 
 
 def length(metres: float) -> str:
-    """Return a length in m as text with a suitable unit; lengths below 0.1 nm are rounding errors."""
+    """Return a length in m as text with a suitable unit, and three decimals so that its width does not change."""
     if not np.isfinite(metres):
         return "-"
     for smallest, scale, unit in ((1e-4, MM, "mm"), (1e-7, 1e-6, "µm"), (1e-10, 1e-9, "nm")):
         if abs(metres) >= smallest:
             return f"{metres / scale:.3f} {unit}"
-    return "below 0.1 nm"
+    return quantity(metres, "m")
 
 
 def amount(residual: Residual) -> str:
@@ -43,16 +44,16 @@ def table(reading: Reading, variants: str = "") -> str:
     if reading.residual is not None:
         what = reading.residual.what
         state = "agree" if reading.agrees else "DISAGREE"
-        text, color = f"{state}: {amount(reading.residual)} ({escape(what)})" if what else state, _GOOD
+        text, color = f"{state}: {escape(amount(reading.residual))} ({escape(what)})" if what else state, _GOOD
         if not reading.agrees:
             color = _BAD
         elif not reading.comparable:
             text, color = reading.scope, _WARN
         rows.append(_line("formula ↔ mechanism", text, color))
-    rows.append(_line("loop gap", length(reading.gap), _GOOD if reading.gap < AGREE else _BAD))
+    rows.append(_line("loop gap", escape(length(reading.gap)), _GOOD if reading.gap < AGREE else _BAD))
     for t in reading.trocars:
         of = f", {escape(t.name)}" if len(reading.trocars) > 1 else ""
-        rows.append(_line(f"RCM error{of}", length(t.error), _GOOD if t.error < 0.1 * MM else _BAD))
+        rows.append(_line(f"RCM error{of}", escape(length(t.error)), _GOOD if t.error < 0.1 * MM else _BAD))
         if t.depth is not None:
             rows.append(_line(f"insertion depth{of}", f"{t.depth / MM:.3f} mm"))
     if reading.condition is not None:
