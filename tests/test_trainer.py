@@ -43,7 +43,6 @@ from twin.simulation.machine import states
 from twin.simulation.machine.itp import number_of, pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.link import Address, MachineLink, StateReader
-from twin.simulation.machine.machine import Machine
 from twin.simulation.machine.modelled import Modelled
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.states import State
@@ -102,22 +101,19 @@ def test_increments_lead_to_the_goal_within_the_limits(way, turn, jaw):
 def test_a_goal_that_jumps_does_not_make_the_model_too_fast(scene, side):
     """As a hand does whose page stalls: no rehearsal is refused for the speed that this gives."""
     parts, bounds = machine_parts(twin.load(side)), machine_scene.bounds(scene.trainer)
-    model, random, fastest = Machine(parts, q=parts.home), np.random.default_rng(1), 0.0
-    model.stand(parts.home)
-    tip, speed, down = parts.kin.forward(model.q)[:3, 3], np.zeros(3), np.append(STILL[:8], 1.0)
-    start, smooth = parts.kin.forward(model.q), Smooth(bounds, 1e-3, 1e-3)
+    model, random, fastest = Modelled("arm", parts, Cue(), parts.home), np.random.default_rng(1), 0.0
+    at_rest = {"arm.phase": [Phase.REHEARSE, 0, 0], "arm.measured": parts.home, "arm.run": [1.0, Level.PEDAL_UP, 0, 0]}
+    signals = Signals({"arm.given": np.append(STILL, 0.0), **at_rest, **model.outputs})
+    start, smooth = parts.kin.forward(parts.home), Smooth(bounds, 1e-3, 1e-3)
     smooth.begin(goal := start, 0.0)
     for k in range(3000):
         if k >= 300 and random.uniform() < 1 / 100:
             way = random.normal(size=3)
             goal = spatial.pose(start[:3, :3], start[:3, 3] + random.uniform(3e-3, 0.01) * way / np.linalg.norm(way))
-        values = smooth.values(goal, 0.0) if k >= 300 else down
-        packet = pack(number_of(k + 1), parts.settings.arm, values, parts.settings.packet_version)
-        model.step(1e-3 * k, [(packet, side)])
-        before, tip = tip, parts.kin.forward(model.q)[:3, 3]
-        speed = speed + parts.arithmetic.share * ((tip - before) / 1e-3 - speed)
-        fastest = max(fastest, float(np.linalg.norm(speed)))
-    assert model.held == 0
+        signals.view("arm.given")[:9] = smooth.values(goal, 0.0) if k >= 300 else np.append(STILL[:8], 1.0)
+        _, speed, held = model.step(signals, 1e-3 * k, 1e-3)["arm.model"]
+        fastest = max(fastest, speed)
+    assert held == 0
     assert 0.03 < fastest < bounds.rehearsed
 
 
