@@ -144,7 +144,7 @@ class Levers:
         off = centres[self._bodies] - place[self._joints, :, 1]
         along = (off * place[self._joints, :, 0]).sum(axis=1)
         for n in np.flatnonzero(self._balls):
-            # the sum, not the norm: the body may rotate about the three axes one after the other
+            # the sum, not the norm: the body may rotate about each of the three axes in turn
             steps[n] = moved[:, self._columns[n] : self._columns[n] + 3].sum(axis=1)
             along[self._joints == n] = 0.0
         rho = np.sqrt(np.maximum((off * off).sum(axis=1) - along**2, 0.0)) + radii[self._bodies, None]
