@@ -6,6 +6,7 @@ The exit code is 0 for agreement or success, 1 for a disagreement, 2 if the chec
 
 from __future__ import annotations
 
+import os
 import sys
 
 TYPE_CHECKING = False  # as in `typing`, whose import takes a while
@@ -14,7 +15,18 @@ if TYPE_CHECKING:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code."""
+    """Run one command and return its exit code; without `argv`, that of the command line, in a supervised process."""
+    if argv is not None:
+        return _command(argv)
+    if sys.getfilesystemencoding() == "ascii":
+        # With LC_ALL=C and PYTHONUTF8=0, USD and mesh libraries cannot read file names that are not ASCII.
+        os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
+    from twin.cli.supervisor import supervised
+
+    return supervised(lambda: _command(sys.argv[1:]))
+
+
+def _command(argv: Sequence[str]) -> int:
     try:
         from twin.cli.command_line import run  # imported here, so that Ctrl-C during the import prints no traceback
 

@@ -20,12 +20,9 @@ from twin.core.errors import TwinError
 _SERVERS = ("serve", "view", "follow")
 
 
-def run(argv: Sequence[str] | None = None) -> int:
+def run(argv: Sequence[str]) -> int:
     """Run one command and return its exit code."""
-    if argv is None and sys.getfilesystemencoding() == "ascii":
-        # With LC_ALL=C and PYTHONUTF8=0, USD and mesh libraries cannot read file names that are not ASCII.
-        os.execv(sys.executable, [sys.executable, "-X", "utf8", *sys.orig_argv[1:]])
-    argv = sys.argv[1:] if argv is None else list(argv)
+    argv = list(argv)
     for stream in (sys.stdout, sys.stderr):  # print a question mark for unsupported characters
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -39,15 +36,15 @@ def run(argv: Sequence[str] | None = None) -> int:
             command = _prepared(args)
         # asyncio, which serves pages, replaces only Python's own handler of Ctrl-C.
         with contextlib.nullcontext() if args.command in _SERVERS else after_imports():
-            code = int(command(args))
+            code = _completed(command, args)
         sys.stdout.flush()  # raises a broken pipe here, where it is handled
         return code
     except UsageError as error:
         print(error.usage, end="", file=sys.stderr)
-        return _failed("usage", str(error), args.json)
+        return failed("usage", str(error), args.json)
     except TwinError as error:
         _trace(args.debug)
-        return _failed(type(error).__name__, str(error), args.json)
+        return failed(type(error).__name__, str(error), args.json)
     except KeyboardInterrupt as stopped:
         _settle(args)  # child processes were killed and have left their temporary folders
         print(f"twin: interrupted: {', '.join(map(str, stopped.args)) or _kept()}", file=sys.stderr)
@@ -60,12 +57,26 @@ def run(argv: Sequence[str] | None = None) -> int:
         from twin.core.atomic import no_room
 
         if full := no_room(error):
-            return _failed("OutputError", full, args.json)
+            return failed("OutputError", full, args.json)
         if isinstance(error, UnicodeEncodeError) and any("\ud800" <= c <= "\udfff" for c in str(error.object)):
             text = f"{ascii(str(error.object))[:200]} is not valid UTF-8: rename the file or folder"
-            return _failed("output", text, args.json)
+            return failed("output", text, args.json)
         text = f"internal error, {type(error).__name__}: {error}. Please report it with the output of --debug."
-        return _failed(type(error).__name__, text, args.json)
+        return failed(type(error).__name__, text, args.json)
+
+
+def _completed(command: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
+    """Run a command to its end and return its exit code.
+
+    Raises:
+        ProgramEndError: code that the command runs asks to end the program; without a verdict, that is no success.
+    """
+    from twin.core.program_end import ending
+
+    try:
+        return int(command(args))
+    except SystemExit as end:
+        raise ending(end) from end
 
 
 def _prepared(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
@@ -124,7 +135,7 @@ def _settle(args: argparse.Namespace) -> None:
         settle(place)
 
 
-def _failed(kind: str, message: str, as_json: bool) -> int:
+def failed(kind: str, message: str, as_json: bool) -> int:
     """Print an error that prevented the check; return exit code 2."""
     if as_json:
         from twin.core import findings

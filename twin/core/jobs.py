@@ -18,6 +18,7 @@ from typing import Any, Generic, TypeVar
 from twin.core.atomic import no_room
 from twin.core.errors import TwinError
 from twin.core.processes import Apart
+from twin.core.program_end import ending
 
 Piece = TypeVar("Piece")
 
@@ -72,14 +73,14 @@ class Call:
         try:
             self._outcome = self._process.line.recv()
         except (EOFError, OSError):
-            self._outcome = None, "the worker process has ended"
+            self._outcome = None, self._process.end
 
 
 def _answer(line: Connection, module: str, name: str, arguments: tuple[Any, ...], nice: int) -> None:
     os.nice(nice)
     try:
         outcome = getattr(importlib.import_module(module), name)(*arguments), None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         outcome = None, _message(error)
     line.send(outcome)
 
@@ -150,7 +151,7 @@ class Stream(Generic[Piece]):
         self._process = Apart(_stream, f.__module__, f.__qualname__, self._nice)
         self._inbox: queue.SimpleQueue[tuple[int | None, Any, str | None]] = queue.SimpleQueue()
         # A piece may be larger than the pipe's buffer; without this thread, `poll` would wait for the process.
-        threading.Thread(target=_read, args=(self._process.line, self._inbox), daemon=True).start()
+        threading.Thread(target=_read, args=(self._process, self._inbox), daemon=True).start()
 
     def _close(self) -> None:
         self._running = False
@@ -159,11 +160,11 @@ class Stream(Generic[Piece]):
             self._process = None
 
 
-def _read(line: Connection, inbox: queue.SimpleQueue) -> None:
-    with line, suppress(EOFError, OSError):
+def _read(process: Apart, inbox: queue.SimpleQueue) -> None:
+    with process.line as line, suppress(EOFError, OSError):
         while True:
             inbox.put(line.recv())
-    inbox.put((None, None, "the worker process has ended"))
+    inbox.put((None, None, process.end))
 
 
 def _stream(line: Connection, module: str, name: str, nice: int) -> None:
@@ -183,12 +184,14 @@ def _stream(line: Connection, module: str, name: str, nice: int) -> None:
                 line.send((number, None, ""))
         except (BrokenPipeError, ConnectionResetError):
             raise
-        except Exception as error:  # any error is reported; the calling program continues
+        except (Exception, SystemExit) as error:  # any error is reported; the calling program continues
             line.send((number, None, _message(error)))
 
 
-def _message(error: Exception) -> str:
+def _message(error: BaseException) -> str:
     """Return an error as text for the parent process; the text of an unexpected error names its function and line."""
+    if isinstance(error, SystemExit):
+        return str(ending(error))
     if isinstance(error, TwinError):
         return str(error)
     if isinstance(error, OSError) and (full := no_room(error)):

@@ -19,6 +19,8 @@ from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any
 
+from twin.core.program_end import name_exits
+
 _PACKAGES = ("site-packages", "dist-packages")
 _SERVE = "from twin.core.processes import serve; serve()"
 
@@ -69,6 +71,13 @@ class Apart:
         """Whether the process is running."""
         return self._process.poll() is None
 
+    @property
+    def end(self) -> str:
+        """Text that says how the process ended; call this only after `line` has closed."""
+        status = self._process.wait()
+        how = f"with exit code {status}" if status >= 0 else f"by {signal.Signals(-status).name}"
+        return f"the worker process ended {how} and gave no result; its last words are above"
+
     def close(self) -> None:
         """Kill the process, without any clean-up by the process; `line` stays open."""
         self._end()
@@ -82,6 +91,7 @@ def _end(process: subprocess.Popen) -> None:
 def serve() -> None:
     """In the child process: receive the function call from the parent process, and run it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    name_exits(lambda text: os.write(2, f"twin: {text}\n".encode()))
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with Connection(int(sys.argv[1])) as line, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         module, name, arguments = line.recv()

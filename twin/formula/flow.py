@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from twin.core.errors import KinematicsError, no_inverse, unknown
+from twin.core.program_end import ProgramEndError, contained
 from twin.core.spatial import Array
 from twin.formula import symbolic
 from twin.formula.contract import POSE_SYMBOL, Equation, Formula, Rows, Stage, arguments, unread
@@ -76,8 +77,9 @@ def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence
             text = unknown("symbol", name, symbols, unread).removeprefix("there is no ")
             raise KinematicsError(f"{what} needs {text}")
     try:
-        return function(**{n: symbols[n] for n in (*required, *optional) if n in symbols})
-    except KinematicsError:
+        with contained():
+            return function(**{n: symbols[n] for n in (*required, *optional) if n in symbols})
+    except (KinematicsError, ProgramEndError):
         raise
     except Exception as error:
         raise KinematicsError(f"{what} fails at {_where(error, function)}: {_message(error)}") from error
@@ -111,7 +113,10 @@ def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
     """Return {symbol: value} of a pose (4, 4): the pose itself and its coordinates."""
     what = f"formula '{formula.name}', coordinates.from_pose"
     try:
-        values = formula.coordinates.from_pose(T)
+        with contained():
+            values = formula.coordinates.from_pose(T)
+    except ProgramEndError:
+        raise
     except Exception as error:
         raise KinematicsError(f"{what} fails at {_where(error, formula.coordinates.from_pose)}: {error}") from error
     names = formula.coordinates.names
@@ -127,7 +132,10 @@ def to_pose(formula: Formula, symbols: Mapping[str, Any]) -> ca.SX:
         if name not in symbols:
             raise KinematicsError(f"{what} needs {unknown('symbol', name, symbols).removeprefix('there is no ')}")
     try:
-        T = ca.SX(formula.coordinates.to_pose(*(symbols[n] for n in formula.coordinates.names)))
+        with contained():
+            T = ca.SX(formula.coordinates.to_pose(*(symbols[n] for n in formula.coordinates.names)))
+    except ProgramEndError:
+        raise
     except Exception as error:
         raise KinematicsError(f"{what} fails at {_where(error, formula.coordinates.to_pose)}: {error}") from error
     if T.shape != (4, 4):

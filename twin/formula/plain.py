@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from twin.core.errors import KinematicsError
+from twin.core.program_end import ProgramEndError, contained
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.formula import symbolic
@@ -140,8 +141,9 @@ class _Rows(PlainRows):
         try:
             with warnings.catch_warnings(), np.errstate(invalid="raise", divide="raise"):
                 warnings.simplefilter("error", FutureWarning)  # CasADi warns about NumPy functions
-                return self.function(**arguments)
-        except KinematicsError:
+                with contained():
+                    return self.function(**arguments)
+        except (KinematicsError, ProgramEndError):
             raise
         except Exception as error:
             raise self.located(error) from error

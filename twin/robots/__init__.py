@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from twin.core.errors import CodeRefusedError, KinematicsError, unknown
 from twin.core.foreign.budget import read_bytes
+from twin.core.program_end import ProgramEndError, contained
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -116,7 +117,11 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
             spec.loader = Loader(name, path, read(path, "text"))
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module  # dataclasses look up their module while its code runs
-        spec.loader.exec_module(module)
+        with contained():
+            spec.loader.exec_module(module)
+    except ProgramEndError:
+        sys.modules.pop(name, None)
+        raise
     except Exception as error:
         sys.modules.pop(name, None)
         raise KinematicsError(f"{path}:{_line(error, path)}: {type(error).__name__}: {error}") from error

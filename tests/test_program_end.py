@@ -1,0 +1,208 @@
+"""A check that ends early never passes: every way to end the program gives exit code 2, a message, and the place."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from argparse import Namespace
+from pathlib import Path
+
+import pytest
+
+from twin.cli import command_line
+from twin.cli.interrupt import after_imports
+from twin.cli.parser import HELP, Command
+from twin.core.errors import TwinError
+from twin.core.jobs import Call
+from twin.core.program_end import SECONDS, ProgramEndError, contained
+from twin.robots import load_formula
+
+ENDINGS = {  # code of an author that tries to end the program, and a part of the message
+    "SystemExit(0)": "raise SystemExit(0)",
+    "SystemExit('done')": "raise SystemExit('done')",
+    "SystemExit": "import sys; sys.exit()",
+    "SystemExit(3)": "exit(3)",
+    "by SystemExit, so": "quit(None)",
+    "KeyboardInterrupt": "raise KeyboardInterrupt",
+    "GeneratorExit": "raise GeneratorExit",
+    "Leaving": "class Leaving(BaseException): pass\nraise Leaving",
+    "CancelledError": "import asyncio\nraise asyncio.CancelledError",
+    "without an end": "while True: pass",
+    "run for 0.2 s": "while True:\n  try:\n    while True: pass\n  except Exception: pass",
+    "for 0.2 s without": "import time; time.sleep(1e6)",
+    "0.2 s without an": "import threading; threading.Event().wait()",
+}
+
+INTERPRETER_ENDS = {  # what Python cannot catch: the process ends
+    "os._exit was called at": "import os; os._exit(0)",
+    "at PATH": "from os import _exit; _exit(0)",
+    "os.execv was called": "import os; os.execv('/bin/true', ['true'])",
+    "os.execve was called": "import os; os.execle('/bin/true', 'true', {})",
+    "with exit code 0": "import ctypes; ctypes.CDLL(None).exit(0)",
+    "ended with exit code 0": "import ctypes; ctypes.CDLL(None)._exit(0)",
+    "SIGABRT": "import os; os.abort()",
+    "SIGKILL": "import os; os.kill(os.getpid(), 9)",
+    "SIGTERM": "import os; os.kill(os.getpid(), 15)",
+    "SIGHUP": "import os; os.kill(os.getpid(), 1)",
+    "SIGSEGV": "import ctypes; ctypes.string_at(0)",
+    "os._exit": "import os, threading, time; threading.Timer(0, os._exit, [0]).start(); time.sleep(30)",
+    "exit code 0": "import os, threading, time; threading.Thread(target=os._exit, args=[0]).start(); time.sleep(30)",
+    "SIGXCPU": "import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 5))\nwhile True: pass",
+    "SIGALRM": "import signal; signal.signal(14, signal.SIG_DFL); signal.alarm(1); signal.pause()",
+}
+
+FORMULA = """
+import numpy as np
+
+def forward(q):
+    {inside}
+    return np.eye(4)
+
+{outside}
+"""
+
+
+def written(folder: Path, code: str, where: str) -> Path:
+    path = folder / "formula.py"
+    indented = code.replace("\n", "\n    ")
+    text = (
+        FORMULA.format(inside=indented, outside="") if where == "forward" else FORMULA.format(inside="", outside=code)
+    )
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("where", ["import", "forward"])
+@pytest.mark.parametrize("message", ENDINGS)
+def test_code_that_ends_the_program_is_an_error_with_file_and_line(tmp_path, monkeypatch, message, where):
+    monkeypatch.setenv(SECONDS, "0.2")
+    path = written(tmp_path, ENDINGS[message], where)
+    line = path.read_text().split(ENDINGS[message].split("\n")[0])[0].count("\n") + 1
+    last = line + ENDINGS[message].count("\n")
+
+    def driven():
+        import numpy as np
+
+        return (("q1", True),), np.eye(4), np.zeros(1)
+
+    with pytest.raises(ProgramEndError) as error, after_imports():  # as on the command line, for Ctrl-C
+        load_formula(path, driven=driven)
+    text = str(error.value)
+    assert message in text
+    place = text.split(": ")[0]
+    assert place.startswith(f"{path}:")
+    assert line <= int(place.rsplit(":", 1)[1]) <= last
+
+
+def test_the_time_is_that_of_the_outermost_context_and_ends_with_it(monkeypatch):
+    import signal
+
+    monkeypatch.setenv(SECONDS, "1000")
+    with contained():
+        outer = signal.getitimer(signal.ITIMER_REAL)[0]
+        with contained():
+            assert 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= outer
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
+    assert signal.getsignal(signal.SIGALRM) == signal.SIG_DFL
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "soon"])
+def test_a_wrong_time_is_refused(monkeypatch, text):
+    monkeypatch.setenv(SECONDS, text)
+    with pytest.raises(TwinError, match=f"{SECONDS}={text}: give a positive number of seconds"), contained():
+        pass
+
+
+def supervised(path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Execute a file as the command of the supervised command line."""
+    program = (
+        "import runpy, sys\n"
+        "from twin.cli.supervisor import supervised\n"
+        "def command():\n"
+        f"    runpy.run_path({str(path)!r})\n"
+        "    print('done')\n"
+        "    return 0\n"
+        "sys.exit(supervised(command))\n"
+    )
+    line = [sys.executable, "-c", program, *arguments]
+    return subprocess.run(line, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("message", INTERPRETER_ENDS)
+def test_a_process_that_ends_without_a_verdict_has_exit_code_2(tmp_path, message):
+    path = tmp_path / "author.py"
+    path.write_text(INTERPRETER_ENDS[message])
+    done = supervised(path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message.replace("PATH", f"{path}:1") in done.stderr
+    assert "before it printed a verdict, so nothing was checked" in done.stderr
+
+
+def test_a_crash_of_a_native_library_prints_the_line_that_called_it(tmp_path):
+    path = tmp_path / "author.py"
+    path.write_text("import ctypes\nctypes.string_at(0)\n")
+    assert f'File "{path}", line 2' in supervised(path).stderr
+
+
+def test_an_exit_handler_does_not_change_the_exit_code(tmp_path):
+    path = tmp_path / "author.py"
+    path.write_text("import atexit, os\natexit.register(os._exit, 1)\n")
+    done = supervised(path)
+    assert (done.returncode, done.stdout) == (0, "done\n")
+
+
+def test_an_early_end_is_an_error_in_json(tmp_path):
+    path = tmp_path / "author.py"
+    path.write_text("import os; os._exit(0)")
+    record = json.loads(supervised(path, "--json").stdout)
+    assert (record["verdict"], record["error"]) == ("unchecked", "EndedError")
+
+
+@pytest.mark.parametrize("command", HELP)
+def test_no_command_passes_if_its_code_exits(capsys, monkeypatch, command):
+    def leave(args):
+        raise SystemExit(0)
+
+    monkeypatch.setattr(command_line, "_prepared", lambda args: leave)
+    monkeypatch.setattr(Command, "parse_known_args", lambda self, args, names: (Namespace(json=False, debug=False), []))
+    assert command_line.run([command]) == 2
+    assert "the code ends the program by SystemExit(0), so nothing can be checked" in capsys.readouterr().err
+
+
+def leave_worker(status: int) -> None:
+    os._exit(status)
+
+
+def exit_worker() -> None:
+    raise SystemExit(0)
+
+
+def test_the_end_of_a_worker_is_an_error_of_its_caller(capfd):
+    with Call(leave_worker, 0) as call, pytest.raises(TwinError, match="the worker process ended with exit code 0"):
+        call.result()
+    assert f"twin: os._exit was called at {__file__}:" in capfd.readouterr().err
+    with Call(exit_worker) as call, pytest.raises(TwinError, match=r"the code ends the program by SystemExit\(0\)"):
+        call.result()
+
+
+def test_signals_reach_the_command_and_it_does_not_outlive_its_supervisor(tmp_path):
+    import signal
+
+    path = tmp_path / "author.py"
+    path.write_text("import os, time\nprint(os.getpid(), flush=True)\ntime.sleep(100)\n")
+    program = (
+        "import runpy, sys\nfrom twin.cli.supervisor import supervised\n"
+        f"sys.exit(supervised(lambda: runpy.run_path({str(path)!r}) and 0))"
+    )
+    for sent in (signal.SIGTERM, signal.SIGHUP, signal.SIGKILL):
+        with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            child = int(process.stdout.readline())
+            process.send_signal(sent)
+            assert process.stdout.read() == ""  # the child has closed its output: it has ended
+            assert process.wait(60) == -sent
+        if sent != signal.SIGKILL:  # nobody waits for the child of a killed supervisor
+            with pytest.raises(ProcessLookupError):
+                os.kill(child, 0)

@@ -1,0 +1,116 @@
+"""Run a command in a child process, so that a program that ends early never counts as a passed check.
+
+The equations of a robot are Python code of their author. `os._exit(0)`, `os.execv` or an exit handler in them would end
+the program with exit code 0 and without a verdict. Therefore the command runs in a child process, which reports its
+exit code through a pipe after it has printed its result. Without this report, the exit code is 2.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+TYPE_CHECKING = False  # as in `typing`, whose import takes a while
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that another process sends to this program; the command in the child process receives them."""
+
+_FROM_TERMINAL = 0x80
+"""`si_code` of a signal that the kernel sent (SI_KERNEL). A terminal sends Ctrl-C to the child process as well."""
+
+_DIE_WITH_PARENT = 1
+"""PR_SET_PDEATHSIG of Linux: the kernel signals the child when its parent ends."""
+
+_LONGEST = 4096
+"""Maximum number of bytes of a report; a pipe transfers them in one piece."""
+
+
+def supervised(command: Callable[[], int]) -> int:
+    """Run a command in a child process and return its exit code; 2 if the child ends without reporting one."""
+    reading, writing = os.pipe()
+    parent = os.getpid()
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {*_FORWARDED, signal.SIGCHLD})
+    child = os.fork()
+    if child == 0:
+        os.close(reading)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        return _child(command, writing, parent)
+    os.close(writing)
+    status, sent = _ended(child)
+    signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    os.set_blocking(reading, False)
+    try:
+        report = os.read(reading, _LONGEST).decode(errors="replace")
+    except BlockingIOError:  # a grandchild holds the pipe open, and nothing was reported
+        report = ""
+    lines = report.splitlines()
+    for line in lines:
+        if line.isdigit():  # what ends the program after its result, an exit handler, does not change the exit code
+            return int(line)
+    killed = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
+    if killed in sent:  # end by the same signal as the child, so that the sender sees it
+        signal.signal(killed, signal.SIG_DFL)
+        os.kill(parent, killed)
+    return _unfinished(status, lines[-1] if lines else "")
+
+
+def _child(command: Callable[[], int], writing: int, parent: int) -> int:
+    """In the child process: run the command, report its exit code, and return it."""
+    import faulthandler
+
+    from twin.core.program_end import name_exits
+
+    _end_with(parent)
+    faulthandler.enable()  # a crash of a native library prints the Python line that called it
+    name_exits(lambda text: os.write(writing, f"{text}\n".encode()[-_LONGEST:]))
+    try:
+        code = command()
+    except SystemExit as end:  # of argparse, after --help and --version; one raised by a command is an error there
+        code = int(end.code or 0)
+    sys.stdout.flush()
+    os.write(writing, f"{code}\n".encode())
+    return code
+
+
+def _end_with(parent: int) -> None:
+    """Let the kernel kill this process when its parent ends."""
+    import ctypes
+
+    ctypes.CDLL(None, use_errno=True).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+    if os.getppid() != parent:  # the parent ended before
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _ended(child: int) -> tuple[int, set[int]]:
+    """Wait for the end of the child; return its status and the signals that were forwarded to it."""
+    sent: set[int] = set()
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return status, sent
+        received = signal.sigwaitinfo({*_FORWARDED, signal.SIGCHLD})
+        if received.si_signo == signal.SIGCHLD:
+            continue
+        sent.add(received.si_signo)
+        if received.si_code != _FROM_TERMINAL:
+            os.kill(child, received.si_signo)
+
+
+def _unfinished(status: int, place: str) -> int:
+    """Print why there is no verdict, and return exit code 2."""
+    if os.WIFSIGNALED(status):
+        how = f"was ended by {signal.Signals(os.WTERMSIG(status)).name}"
+    else:
+        how = f"ended with exit code {os.WEXITSTATUS(status)}"
+    where = f" ({place})" if place else ""
+    from twin.cli.command_line import failed
+
+    return failed(
+        "EndedError",
+        f"the program {how}{where} before it printed a verdict, so nothing was checked. Look for what ends the process "
+        "in the robot's formula.py (os._exit, os.exec, exit handlers, ctypes), or for a lack of memory.",
+        "--json" in sys.argv,
+    )

@@ -1,0 +1,153 @@
+"""Limits for running the Python code of a robot's author: it may not end the program, and it must return in time.
+
+`sys.exit()` in a formula would otherwise end a check without a verdict, and with exit code 0.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import sysconfig
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from twin.core.errors import TwinError
+
+SECONDS = "TWIN_CODE_SECONDS"
+"""Environment variable: the longest time in s that one piece of an author's code may run."""
+
+_DEFAULT_SECONDS = 60.0
+
+_AGAIN = 1.0
+"""Interval in s at which the error is raised again: code may catch it, and native libraries may discard it."""
+
+_INSTALLED = ("stdlib", "purelib", "platlib")
+
+_NOT_AUTHORED = (str(Path(__file__).resolve().parents[1]), *map(sysconfig.get_path, _INSTALLED), "<frozen ")
+"""Beginnings of file names: files of twin, of the standard library and of installed packages."""
+
+
+class ProgramEndError(TwinError):
+    """Code of an author tries to end the program, or runs longer than allowed."""
+
+
+class _LateError(Exception):
+    """Code still runs after the allowed time."""
+
+
+@contextlib.contextmanager
+def contained() -> Iterator[None]:
+    """In this context, code that ends the program or does not return in time raises a `ProgramEndError`.
+
+    The time is measured only in the main thread, and only by the outermost context.
+
+    Raises:
+        ProgramEndError: the code raises SystemExit, KeyboardInterrupt or the like, or runs longer than
+            `TWIN_CODE_SECONDS` (default: 60 s). The message gives file and line.
+    """
+    try:
+        with _timed():
+            yield
+    except KeyboardInterrupt as stop:
+        if _pressed(stop):
+            raise
+        raise ending(stop) from stop
+    except _LateError as late:
+        raise ProgramEndError(f"{_authored(traceback.extract_tb(late.__traceback__))}: {late}") from late
+    except Exception:
+        raise
+    except BaseException as end:  # SystemExit, or another exception that handlers of errors do not catch
+        raise ending(end) from end
+
+
+def ending(error: BaseException) -> ProgramEndError:
+    """Return the error for code that tries to end the program by `error`; its message gives file and line."""
+    what = type(error).__name__
+    if isinstance(error, SystemExit):
+        code = error.code
+        what = "SystemExit" if code is None else f"SystemExit({code!r})"
+    place = _authored(traceback.extract_tb(error.__traceback__))
+    at = f"{place}: " if place else ""
+    found = ProgramEndError(
+        f"{at}the code ends the program by {what}, so nothing can be checked. Return a value instead."
+    )
+    return found.with_traceback(error.__traceback__)
+
+
+def name_exits(report: Callable[[str], object]) -> None:
+    """Let calls of `os._exit`, `os.execv` and `os.execve` in this process first report their file and line.
+
+    Child processes that are forked from this process do not report.
+    """
+    process = os.getpid()
+
+    def reporting(name: str, leave: Callable[..., Any]) -> Callable[..., Any]:
+        def left(*arguments: Any) -> None:
+            if os.getpid() == process:
+                place = _authored(traceback.extract_stack()[:-1])
+                report(f"os.{name} was called" + (f" at {place}" if place else ""))
+            leave(*arguments)
+
+        return left
+
+    for name in ("_exit", "execv", "execve"):
+        setattr(os, name, reporting(name, getattr(os, name)))
+
+
+def _authored(frames: Sequence[traceback.FrameSummary]) -> str:
+    """Return "file:line" of the innermost frame in a file of an author; "" if there is none."""
+    for frame in reversed(frames):
+        if not frame.filename.startswith(_NOT_AUTHORED):
+            return f"{frame.filename}:{frame.lineno}"
+    return ""
+
+
+def _pressed(stop: KeyboardInterrupt) -> bool:
+    """Return whether an interrupt comes from Ctrl-C; one that code raises has that code's own frame as the last."""
+    handler = signal.getsignal(signal.SIGINT)
+    code = getattr(handler, "__code__", None)
+    if code is None:  # Python's own handler has no frame: assume Ctrl-C
+        return True
+    frames = [frame for frame, _ in traceback.walk_tb(stop.__traceback__)]
+    return bool(frames) and frames[-1].f_code is code
+
+
+@contextlib.contextmanager
+def _timed() -> Iterator[None]:
+    """Raise a `_LateError` in the main thread after the allowed time."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getitimer(signal.ITIMER_REAL)[0] or signal.getsignal(signal.SIGALRM) != signal.SIG_DFL:
+        yield
+        return
+    seconds = _allowed()
+
+    def late(number: int, frame: FrameType | None) -> None:
+        raise _LateError(
+            f"the code has run for {seconds:g} s without an end; {SECONDS}={10 * seconds:g} in the environment allows "
+            "ten times as long"
+        )
+
+    signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+
+
+def _allowed() -> float:
+    text = os.environ.get(SECONDS, "")
+    try:
+        seconds = float(text) if text else _DEFAULT_SECONDS
+    except ValueError:
+        seconds = 0.0
+    if not 0 < seconds < sys.float_info.max:
+        raise TwinError(f"{SECONDS}={text}: give a positive number of seconds.")
+    return seconds
