@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -190,7 +191,41 @@ def test_the_stop_button_and_the_start_button(desk):
     assert later[0] == E_STOP
     assert later[9] == (0,) * 7
     assert max(abs(a - b) for a, b in zip(later[7][:3], stopped[7][:3], strict=True)) < 2e-3
-    states.socket.sendall(b"nonsense\nstart\n")
+    states.socket.sendall(b"start\n")
+    states.until(lambda s: s[0] == INIT)
+
+
+BODY = b"\nstart\n"
+FOREIGN = {
+    "fetch": b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: text/plain\r\nContent-Length: 7\r\n\r\n" + BODY,
+    "form": b"POST /start HTTP/1.1\r\nContent-Type: application/x-www-form-urlencoded\r\n\r\nx=" + BODY,
+    "image": b"GET /%0Astart%0A HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" + BODY,
+    "WebSocket": b"GET / HTTP/1.1\r\nUpgrade: websocket\r\n\r\n" + BODY,
+    "an old browser": b"GET /\n" + BODY,
+    "beacon": b"PUT / HTTP/2\n" + BODY,
+    "an empty line": BODY,
+    "another word": b"restart" + BODY,
+    "no text": b"\x16\x03\x01\xff\n" + BODY,
+    "a long line": 100 * b"x" + BODY,
+}
+
+
+@pytest.mark.parametrize("request_", FOREIGN)
+def test_a_request_of_another_protocol_presses_no_button(desk, shared, request_):
+    _, states = desk
+    states.socket.sendall(b"stop\n")
+    states.until(lambda s: s[0] == E_STOP)
+    for pieces in ([FOREIGN[request_]], FOREIGN[request_].splitlines(keepends=True)):
+        stranger = socket.create_connection(("127.0.0.1", shared.tcp), timeout=10)
+        with stranger, contextlib.suppress(ConnectionError):
+            stranger.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            for piece in pieces:
+                stranger.sendall(piece)
+            while stranger.recv(65536):  # until the machine closes the connection
+                pass
+    seen = states.latest()
+    assert states.until(lambda s: s[2] > seen[2] + 200)[0] == E_STOP
+    states.socket.sendall(b"start\n")
     states.until(lambda s: s[0] == INIT)
 
 

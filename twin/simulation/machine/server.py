@@ -1,7 +1,8 @@
 """A machine in real time: packets by UDP, states and buttons by TCP, both on 127.0.0.1.
 
 Each connection gets every state (`states`), and may send the lines "start" and "stop", which press the buttons of the
-machine. A connection that reads too slowly, so that its socket is full, is closed.
+machine. A connection that sends any other line is closed at once: a web page can send an HTTP request to this port,
+with a line "start" in its body. A connection that reads too slowly, so that its socket is full, is closed.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ RECENT = 600_000
 
 _LINE = 64
 """Maximum length in bytes of a line from a connection."""
+
+_VERBS = ("GET", "HEAD", "POST", "PUT", "DELETE", "CONNECT", "OPTIONS", "TRACE", "PATCH")
+"""Methods of HTTP, with which a request begins."""
 
 
 class Pace:
@@ -78,6 +82,7 @@ class Server:
         machine: the machine.
         port, state_port: ports of the packets (UDP) and of the states (TCP).
         pace: delays of the ticks.
+        refusal: why the latest refused connection was closed; "" if none was refused.
     """
 
     def __init__(self, machine: Machine, port: int = 0, state_port: int = 0) -> None:
@@ -87,6 +92,7 @@ class Server:
             DeviceError: a port is in use or may not be opened.
         """
         self.machine, self.pace = machine, Pace()
+        self.refusal = ""
         self._udp, self._tcp = socket.socket(type=socket.SOCK_DGRAM), socket.socket()
         self._tcp.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         for kind, sock, wanted in (("UDP", self._udp, port), ("TCP", self._tcp, state_port)):
@@ -113,10 +119,11 @@ class Server:
     ) -> None:
         """Run for a time in s, or until `ends` returns True; `ends` is called 20 times per second.
 
-        `said` is called with a line of text for each change of the run level; a reason is added in E_STOP.
+        `said` is called with a line of text for each change of the run level, with a reason in E_STOP, and for each new
+        reason to refuse a connection.
         """
         gc.freeze()  # without this, garbage collection checks all imported modules, which takes many ticks
-        begin, k, level = time.monotonic(), 0, None
+        begin, k, level, refusal = time.monotonic(), 0, None, self.refusal
         while k * TICK < seconds and not (k % _ASK == 0 and ends()):
             due = begin + k * TICK
             wait = due - time.monotonic()
@@ -128,6 +135,9 @@ class Server:
             if now != level:
                 level = now
                 said(f"{k * TICK:.3f} s: {level.name}" + (f": {self.machine.reason}" if self.machine.reason else ""))
+            if self.refusal != refusal:
+                refusal = self.refusal
+                said(f"{k * TICK:.3f} s: {refusal}")
             k += 1
 
     def step(self, t: float) -> None:
@@ -163,15 +173,22 @@ class Server:
             except OSError:
                 more = b""
             *lines, rest = (text + more).split(b"\n")
-            for line in lines:
-                if line.strip() == b"start":
-                    self.machine.start()
-                elif line.strip() == b"stop":
-                    self.machine.stop()
-            if not more or len(rest) > _LINE:
+            refused = not all(self._press(line.strip()) for line in lines)
+            if refused or not more or len(rest) > _LINE:
                 self._drop(reader)
             else:
                 self._readers[reader] = rest
+
+    def _press(self, line: bytes) -> bool:
+        """Press the button that a line from a connection names; return False if the line names none."""
+        if line == b"start":
+            self.machine.start()
+        elif line == b"stop":
+            self.machine.stop()
+        else:
+            self.refusal = _refusal(line)
+            return False
+        return True
 
     def _drop(self, reader: socket.socket) -> None:
         del self._readers[reader]
@@ -190,3 +207,11 @@ class Server:
                 whole = False
             if not whole:
                 self._drop(reader)
+
+
+def _refusal(line: bytes) -> str:
+    """Return why a line from a connection is refused."""
+    text = line[:_LINE].decode("ascii", "backslashreplace")
+    verb = text.split(" ")[0]
+    what = f"an HTTP request ({verb})" if verb in _VERBS else f"the line {text!r}"
+    return f"a connection was closed: it sent {what}; only the lines 'start' and 'stop' are accepted"
