@@ -7,6 +7,7 @@
     mjcf       MJCF with equality constraints, compiled by MuJoCo; mjcf_robots selects one of several robots
     sdf        SDF; sdf_world selects one of several models, and resolves includes and nested models
     usd        UsdPhysics stages
+    start      the joint values at which the robot starts, within the joint limits
     closing    find a pose in which the loops close; report remaining gaps
     step       STEP assemblies, read as skeletons: bodies, fitting faces (pairs), proposed joints (proposals)
     folder     write the robot folder: description, meshes, notes; initial formula and protocol (templates)

@@ -8,10 +8,10 @@ from dataclasses import replace
 from twin.cad.meeting import locked_error
 from twin.core.findings import Finding, finding
 from twin.core.quantity import Quantity, deg, mm
-from twin.core.units import DEG, MM
 from twin.exchange.read.drives import with_drives
 from twin.exchange.read.proposals import MEETING
 from twin.exchange.read.source import Findings, Imported, note, warning
+from twin.exchange.read.start import inside, shown, started
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.assembling import CLOSED, assemble, closes_alone, is_closed, settle
@@ -35,12 +35,15 @@ def close(imported: Imported) -> Imported:
     For each loop that cannot be closed, a finding states the gap. The finding calls the gap a defect of the model if
     the gap remains when all other loops are cut, and all elements of the file are supported.
 
-    If the loops cannot be closed near the rest pose of the file, or the closed state is singular, `home` is the first
-    key frame of the file at which the loops close within the joint limits and the state is not singular. If no key
-    frame has these properties, a singular state is replaced by the least singular nearby state within the joint limits.
+    The rest pose is that of the file, with all joints moved into their limits (see `start.started`). If the loops
+    cannot be closed near it, or the closed state is singular, `home` is the first key frame of the file at which the
+    loops close within the joint limits and the state is not singular. If no key frame has these properties, a singular
+    state is replaced by the least singular nearby state within the joint limits.
     """
-    mechanism, findings = imported.mechanism, Findings(imported.findings)
+    findings = Findings(imported.findings)
     findings += _authored_open(imported)
+    mechanism, said = started(imported)
+    findings += said
     model = ReferenceModel(mechanism)
     home, said = _home(model, imported.keys)
     findings += said
@@ -50,13 +53,13 @@ def close(imported: Imported) -> Imported:
     drawn = {j.name: j.coordinate(rest[j.parent], rest[j.child]) for j in mechanism.active}
     moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - drawn[j.name]) > 1e-9]
     if moved:
-        names = ", ".join(f"'{j.name}' at {_shown(mechanism, j.name, home.q_full[j.name])}" for j in moved)
+        names = ", ".join(f"'{j.name}' at {shown(j, home.q_full[j.name])}" for j in moved)
         text = f"Driven joints were moved to close the loops; their values at home: {names}."
         findings.note("moved", text, moved[0].name)
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
         if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
-            here, low, high = (_shown(mechanism, joint.name, v) for v in (q, *joint.limits))
+            here, low, high = (shown(joint, v) for v in (q, *joint.limits))
             text = f"joint '{joint.name}' is at {here} at home, outside its limits {low} .. {high}."
             findings.warn("rest", text, joint.name)
     freedom = model.mobility(home.x).freedom
@@ -98,6 +101,8 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
 def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tuple[Assembly, list[Finding]]:
     """Return (state for `home`, findings that explain the choice of the state)."""
     drawn = assemble(model)
+    if is_closed(drawn):
+        drawn = inside(model, drawn) or drawn
     name = model.mechanism.name
     there = regularity(model, [drawn.x])[0] if is_closed(drawn) else None
     if there is not None and not there.singular:
@@ -111,9 +116,9 @@ def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tup
         return drawn, []
     best, margin = drawn.x, there.margin
     for _ in range(_ROUNDS):
-        inside = [x for x in closed_beside(model, best) if breach(model.tree, x) < _IN]
-        graded = regularity(model, [best, *inside])[1:]
-        better = max(zip(graded, inside, strict=True), key=lambda pair: pair[0].margin, default=None)
+        within = [x for x in closed_beside(model, best) if breach(model.tree, x) < _IN]
+        graded = regularity(model, [best, *within])[1:]
+        better = max(zip(graded, within, strict=True), key=lambda pair: pair[0].margin, default=None)
         if better is None or better[0].margin <= margin:
             break
         best, margin = better[1], better[0].margin
@@ -147,8 +152,3 @@ def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Se
         why = "With all other loops cut, this loop closes: the loops contradict each other, or need another start pose."
     text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {why}"
     return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
-
-
-def _shown(mechanism: Mechanism, name: str, q: float) -> str:
-    """Return a joint value `q` (rad or m) as text in degrees or mm."""
-    return f"{q / DEG:.4g}°" if mechanism.joint(name).is_angle else f"{q / MM:.4g} mm"

@@ -140,8 +140,9 @@ class _Mjcf:
         ]
         name = (m.names[: m.names.index(b"\0")] or b"").decode("utf-8", "replace") or self.path.stem
         efforts = {n: e for n, e in self.efforts.items() if n in {j.name for j in joints}}
+        start = {self.joints[k]: float(m.qpos0[m.jnt_qposadr[k]]) for k in self._single(kept)}
         out = assemble(
-            self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts=efforts
+            self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts, start
         )
         motors = self.motors
         moved = replace(out.mechanism, actuators=motors.actuators, transmissions=motors.transmissions)
@@ -156,13 +157,14 @@ class _Mjcf:
         for i in range(m.nkey):
             label = identifier(self._name("KEY", i))
             label = label if label not in ("home", *out) else f"{label}_key{i}"
-            out[label] = {
-                self.joints[k]: float(m.key_qpos[i, m.jnt_qposadr[k]])
-                for k in range(m.njnt)
-                if m.jnt_type[k] in (_SLIDE, _HINGE) and m.jnt_bodyid[k] in kept
-            }
+            out[label] = {self.joints[k]: float(m.key_qpos[i, m.jnt_qposadr[k]]) for k in self._single(kept)}
             self.findings.note("key", f"key frame '{self._name('KEY', i)}' becomes posture '{label}'.", label)
         return out
+
+    def _single(self, kept: list[int]) -> list[int]:
+        """Return the numbers of the joints with one coordinate between the bodies of the robot."""
+        m = self.m
+        return [k for k in range(m.njnt) if m.jnt_type[k] in (_SLIDE, _HINGE) and m.jnt_bodyid[k] in kept]
 
     def _hang(self, i: int, extra: list[Body]) -> Iterator[Joint]:
         """Yield the joints between a body and its parent, starting at the parent."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Hashable, Iterable, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -165,8 +165,11 @@ def assemble(
     couplings: Sequence[Coupling],
     findings: Findings,
     efforts: dict[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
 ) -> Imported:
-    """Return the mechanism that consists of the given parts and a tool; its rest pose has all joint values zero.
+    """Return the mechanism that consists of the given parts and a tool.
+
+    The rest pose has the joint values of `start`, {joint: value in m or rad}; the other values are zero.
 
     The tool is the frame named `tool`. If no frame has this name, the tool is the only frame, else a new frame at the
     end of the longest chain; in both cases, a finding states the choice.
@@ -178,18 +181,20 @@ def assemble(
         raise SourceError(f"{path}: the file has no joints, so there is no mechanism")
     try:
         bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
-        mechanism = replace(bare, rest=rest_poses(bare), couplings=tuple(couplings))
+        mechanism = replace(bare, rest=rest_poses(bare, start), couplings=tuple(couplings))
         mechanism = tooled(mechanism, findings)
     except MechanismError as error:
         raise SourceError(f"{path}: {error}") from error
     return Imported(mechanism, findings, efforts or {})
 
 
-def rest_poses(mechanism: Mechanism) -> dict[str, Array]:
-    """Return {body: T_base_body (4, 4)} with the coordinates of all joints of the tree at zero."""
+def rest_poses(mechanism: Mechanism, values: Mapping[str, float] | None = None) -> dict[str, Array]:
+    """Return {body: T_base_body (4, 4)} at the given values {joint of the tree: value in m or rad}; others are zero."""
     rest = {mechanism.base: np.eye(4)}
     for joint in mechanism.tree:
-        rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
+        q = (values or {}).get(joint.name, 0.0)
+        motion = spatial.pose(spatial.rotation_z(q)) if joint.is_angle else spatial.pose(p=[0, 0, q])
+        rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ motion @ spatial.inverse(joint.T_child_joint)
     return rest
 
 
