@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
 from twin.exchange.audit.motion import Content, Shape
-from twin.exchange.audit.physics import TOOL, Joint, Physics
+from twin.exchange.audit.physics import TOOL, WORLD, Joint, Physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
@@ -319,6 +319,7 @@ def _parts(joint: Joint, name: str) -> bool:
 
 def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
     p = view.physics
+    still = p.still(known)
     for link, shape in view.shapes.items():
         if link in known:
             view.say(f"link '{link}'", {"surface": shape.points, "closed": shape.closed})
@@ -330,7 +331,7 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
             inertial = {"mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
             view.say(f"link '{link}'", inertial if link in p.assumed else {"weighed": True} | inertial)
     if view.format in ("urdf", "mjcf", "usda", "usd", "usdc") and p.masses:
-        for link in known & set(p.links) - set(p.masses) - (p.held or frozenset()) - {"world"}:
+        for link in known & set(p.links) - set(p.masses) - (still or frozenset()) - {WORLD}:
             view.say(f"link '{link}'", {"weighed": False})
     found = set()
     for joint in p.reduced(known):
@@ -358,7 +359,7 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
     for name, frame in frames.items():
         subject = "the tool frame" if name == TOOL else f"frame '{name}'"
         view.say(subject, {"link": frame.link, "frame pose": frame.T})
-    held = None if p.held is None else tuple(sorted(p.held & known))
+    held = None if still is None else tuple(sorted(still))
     view.say("the world", {"gravity": p.gravity, "held": held})
     for name, (ratios, total) in solved(p.couplings or {}).items():
         joints = tuple(sorted(ratios))

@@ -14,6 +14,7 @@ from twin.exchange.audit.chain import Link, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Clip, Content, Shape
+from twin.exchange.audit.physics import WORLD
 from twin.exchange.audit.physics_mjcf import BALL, FREE, HINGE, SLIDE, compiled_physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
@@ -70,7 +71,8 @@ class Mjcf:
         qpos = np.tile(m.qpos0, (count, 1))
         for body in range(1, m.nbody):
             self._set(body, clip, qpos)
-        names = [n for n in self.bodies if n in clip.links]
+        number = {WORLD: 0, **self.bodies}  # a base named world is MuJoCo's own fixed body
+        names = [n for n in number if n in clip.links]
         place, turn = np.zeros((count, m.nbody, 3)), np.zeros((count, m.nbody, 4))
         worst, where, when = 0.0, "", ""
         for k in range(count):
@@ -86,7 +88,7 @@ class Mjcf:
             text = f"clip '{clip.name}': equality '{where}' is open by {quantity(worst, 'm')}."
             self._ledger.wrong("mjcf.loop", text, where, size=um(worst, LOOP_TOL), when=when)
         T = poses.pose(poses.rotation(turn[..., [1, 2, 3, 0]]), place)
-        return Clip(clip.name, clip.times, {n: T[:, self.bodies[n]] for n in names})
+        return Clip(clip.name, clip.times, {n: T[:, number[n]] for n in names})
 
     def _set(self, body: int, clip: Clip, qpos: Array) -> None:
         """Set the coordinates of one body's joints at all keys, from the track's joint values or link poses."""

@@ -19,6 +19,9 @@ from twin.exchange.audit.poses import Array
 _SAME = 1e-5
 """Tolerance in m and in components of unit vectors, within which lines coincide or meet in a point."""
 
+WORLD = "world"
+"""Name of the base in many files, and of the fixed body that every MJCF has."""
+
 TOOL = "(tool)"
 """Name of the tool frame for all formats, because tracks do not state its name."""
 
@@ -197,7 +200,7 @@ class Physics:
         assumed: links whose mass is unknown: the file states an assumed mass, because the format requires a mass.
         frames: {name: named frame}.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
-        held: links that are fixed to the world; None if the format cannot state that a link is fixed.
+        held: links that a joint fixes directly to the world; None if the format cannot state that a link is fixed.
         tool: name of the frame that protocols move; "" if not stated.
         trocars: names of the trocar joints; the protocol determines their positions.
         couplings: {name: ({joint: factor}, constant)}; the sum of factor times joint coordinate is the constant. None
@@ -220,6 +223,23 @@ class Physics:
     motors: Mapping[str, Motor] | None = None
     all_motors: bool = False
     complete: bool = False
+
+    def still(self, known: Collection[str]) -> frozenset[str] | None:
+        """Return the links of `known` that cannot move in the world; None if the format cannot state it.
+
+        They are the links of `held`, and all links that fixed joints connect with them. A link named "world" is not
+        among them: some formats have it as a link of its own, MJCF has it as the world itself.
+        """
+        if self.held is None:
+            return None
+        out = {WORLD, *self.held}
+        fixed = [{j.parent, j.child} for j in self.reduced({WORLD, *known}) if j.kind == "fixed"]
+        grown = True
+        while grown:
+            beside = {n for ends in fixed if ends & out for n in ends} - out
+            out |= beside
+            grown = bool(beside)
+        return frozenset(out & set(known)) - {WORLD}
 
     def reduced(self, known: Collection[str]) -> list[Joint]:
         """Return the joints between links of `known`.
