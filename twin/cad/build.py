@@ -145,7 +145,7 @@ def read_mechanism(
     mechanism = Mechanism(
         name=d.name,
         base=d.base,
-        bodies=tuple(Body(n, tuple(meshes[n]), inertias.get(n)) for n in d.body),
+        bodies=tuple(Body(n, tuple(meshes[n]), inertias.get(n), spec.whole) for n, spec in d.body.items()),
         joints=tuple(joints),
         frames=frames.frames(d, at),
         points=frames.points(d, at, measured),

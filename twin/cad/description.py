@@ -106,13 +106,15 @@ class BodySpec(Table):
     """A rigid body: the STEP node `node` (default: the node with the body's name), or mesh files with a declared unit.
 
     `mass` states the mass properties of the body. Without `mass`, the mass properties are computed from the densities
-    and volumes of the body's parts.
+    and volumes of the body's parts. `whole` is false if the meshes show only a part of the body, or are for display
+    only: its mass is then not judged by them.
     """
 
     node: str | None = None
     frame: str | None = None
     mass: MassSpec | None = None
     meshes: list[MeshSpec] = Field(default_factory=list)
+    whole: bool = True
 
 
 class MeshSpec(Table):

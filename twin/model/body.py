@@ -58,11 +58,20 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body; `meshes` are displayed and checked for collisions, `inertia` is None if unknown."""
+    """A rigid body.
+
+    Attributes:
+        name: identifier.
+        meshes: meshes that are displayed and checked for collisions.
+        inertia: mass properties in the frame of the body; None if unknown.
+        whole: whether the meshes show the whole body. If shapes of its file were left out, or its shapes are for
+            display only, they cannot show that its mass is wrong.
+    """
 
     name: str
     meshes: tuple[Mesh, ...] = ()
     inertia: Inertia | None = None
+    whole: bool = True
 
 
 @dataclass(frozen=True)

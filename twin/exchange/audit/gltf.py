@@ -160,6 +160,8 @@ def _physics(nodes: list[Node], world: list[Array]) -> Physics:
         extras = extras if isinstance(extras, dict) else {}
         owner = link_above(nodes, n)
         if n.is_link:
+            if extras.get("whole") is False:
+                out.partly |= {n.name}
             if isinstance(extras.get("mass"), int | float):
                 out.masses[n.name] = Mass(float(extras["mass"]))
             joints = extras.get("joints")

@@ -18,7 +18,7 @@ from twin.exchange.audit.physics import WORLD
 from twin.exchange.audit.physics_mjcf import BALL, FREE, HINGE, SLIDE, compiled_physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
-from twin.exchange.audit.urdf import assumed_masses, named_mesh, numbers, parse_xml
+from twin.exchange.audit.urdf import assumed_masses, named_mesh, numbers, parse_xml, partly_shown
 
 LOOP_TOL = 1e-6
 """Maximum residual of an equality constraint at the joint values of a track, in m or (rotation of a weld) in rad."""
@@ -57,6 +57,7 @@ class Mjcf:
         }
         self.content.physics = compiled_physics(m, self.bodies)
         self.content.physics.assumed = assumed_masses(path)
+        self.content.physics.partly = partly_shown(path) | _partly_read(m)
         self.content.colors = _colors(m)
         _check_model(m, self.data, ledger)
 
@@ -191,6 +192,18 @@ def _gap(m: mujoco.MjModel, d: mujoco.MjData) -> tuple[float, str]:
 def _holds(root: ET.Element) -> bool:
     """Return whether the world is the base of the robot: True if a joint connects a top-level body to the world."""
     return any(b.find("joint") is not None for world in root.iter("worldbody") for b in world.findall("body"))
+
+
+def _partly_read(m: mujoco.MjModel) -> frozenset[str]:
+    """Return the names of bodies without a shape that collides, or with a shape that is not a mesh and is not read."""
+    out = set()
+    for body in range(m.nbody):
+        shapes = range(m.body_geomadr[body], m.body_geomadr[body] + m.body_geomnum[body])
+        collides = any(m.geom_contype[g] or m.geom_conaffinity[g] for g in shapes)
+        meshes = all(m.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH for g in shapes)
+        if not collides or not meshes:
+            out.add(m.body(body).name)
+    return frozenset(out)
 
 
 def _colors(m: mujoco.MjModel) -> dict[str, dict[Rgba, float]]:

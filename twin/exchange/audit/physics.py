@@ -198,6 +198,8 @@ class Physics:
         links: names of all links.
         masses: {link: mass properties}.
         assumed: links whose mass is unknown: the file states an assumed mass, because the format requires a mass.
+        partly: links whose shapes do not show the whole link, as the file states or because they are for display only
+            or not all read: their masses are not judged by them.
         frames: {name: named frame}.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
         held: links that a joint fixes directly to the world; None if the format cannot state that a link is fixed.
@@ -213,6 +215,7 @@ class Physics:
     links: tuple[str, ...] = ()
     masses: dict[str, Mass] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
+    partly: frozenset[str] = frozenset()
     joints: list[Joint] = field(default_factory=list)
     frames: dict[str, Frame] = field(default_factory=dict)
     gravity: Array | None = None

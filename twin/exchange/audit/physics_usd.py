@@ -25,6 +25,8 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     for prim in bodies:
         if (mass := _mass(prim, meters, kilograms)) is not None:
             out.masses[prim.GetName()] = mass
+        if not _shows_all(prim, set(names)):
+            out.partly |= {prim.GetName()}
     held = set()
     for prim in stage.Traverse():
         if prim.IsA(UsdPhysics.Joint) and UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is not False:
@@ -54,6 +56,29 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
         several = root.GetAttribute("twin:trocars").Get() or ()
         out.trocars = frozenset((trocar, *map(str, several))) - {""}
     return out
+
+
+def _shows_all(body: Usd.Prim, bodies: set[str]) -> bool:
+    """Return whether the meshes of a body show the whole body: the stage states it, or they are all of its shapes.
+
+    If the stage does not state it, the body needs a collider, and shapes that are neither meshes nor guides are missing
+    from the meshes. `bodies` are the prim paths of all bodies.
+    """
+    told = body.GetAttribute("twin:whole")
+    if told and told.Get() is not None:
+        return bool(told.Get())
+    collides = False
+    prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        if prim != body and str(prim.GetPath()) in bodies:
+            prims.PruneChildren()
+            continue
+        collides |= prim.HasAPI(UsdPhysics.CollisionAPI)
+        if prim.IsA(UsdGeom.Gprim):
+            guide = UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide
+            if guide or not prim.IsA(UsdGeom.Mesh):
+                return False
+    return collides
 
 
 def _mass(prim: Usd.Prim, meters: float, kilograms: float) -> Mass | None:

@@ -37,7 +37,9 @@ def check_sense(content: Content) -> None:
         return
     before = len(ledger.found)
     for link, mass in p.masses.items():
-        _check_mass(ledger, link, mass, content.shapes.get(link))
+        _check_mass(ledger, link, mass)
+        if np.isfinite(mass.mass) and mass.mass > 0 and link in content.shapes:
+            _check_extent(ledger, link, mass, content.shapes[link], link not in p.partly)
     for joint in p.joints:
         if joint.names:
             _check_drive(ledger, joint.names[-1], joint.drive)
@@ -48,7 +50,9 @@ def check_sense(content: Content) -> None:
         ledger.row("masses, drives, gravity: physically possible", float(len(wrong)), "found", 0.0)
 
 
-def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> None:
+def _check_mass(ledger: Ledger, link: str, mass: Mass) -> None:
+    """Report a mass or an inertia that no body has."""
+
     def wrong(code: str, text: str, size: float, unit: str, limit: float) -> None:
         ledger.wrong(f"physics.{code}", f"link '{link}': {text}.", link, size=Measured(size, limit, unit))
 
@@ -70,7 +74,19 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass, shape: Shape | None) -> N
                 "violate the triangle inequality: no mass distribution has such moments"
             )
             wrong("inertia_impossible", text, float(moments[2]), "kg m2", float(moments[0] + moments[1]))
-    if shape is None:
+
+
+def _check_extent(ledger: Ledger, link: str, mass: Mass, shape: Shape, whole: bool) -> None:
+    """Report a mass that does not fit the size of a link's shape; a note if the shape is not the `whole` link."""
+
+    def wrong(code: str, text: str, size: float, unit: str, limit: float) -> None:
+        if whole:
+            ledger.wrong(f"physics.{code}", f"link '{link}': {text}.", link, size=Measured(size, limit, unit))
+            return
+        text = f"link '{link}': {text}; these shapes do not show the whole link."
+        ledger.add(f"physics.{code}", "info", text, link, size=Measured(size, limit, unit))
+
+    if mass.inertia is not None and not np.all(np.isfinite(mass.inertia)):
         return
     diagonal = float(np.linalg.norm(shape.high - shape.low))
     if mass.center is not None:

@@ -102,6 +102,7 @@ class Urdf:
         known = {n: mass for n, mass in masses.items() if mass is not None}
         self.content.physics = _tree_physics(links, known, self.above.values())
         self.content.physics.assumed = assumed_masses(path)
+        self.content.physics.partly = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
@@ -177,6 +178,22 @@ def assumed_masses(path: Path) -> frozenset[str]:
         r"<!--[^>]*?the mass of ([^>]*?) is unknown", path.read_text(encoding="utf-8", errors="replace")
     )
     return frozenset(n for names in stated for n in names.split(", "))
+
+
+def partly_shown(path: Path) -> frozenset[str]:
+    """Return the names of links whose shapes do not show the whole link, as a comment in the file states."""
+    stated = re.findall(r"<!--[^>]*?the shapes of ([^>]*?) are for display", path.read_text("utf-8", errors="replace"))
+    return frozenset(n for names in stated for n in names.split(", "))
+
+
+def _partly_read(root: ET.Element) -> frozenset[str]:
+    """Return the names of links that have no collision shape, or a visual shape that is not a mesh and is not read."""
+    out = set()
+    for link in root.findall("link"):
+        visuals = link.findall("visual")
+        if link.find("collision") is None or any(v.find("geometry/mesh") is None for v in visuals):
+            out.add(link.get("name", ""))
+    return frozenset(out)
 
 
 def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:

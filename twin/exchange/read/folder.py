@@ -176,7 +176,7 @@ _GUESSED = {"provenance": "ASSUMED", "note": NOTE}
 
 
 def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
-    lines = table(f"[body.{body.name}]")
+    lines = table(f"[body.{body.name}]", whole=None if body.whole else False)
     if body.inertia is not None:
         T = m.rest[body.name]
         com = T[:3, :3] @ body.inertia.p_body_com + T[:3, 3]

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,11 +54,11 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             spec = mujoco.MjSpec.from_file(str(path))
-            weightless = _without_missing(spec, path, missing)
+            gone = _without_missing(spec, path, missing)
             model = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SourceError(f"{path}: MuJoCo rejects the file: {' '.join(str(error).split())}") from error
-    reader = _Mjcf(path, model, weightless, root)
+    reader = _Mjcf(path, model, gone, root)
     reader.findings += missing
     reader.findings += [warning("mujoco", f"MuJoCo: {' '.join(str(w.message).split())}", path.name) for w in told]
     return reader.read()
@@ -84,11 +85,11 @@ def _pose(p: Array, q_wxyz: Array) -> Array:
 
 
 class _Mjcf:
-    def __init__(self, path: Path, model, weightless: set[str], root: str | None) -> None:
+    def __init__(self, path: Path, model, missing: _Missing, root: str | None) -> None:
         import mujoco
 
         self.path, self.m, self.mujoco = path, model, mujoco
-        self.weightless, self.root = weightless, root
+        self.missing, self.root = missing, root
         self.findings = Findings()
         self.efforts: dict[str, float] = {}
 
@@ -118,8 +119,12 @@ class _Mjcf:
             if m.body_mocapid[i] >= 0:
                 raise SourceError(f"{self.path}: body '{self.bodies[i]}' is a mocap body, which is not supported")
             joints += self._hang(i, extra)
-        meshes = shown(m, self.bodies, self._name, self.findings)
-        bodies = [Body(self.bodies[i], tuple(meshes[i]), self._inertia(i)) for i in kept] + extra
+        meshes, partly = shown(m, self.bodies, self._name, self.findings)
+        bodies: list[Body] = []
+        for i in kept:
+            whole = i not in partly and self._name("BODY", i) not in self.missing.shapeless
+            bodies.append(Body(self.bodies[i], tuple(meshes[i]), self._inertia(i), whole))
+        bodies += extra
         used = {j.name for j in joints}
         couplings: list[Coupling] = []
         for i in range(m.neq):
@@ -319,20 +324,26 @@ class _Mjcf:
 
     def _inertia(self, i: int) -> Inertia | None:
         m = self.m
-        if i == 0 or not m.body_mass[i] or self._name("BODY", i) in self.weightless:
+        if i == 0 or not m.body_mass[i] or self._name("BODY", i) in self.missing.weightless:
             return None
         R = spatial.matrix_from_quat_wxyz(m.body_iquat[i])
         tensor = R @ np.diag(m.body_inertia[i]) @ R.T
         return possible(Inertia(float(m.body_mass[i]), m.body_ipos[i].copy(), tensor), self.bodies[i], self.findings)
 
 
-def _without_missing(spec, path: Path, findings: Findings) -> set[str]:
+class _Missing(NamedTuple):
+    """Names of bodies that lack shapes because of missing files, and of those among them whose mass is unknown."""
+
+    shapeless: set[str]
+    weightless: set[str]
+
+
+def _without_missing(spec, path: Path, findings: Findings) -> _Missing:
     """Remove meshes and textures whose files are missing, and the geoms of these meshes, from a MuJoCo specification.
 
     `spec` is parsed, but not compiled. Each missing file is reported as a warning.
 
-    Returns:
-        Names of bodies whose mass is unknown, because a geom was removed and the file states no inertia.
+    The mass of a body is unknown if a geom was removed and the file states no inertia.
     """
     lost: dict[str, str] = {}
     for mesh in list(spec.meshes):
@@ -340,6 +351,7 @@ def _without_missing(spec, path: Path, findings: Findings) -> set[str]:
             lost[mesh.name or Path(mesh.file).stem] = mesh.file
             spec.delete(mesh)
     weightless: set[str] = set()
+    shapeless: set[str] = set()
     gone: set[str] = set()
     for geom in list(spec.geoms):
         if geom.meshname not in lost:
@@ -347,6 +359,7 @@ def _without_missing(spec, path: Path, findings: Findings) -> set[str]:
         body = geom.parent
         text = f"body '{body.name}': mesh {lost[geom.meshname]} is missing: the body is shown without this mesh."
         findings.warn("mesh", text, lost[geom.meshname])
+        shapeless.add(body.name)
         if not body.explicitinertial and body.name != "world":
             weightless.add(body.name)
         gone.add(geom.name)
@@ -363,7 +376,7 @@ def _without_missing(spec, path: Path, findings: Findings) -> set[str]:
             body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
             text = f"body '{body.name}' has no mass, because its mesh is missing."
             findings.warn("inertia", text, body.name)
-    return weightless
+    return _Missing(shapeless, weightless)
 
 
 def _textures(spec, path: Path, findings: Findings) -> None:

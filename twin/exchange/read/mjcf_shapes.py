@@ -15,8 +15,13 @@ from twin.usd.read.names import unique
 _SHAPES = {"BOX": "box", "CYLINDER": "cylinder", "SPHERE": "sphere", "CAPSULE": "capsule", "ELLIPSOID": "ellipsoid"}
 
 
-def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: Findings) -> list[list[Mesh]]:
-    """Return the meshes of each body: its visual shapes or, without visual shapes, its colliders.
+def shown(
+    m, bodies: Sequence[str], name: Callable[[str, int], str], findings: Findings
+) -> tuple[list[list[Mesh]], set[int]]:
+    """Return (meshes of each body, numbers of the bodies whose meshes do not show the whole body).
+
+    The meshes are the visual shapes of a body or, without visual shapes, its colliders. Visual shapes are for display,
+    and need not show what has mass.
 
     `bodies` contains the names of the bodies in the mechanism. `name` is a function (kind, number) that returns the
     name of an object.
@@ -29,6 +34,7 @@ def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: F
     visual = {int(m.geom_bodyid[i]) for i in range(m.ngeom) if free[i]}
     names = unique((str(i), f"{name('BODY', int(m.geom_bodyid[i]))}_shape") for i in range(m.ngeom))
     hidden: set[int] = set()
+    partly = set(visual)
     for i in range(m.ngeom):
         body, kind, size = int(m.geom_bodyid[i]), geom(int(m.geom_type[i])).name[7:], m.geom_size[i]
         if body in visual and not free[i]:
@@ -45,6 +51,7 @@ def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: F
         else:
             text = f"body '{bodies[body]}': a shape of type {kind.lower()} is not shown."
             findings.warn("shape", text, bodies[body])
+            partly.add(body)
             continue
         material = int(m.geom_matid[i])
         r, g, b, a = map(float, m.geom_rgba[i] if material < 0 else m.mat_rgba[material])
@@ -56,4 +63,4 @@ def shown(m, bodies: Sequence[str], name: Callable[[str, int], str], findings: F
     for body in sorted(hidden):
         text = f"body '{bodies[body]}': the colliders are not imported; the visual meshes are used for collision."
         findings.note("collision", text, bodies[body])
-    return out
+    return out, partly

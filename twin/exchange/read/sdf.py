@@ -16,7 +16,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.sdf_world import robot_of
-from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, size
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, shows_all, size
 from twin.exchange.read.source import Findings, Imported, Names, along, assemble, limits, possible, rpy
 from twin.exchange.read.xml import Xml
 from twin.model.body import Body, Frame, Mesh
@@ -89,7 +89,9 @@ class _Sdf:
             self.xml.fail("link 'world'", "the name 'world' is reserved for the world")
         base = "world" if grounded else self._base(made, body_names)
         bodies = [Body("world")] if grounded else []
-        bodies += [Body(body_names[n], tuple(self._meshes(n, e)), self._inertia(n, e)) for n, e in links.items()]
+        for n, e in links.items():
+            meshes = self._meshes(n, e)
+            bodies.append(Body(body_names[n], tuple(meshes), self._inertia(n, e), shows_all(e, len(meshes))))
         frames = []
         shown = (n for n, e in marks.items() if not e.get("hidden"))
         for old, new in Names("frame", shown, self.findings).items():

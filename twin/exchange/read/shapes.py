@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 
@@ -60,6 +61,26 @@ def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> 
     if min(size) <= 0:
         xml.fail(where, f"a size of the {kind} is {min(size):g}, but must be positive")
     return size
+
+
+def shows_all(link: Element, read: int) -> bool:
+    """Return whether the meshes of a link of a URDF or SDF show the whole link.
+
+    `read` is the number of meshes made of its visual shapes or, without visual shapes, of its collision shapes. They
+    show the whole link if none is missing, and none of its collision shapes differs from all visual shapes. Visual
+    shapes alone are for display, and need not show what has mass.
+    """
+    visuals, colliders = link.findall("visual"), link.findall("collision")
+    if not visuals:
+        return read == len(colliders)
+    shown = {_shape_text(v) for v in visuals}
+    return read == len(visuals) and bool(colliders) and all(_shape_text(c) in shown for c in colliders)
+
+
+def _shape_text(element: Element) -> str:
+    """Return the geometry and the place of a <visual> or <collision> as text without white space."""
+    parts = [tostring(e, "unicode") for e in element if e.tag in ("geometry", "origin", "pose")]
+    return "".join("".join(parts).split())
 
 
 def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:

@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.closures import Closures, read_closures
-from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, size
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, shows_all, size
 from twin.exchange.read.source import Findings, Imported, Names, along, assemble, limits, named_apart, possible, rpy
 from twin.exchange.read.xml import Xml
 from twin.model.body import Body, Frame, Mesh
@@ -98,11 +98,11 @@ class _Urdf:
             )
         ]
         visuals = _Visuals(self.xml, found)
-        bodies = [
-            Body(body_names[n], tuple(visuals.meshes(n, e)), self._inertia(n, e))
-            for n, e in links.items()
-            if n not in self.marks
-        ]
+        bodies: list[Body] = []
+        for n, e in links.items():
+            if n not in self.marks:
+                meshes = visuals.meshes(n, e)
+                bodies.append(Body(body_names[n], tuple(meshes), self._inertia(n, e), shows_all(e, len(meshes))))
         bodies += self.crosses
         frame_names = Names("frame", self.marks, found)
         frames = [Frame(frame_names[n], *self.home[n]) for n in self.marks]

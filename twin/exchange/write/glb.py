@@ -57,6 +57,8 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
         extras: dict[str, Any] = {"link": body.name}
         if body.inertia is not None:
             extras["mass"] = float(f"{body.inertia.mass:.9g}")
+        if not body.whole:
+            extras["whole"] = False
         extras["joints"] = [j.name for j in mechanism.joints if j.child == body.name]
         nodes.append({"name": body.name, **_trs(rest[body.name]), "extras": extras})
         if (mesh := out.mesh(body, mechanism.materials)) is not None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from twin.core.findings import Finding, warning
+from twin.core.findings import Finding, info, warning
 from twin.model.body import Body
 from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
@@ -27,6 +27,17 @@ def inertia_of(body: Body) -> Inertia:
     sides = np.maximum(high - low, 0.01)
     mass = max(DENSITY * float(np.prod(sides)), LEAST)
     return Inertia(mass, 0.5 * (low + high), np.diag(mass / 12 * (np.sum(sides**2) - sides**2)))
+
+
+def partly_shown(mechanism: Mechanism, file: str) -> Iterator[Finding]:
+    """Yield a finding on bodies whose meshes do not show the whole body, so that its mass cannot be judged by them."""
+    names = ", ".join(b.name for b in mechanism.bodies if b.meshes and not b.whole)
+    if names:
+        text = (
+            f"{file}: the shapes of {names} are for display, or lack shapes that the import left out; masses are not "
+            "judged by them"
+        )
+        yield info("export.partly_shown", names, text)
 
 
 def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:

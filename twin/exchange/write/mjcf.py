@@ -27,7 +27,7 @@ from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.exchange.write.left_out import left_out, motors_left_out
-from twin.exchange.write.masses import inertia_of, unweighed
+from twin.exchange.write.masses import inertia_of, partly_shown, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml, xml_text
 from twin.model.inertia import Inertia
@@ -96,7 +96,8 @@ def mjcf_text(mechanism: Mechanism) -> str:
 def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return findings on differences between the MJCF and the mechanism; the MJCF contains the same findings."""
     file = f"{mechanism.name}.xml"
-    found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "max_speed")]
+    found = [*unweighed(mechanism, file), *partly_shown(mechanism, file)]
+    found += motors_left_out(mechanism, file, "max_speed")
     # MJCF can limit the rotation angle of a ball joint, but not the cone of its axis.
     fields = ("soft_limits", "max_speed", "max_acceleration", "max_jerk", "cone")
     return [*found, *left_out(mechanism, file, *fields)]

@@ -19,7 +19,7 @@ from twin.core import spatial
 from twin.core.findings import Finding, Kind, info, warning
 from twin.core.spatial import Array
 from twin.exchange.write.left_out import left_out, motors_left_out
-from twin.exchange.write.masses import inertia_of, unweighed
+from twin.exchange.write.masses import inertia_of, partly_shown, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml
 from twin.model.body import Body, Material
@@ -70,7 +70,8 @@ def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
 def urdf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return findings on data that URDF cannot hold; the URDF file contains the findings as comments."""
     file = f"{mechanism.name}.urdf"
-    found = [*unweighed(mechanism, file), *motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")]
+    found = [*unweighed(mechanism, file), *partly_shown(mechanism, file)]
+    found += motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")
     found += [
         _TRANSMISSION(
             t.name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
@@ -14,7 +15,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.inertia import Inertia
 from twin.usd import gf
-from twin.usd.read.bodies import below, mesh_triangles
+from twin.usd.read.bodies import below, mesh_triangles, shows_all
 from twin.usd.scan import Scene, quaternion_attributes
 
 QUATERNION_TOL = 1e-4
@@ -49,6 +50,9 @@ _INERTIA_SIZE = Kind(
     "disagreement",
     "author the inertia in kg m2 about the centre of mass; 1 kg m2 is 1e6 kg mm2 or 1e9 g mm2",
 )
+_PARTLY = "none is needed if the shapes that this file omits, or that are for display only, explain it"
+_COM_NOTE = replace(_COM, severity="info", suggestion=_PARTLY)
+_INERTIA_SIZE_NOTE = replace(_INERTIA_SIZE, severity="info", suggestion=_PARTLY)
 _SUBDIVISION = Kind("stage.subdivision", "warning", 'author subdivisionScheme = "none"')
 _EXTENT = Kind("stage.extent", "disagreement", "recompute the extent from the points")
 _POINT_INDEX = Kind("stage.point_index", "disagreement", "number the points from 0 to their count minus 1")
@@ -134,19 +138,23 @@ def _check_mass(
             + ("" if weighed else ", if a simulator needs the mass"),
         )
         return
+    # Meshes that do not show the whole body cannot show that its mass is wrong.
+    whole = shows_all(scene, prim)
     center = np.array(api.GetCenterOfMassAttr().Get(), float) * scene.meters
     if box is not None and np.all(np.isfinite(center)):
         outside = np.maximum(np.maximum(box[0] - center, center - box[1]), 0)
         gap = float(np.linalg.norm(outside))
         if gap > COM_MARGIN:
             text = f"the centre of mass of body {path} is outside the bounding box of the body's meshes"
-            yield _COM(path, text, mm(gap), mm(COM_MARGIN))
+            yield (_COM if whole else _COM_NOTE)(path, text, mm(gap), mm(COM_MARGIN))
     moments = np.array(api.GetDiagonalInertiaAttr().Get(), float) * scene.kilograms * scene.meters**2
     if np.any(moments):
-        yield from _check_inertia(path, mass, moments, box)
+        yield from _check_inertia(path, mass, moments, box, whole)
 
 
-def _check_inertia(path: str, mass: float, moments: Array, box: tuple[Array, Array] | None) -> Iterator[Finding]:
+def _check_inertia(
+    path: str, mass: float, moments: Array, box: tuple[Array, Array] | None, whole: bool
+) -> Iterator[Finding]:
     tensor = Inertia(mass or 1.0, np.zeros(3), np.diag(moments))
     ordered = np.sort(moments)
     for text in tensor.violations():
@@ -162,7 +170,7 @@ def _check_inertia(path: str, mass: float, moments: Array, box: tuple[Array, Arr
                 f"the radius of gyration of body {path} is not plausible: the diagonal of the body's meshes is "
                 f"{mm(diagonal)}, the radius of gyration"
             )
-            yield _INERTIA_SIZE(path, message, mm(gyration), mm(limit))
+            yield (_INERTIA_SIZE if whole else _INERTIA_SIZE_NOTE)(path, message, mm(gyration), mm(limit))
 
 
 def _check_quaternions(prim: Usd.Prim) -> Iterator[Finding]:

@@ -26,7 +26,7 @@ from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.model.body import Body, Frame, Point
 from twin.model.mechanism import Coupling, Mechanism
-from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes
+from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes, shows_all
 from twin.usd.read.joints import WORLD, Selection, convert, select
 from twin.usd.read.motors import read_motors
 from twin.usd.read.names import identifier, unique
@@ -119,7 +119,8 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     points: list[Point] = []
     for body_path, prim in zip(chosen.bodies, prims, strict=True):
         name = names[body_path]
-        bodies.append(Body(name, read_meshes(scene, prim, mesh_names, notes), read_inertia(scene, prim, notes)))
+        meshes = read_meshes(scene, prim, mesh_names, notes)
+        bodies.append(Body(name, meshes, read_inertia(scene, prim, notes), shows_all(scene, prim)))
         for kind, mark, T in read_marks(scene, prim):
             if kind == "frame":
                 frames.append(Frame(mark, name, T))

@@ -96,6 +96,21 @@ def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list
     return tuple(out)
 
 
+def shows_all(scene: Scene, body: Usd.Prim) -> bool:
+    """Return whether the meshes of a body show the whole body, so that its mass can be judged by them.
+
+    If twin did not write the stage: the body has colliders, and `read_meshes` omits none of its shapes.
+    """
+    told = body.GetAttribute("twin:whole")
+    if told and told.Get() is not None:
+        return bool(told.Get())
+    shapes = [p for p in below(scene, body) if p.IsA(UsdGeom.Gprim)]
+    guides = [p for p in shapes if UsdGeom.Imageable(p).ComputePurpose() == UsdGeom.Tokens.guide]
+    if guides or not all(p.IsA(UsdGeom.Mesh) for p in shapes):
+        return False
+    return any(p.HasAPI(UsdPhysics.CollisionAPI) for p in below(scene, body))
+
+
 def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
     """Return the triangles (m, 3) of a mesh; polygons are split, and left-handed faces are reversed.
 

@@ -104,6 +104,8 @@ def write_physics(
         UsdPhysics.RigidBodyAPI.Apply(prim)
         if body.inertia is not None:
             write_inertia(prim, body.inertia)
+        if not body.whole:
+            _attribute(prim, "twin:whole", Sdf.ValueTypeNames.Bool, False)
     for mesh_path in mesh_paths(mechanism).values():
         prim = stage.OverridePrim(mesh_path)
         UsdPhysics.CollisionAPI.Apply(prim)
