@@ -1,0 +1,205 @@
+"""What real description files taught: imported as they stand, exported, and not accused of what is no fault.
+
+Each kind is a table of small files or a seeded loop, with the value that is right.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+import twin
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
+from twin.exchange.read.folder import write_folder
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def imported(tmp_path, name, text):
+    """Return the import of a text in a file, with its loops closed."""
+    path = tmp_path / name
+    path.write_text(text)
+    return close(read(path, guarded=False))
+
+
+def audited(tmp_path, found, formats=("usd", "mjcf", "urdf")):
+    """Return the audit of the exported folder of an import."""
+    write_folder(found, "robot", tmp_path / "robot", tmp_path / "source")
+    twin.export(twin.load(tmp_path / "robot"), folder=tmp_path / "out", formats=formats)
+    return twin.audit(tmp_path / "out")
+
+
+def wrong(report):
+    return [f.message for f in report.findings if f.severity in ("error", "disagreement")]
+
+
+def values(mechanism):
+    """Return {joint: coordinate at rest in m or rad}."""
+    single = [j for j in mechanism.tree if len(j.free_axes) == 1]
+    return {j.name: float(j.coordinate(mechanism.rest[j.parent], mechanism.rest[j.child])) for j in single}
+
+
+# ------------------------------------------------------------------------------------------------------ the start
+
+
+def serial(limits, kinds=None):
+    """Return a URDF of an arm with one joint for each pair of limits."""
+    links = "".join(f'<link name="l{i}">{INERTIAL}</link>' for i in range(len(limits) + 1))
+    joints = "".join(
+        f'<joint name="j{i}" type="{(kinds or {}).get(i, "revolute")}"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0 0 0.1"/><axis xyz="0 {i % 2} {1 - i % 2}"/>'
+        f'<limit lower="{low!r}" upper="{high!r}" effort="9" velocity="1"/></joint>'
+        for i, (low, high) in enumerate(limits)
+    )
+    return f'<robot name="arm">{links}{joints}</robot>'
+
+
+def test_a_urdf_starts_at_the_values_within_the_limits_that_are_nearest_to_zero(tmp_path):
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        ends = np.sort(rng.uniform(-3, 3, (5, 2)), axis=1)
+        ends[:, 1] += 0.01
+        found = imported(tmp_path, "arm.urdf", serial(ends.tolist(), {3: "prismatic"}))
+        nearest = np.clip(0.0, ends[:, 0], ends[:, 1])
+        np.testing.assert_allclose(list(values(found.mechanism).values()), nearest, rtol=0, atol=1e-12)
+        said = any(f.code == "import.home" for f in found.findings)
+        assert said == bool((nearest != 0).any())
+        assert not any(f.code == "import.rest" for f in found.findings)
+
+
+MJCF = """<mujoco><compiler angle="radian"/><worldbody><body name="t" pos="0 0 .1"><joint name="h" axis="0 0 1"
+range="-1 1" {h}/><geom type="box" size=".1 .1 .1"/><body name="l" pos="0 0 -.3"><joint name="k" axis="0 1 0"
+range="-2 -0.5" {k}/><geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02"/></body></body></worldbody>
+<actuator><position joint="h" kp="10"/><position joint="k" kp="10"/></actuator>{keys}</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("parts", "home", "key"),
+    [
+        ({"k": 'ref="-0.9"'}, (0.0, -0.9), None),  # the start of MuJoCo, qpos0
+        ({"h": 'ref="0.3"', "k": 'ref="-0.9"'}, (0.3, -0.9), "0.5 -1"),
+        ({}, (0.5, -1.0), "0.5 -1"),  # outside of the limits at qpos0: the key frame
+        ({}, (0.0, -0.5), "0.5 -3"),  # also the key frame is outside: the nearest limit
+        ({"k": 'ref="-2.7"'}, (0.0, -2.0), None),
+    ],
+)
+def test_an_mjcf_starts_at_its_own_start(parts, home, key, tmp_path):
+    keys = f'<keyframe><key name="up" qpos="{key}"/></keyframe>' if key else ""
+    text = MJCF.format(**{"h": "", "k": "", "keys": keys} | parts)
+    m = imported(tmp_path, "arm.xml", text).mechanism
+    np.testing.assert_allclose(list(values(m).values()), home, rtol=0, atol=1e-12)
+    assert m.postures["home"] == pytest.approx({"h": home[0], "k": home[1]}, abs=1e-12)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:] = home
+    mujoco.mj_kinematics(model, data)
+    for name in ("t", "l"):
+        np.testing.assert_allclose(m.rest[name][:3, 3], data.body(name).xpos, atol=1e-12)
+        np.testing.assert_allclose(m.rest[name][:3, :3].ravel(), data.body(name).xmat, atol=1e-12)
+
+
+def test_the_start_of_coupled_joints_is_the_nearest_state_of_the_coupling_within_the_limits(tmp_path):
+    rng = np.random.default_rng(1)
+    met = 0
+    for _ in range(12):
+        ratio, offset = float(rng.uniform(-2, 2)), float(rng.uniform(-1, 1))
+        first, second = np.sort(rng.uniform(-2, 2, (2, 2)), axis=1)
+        links = serial([first.tolist(), second.tolist()])
+        mimic = f'<mimic joint="j0" multiplier="{ratio!r}" offset="{offset!r}"/></joint></robot>'
+        m = imported(tmp_path, "arm.urdf", links.removesuffix("</joint></robot>") + mimic).mechanism
+        lead, follow = values(m).values()
+        # values of the leader for which both joints are within their limits
+        ends = np.sort((second - offset) / ratio)
+        low, high = max(first[0], ends[0]), min(first[1], ends[1])
+        if high - low < 0.01:
+            continue
+        met += 1
+        assert follow == pytest.approx(ratio * lead + offset, abs=1e-8)
+        assert first[0] - 1e-9 <= lead <= first[1] + 1e-9
+        assert second[0] - 1e-9 <= follow <= second[1] + 1e-9
+    assert met > 4
+
+
+def test_a_home_at_a_limit_and_off_zero_is_exported_without_a_finding(tmp_path):
+    found = imported(tmp_path, "arm.urdf", serial([(-1.0, 1.0), (-3.07, -0.07), (0.2, 2.0)]))
+    report = audited(tmp_path, found)
+    assert wrong(report) == []
+    data = mujoco.MjData(model := mujoco.MjModel.from_xml_path(str(tmp_path / "out/robot.xml")))
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    np.testing.assert_allclose(data.qpos, [0.0, -0.07, 0.2], atol=1e-9)
+
+
+# ------------------------------------------------------------------------------- bodies that are fixed to the world
+
+WORLD = """<robot name="w"><link name="world"/><link name="b">{i}<visual><geometry><box size=".2 .2 .2"/></geometry>
+</visual></link><link name="a">{i}</link><joint name="f" type="fixed"><parent link="world"/><child link="b"/></joint>
+<joint name="s" type="revolute"><parent link="b"/><child link="a"/><origin xyz="0 0 .1"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="10" velocity="2"/></joint></robot>"""
+
+TWO = """<mujoco><worldbody><body name="b"><geom type="box" size=".1 .1 .1"/><body name="c" pos="0 0 .3">
+<joint name="k" axis="0 1 0" range="-60 60"/><geom type="sphere" size=".05"/></body></body>
+<body name="table" pos="1 0 0"><geom type="box" size=".1 .1 .1"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("name", "text"), [("w.urdf", WORLD.format(i=INERTIAL)), ("two.xml", TWO)])
+def test_a_base_named_world_is_the_world_of_every_format(name, text, tmp_path):
+    report = audited(tmp_path, imported(tmp_path, name, text))
+    assert wrong(report) == []
+
+
+def test_a_body_that_one_file_does_not_fix_to_the_world_is_found(tmp_path):
+    audited(tmp_path, imported(tmp_path, "w.urdf", WORLD.format(i=INERTIAL)), ("usd", "mjcf"))
+    path = tmp_path / "out/robot.xml"
+    text = path.read_text()
+    assert '<body name="b"' in text
+    start = text.index(">", text.index('<body name="b"')) + 1
+    path.write_text(f'{text[:start]}<joint name="loose" type="hinge" axis="1 0 0"/>{text[start:]}')
+    told = " ".join(wrong(twin.audit(tmp_path / "out")))
+    assert "bodies fixed to the world" in told
+
+
+# ------------------------------------------------------------------------------------ masses and what shapes show
+
+BOX = '<geometry><box size="0.01 0.01 0.01"/></geometry>'
+
+
+SHAPES = {
+    "l1": f'<visual><origin xyz="0.9 0 0"/>{BOX}</visual>',  # for display only
+    "l2": f'<visual><origin xyz="0.9 0 0"/>{BOX}</visual><collision>{BOX}</collision>',  # the second is left out
+    "l3": f'<visual>{BOX}</visual><visual><geometry><mesh filename="no.stl"/></geometry></visual>',
+    "l4": f'<collision><origin xyz="0.9 0 0"/>{BOX}</collision>',  # nothing is left out
+    "l5": f'<visual><origin xyz="0.9 0 0"/>{BOX}</visual><collision><origin xyz="0.9 0 0"/>{BOX}</collision>',
+}
+"""Shapes that do not fit the masses of the links, and what a file of the field leaves out of them."""
+
+
+def test_a_mass_is_judged_only_by_shapes_that_show_the_whole_body(tmp_path):
+    text = serial([(-1.0, 1.0)] * 5)
+    for link, shapes in SHAPES.items():
+        text = text.replace(f'<link name="{link}">', f'<link name="{link}">{shapes}')
+    found = imported(tmp_path, "arm.urdf", text)
+    assert {b.name for b in found.mechanism.bodies if not b.whole} == {"l1", "l2", "l3"}
+    report = audited(tmp_path, found, ("usd", "mjcf", "urdf", "glb"))
+    told = [f for f in report.findings if f.code.startswith(("physics.", "stage.com", "stage.inertia"))]
+    for file in ("robot.glb", "usd/robot.usda", "robot.xml", "robot.urdf"):
+        for link in SHAPES:
+            here = {f.severity for f in told if f.where.startswith(file) and f.where.endswith(link)}
+            assert here == ({"info"} if link in ("l1", "l2", "l3") else {"disagreement"}), (file, link)
+
+
+def test_mjcf_bodies_with_shapes_for_display_are_not_whole(tmp_path):
+    geoms = {
+        "visual": '<geom type="box" size=".1 .1 .1" contype="0" conaffinity="0" mass="1"/>',
+        "solid": '<geom type="box" size=".1 .1 .1" mass="1"/>',
+    }
+    geoms["both"] = geoms["visual"] + geoms["solid"]
+    bodies = "".join(
+        f'<body name="{n}" pos="{i} 0 0"><joint axis="0 0 1" name="j{i}"/>{g}</body>'
+        for i, (n, g) in enumerate(geoms.items())
+    )
+    path = tmp_path / "three.xml"
+    path.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    m = read(path, root="world", guarded=False).mechanism
+    assert {b.name: b.whole for b in m.bodies if b.name in geoms} == {"visual": False, "both": False, "solid": True}
