@@ -235,8 +235,10 @@ def used():
 def test_stages_hold_what_the_mapping_names(mapped, used, tmp_path):
     slider = mechanisms.slider()  # no committed robot has a cylindrical joint
     base = slider.bodies[0]
-    clear = tuple(replace(mesh, color_rgba=(0.5, 0.5, 0.5, 0.5)) for mesh in base.meshes)  # ... nor glass
-    slider = replace(slider, bodies=(replace(base, meshes=clear), *slider.bodies[1:]))
+    clear = tuple(
+        replace(mesh, color_rgba=(0.5, 0.5, 0.5, 0.5)) for mesh in base.meshes
+    )  # ... nor glass, nor part of a body
+    slider = replace(slider, bodies=(replace(base, meshes=clear, whole=False), *slider.bodies[1:]))
     write_stage(slider, tmp_path, *mechanisms.slider_state(0.0, 0.0))
     hands = two_trocars.mechanism()  # ... nor several trocars
     write_stage(hands, tmp_path / "hands", hands.rest, {j.name: 0.0 for j in hands.joints})
