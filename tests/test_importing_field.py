@@ -5,14 +5,21 @@ Each kind is a table of small files or a seeded loop, with the value that is rig
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
 import pytest
 
 import twin
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
+from twin.model.body import Body, Frame, Mesh
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
+from twin.reference.clearance import apart
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
 
@@ -203,3 +210,93 @@ def test_mjcf_bodies_with_shapes_for_display_are_not_whole(tmp_path):
     path.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     m = read(path, root="world", guarded=False).mechanism
     assert {b.name: b.whole for b in m.bodies if b.name in geoms} == {"visual": False, "both": False, "solid": True}
+
+
+# ------------------------------------------------------------------------ free joints, and bodies without shape
+
+FLOATING = f"""<robot name="f"><link name="ground">{INERTIAL}</link><link name="trunk">{INERTIAL}</link>
+<link name="leg">{INERTIAL}</link><link name="ball">{INERTIAL}</link>
+<joint name="float" type="floating"><parent link="ground"/><child link="trunk"/><origin xyz="0.1 0.2 0.5"
+rpy="0.3 -0.2 0.9"/></joint>
+<joint name="knee" type="revolute"><parent link="trunk"/><child link="leg"/><origin xyz="0 0 -0.1"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="-1" effort="9" velocity="1"/></joint>
+<joint name="loose" type="floating"><parent link="ground"/><child link="ball"/><origin xyz="1 0 0"/></joint></robot>"""
+
+ON_MOVING = FLOATING.replace('<parent link="ground"/><child link="ball"/>', '<parent link="leg"/><child link="ball"/>')
+
+ANT = """<mujoco><compiler angle="radian"/><worldbody><geom type="plane" size="1 1 1"/><body name="trunk" pos="0 0 0.7"
+euler="0.1 0.2 0.3"><freejoint name="float"/><geom type="sphere" size="0.2"/><body name="leg" pos="0.2 0 0">
+<joint name="knee" axis="0 1 0" range="0.5 1"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.05"/></body></body>
+</worldbody><actuator><motor joint="knee"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "free"),
+    [("f.urdf", FLOATING, ("float", "loose")), ("f.urdf", ON_MOVING, ("float", "loose")), ("a.xml", ANT, ("float",))],
+    ids=["urdf", "on a moving body", "mjcf"],
+)
+def test_a_free_joint_has_one_name_and_one_kind_in_every_format(file, text, free, tmp_path):
+    found = imported(tmp_path, file, text)
+    m = found.mechanism
+    assert tuple(j.name for j in m.joints if j.type == "free") == free
+    assert wrong(audited(tmp_path, found, ("usd", "mjcf", "urdf", "tracks"))) == []
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out/robot.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_kinematics(model, data)
+    urdf = pin.buildModelFromUrdf(str(tmp_path / "out/robot.urdf"))
+    drawn = urdf.createData()
+    q = pin.neutral(urdf)
+    q[urdf.joints[urdf.getJointId("knee")].idx_q] = m.postures["home"]["knee"]
+    pin.framesForwardKinematics(urdf, drawn, q)
+    for joint in (j for j in m.joints if j.type == "free"):
+        kind = mujoco.mjtJoint(int(model.joint(joint.name).type[0]))
+        on_moving = joint.parent == "leg"
+        assert kind == (mujoco.mjtJoint.mjJNT_BALL if on_moving else mujoco.mjtJoint.mjJNT_FREE)
+        assert urdf.joints[urdf.getJointId(joint.name)].shortname() == "JointModelFreeFlyer"
+        T_base_body = np.linalg.inv(m.rest[m.base]) @ m.rest[joint.child]
+        np.testing.assert_allclose(data.body(joint.child).xpos, T_base_body[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(data.body(joint.child).xmat, T_base_body[:3, :3].ravel(), atol=1e-9)
+        T = drawn.oMf[urdf.getFrameId(joint.child)].homogeneous
+        np.testing.assert_allclose(T, T_base_body, atol=1e-9)
+
+
+UNIVERSAL = """<mujoco><worldbody><body name="frame"><geom type="box" size=".1 .1 .1"/><body name="leg" pos="0 0 0.12">
+<joint name="x" type="hinge" axis="1 0 0"/><joint name="y" type="hinge" axis="0 1 0"/>
+<geom type="box" size=".05 .05 .1"/><body name="tip" pos="0 0 0.12"><joint name="s" type="slide" axis="0 0 1"/>
+<geom type="box" size=".02 .02 .1"/></body></body></body><body name="top" pos="0 0 0.15"><freejoint name="free"/>
+<geom type="box" size=".1 .1 .01"/></body></worldbody></mujoco>"""
+
+
+def test_a_body_that_the_import_inserted_is_no_gap_between_parent_and_child(tmp_path):
+    path = tmp_path / "u.xml"
+    path.write_text(UNIVERSAL)
+    m = close(read(path, root="world", guarded=False)).mechanism
+    assert m.body("leg_after_x").meshes == ()
+    pairs = {frozenset((a.body, b.body)) for a, b in apart(m)}
+    # parent and child overlap at their joint; the free body is connected with nothing
+    assert pairs == {frozenset(p) for p in (("frame", "tip"), ("frame", "top"), ("leg", "top"), ("tip", "top"))}
+
+
+def test_arms_on_a_base_without_shape_can_collide():
+    arms = [Joint(f"j{i}", "revolute", "base", f"arm{i}", active=True) for i in range(2)]
+    box = Mesh("box", np.eye(4)[:, :3] * 0.1, np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]))
+    bodies = [Body("base"), *(Body(f"arm{i}", (replace(box, name=f"box{i}"),)) for i in range(2))]
+    frames = (Frame("tool", "arm0", np.eye(4)),)
+    rest = {b.name: np.eye(4) for b in bodies}
+    m = Mechanism("two", "base", tuple(bodies), tuple(arms), frames, tool="tool", rest=rest)
+    assert [(a.body, b.body) for a, b in apart(m)] == [("arm0", "arm1")]
+
+
+# --------------------------------------------------------------------------------------------------- flat shapes
+
+
+def test_a_flat_mesh_is_exported_as_a_shape_that_mujoco_reads(tmp_path):
+    sheet = "v 0 0 0\nv 0.1 0 0\nv 0.1 0.1 0\nv 0 0.1 0\nf 1 2 3\nf 1 3 4\n"
+    (tmp_path / "sheet.obj").write_text(sheet)
+    shape = '<geometry><mesh filename="sheet.obj"/></geometry>'
+    text = serial([(-1.0, 1.0)]).replace('<link name="l1">', f'<link name="l1"><visual>{shape}</visual>')
+    assert wrong(audited(tmp_path, imported(tmp_path, "arm.urdf", text), ("mjcf",))) == []
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out/robot.xml"))
+    assert model.nmesh == 1
+    assert int(model.geom_conaffinity[0]) == 0

@@ -11,14 +11,21 @@ _FLAT = 1e-9
 """Ratio of thickness to size below which a shape counts as flat."""
 
 
+def flat(vertices: Array) -> bool:
+    """Return whether vertices (n, 3) are in one plane, so that they have no convex hull."""
+    if len(vertices) < 4:
+        return True
+    extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    return bool(extents[2] <= _FLAT * extents[0])
+
+
 def require_hull(name: str, vertices: Array) -> None:
     """Check that vertices (n, 3) have a convex hull; `name` is the name of the shape for the message.
 
     Raises:
         TwinError: the vertices are in one plane.
     """
-    extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
-    if len(vertices) < 4 or extents[2] <= _FLAT * extents[0]:
+    if flat(vertices):
         raise TwinError(
             f"{name} is flat: all its vertices are in one plane, so that it has no convex hull. Draw it with a "
             "thickness, or remove its shape"

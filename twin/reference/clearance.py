@@ -116,7 +116,21 @@ def apart(mechanism: Mechanism) -> list[tuple[Shape, Shape]]:
 
 
 def _jointed(mechanism: Mechanism) -> set[frozenset[str]]:
-    return {frozenset((j.parent, j.child)) for j in mechanism.joints}
+    """Return the pairs of bodies that a joint connects, or a chain of joints over bodies without shape.
+
+    An import inserts such bodies: between two hinges of one body, or for a link that only holds a frame. A free joint
+    connects nothing. The base is no part of a chain: it holds bodies that are apart.
+    """
+    direct = [frozenset((j.parent, j.child)) for j in mechanism.joints if j.type != "free"]
+    for body in mechanism.bodies:
+        at = [pair for pair in direct if body.name in pair]
+        if body.meshes or body.name == mechanism.base or len(at) != 2:
+            continue
+        beyond = (at[0] | at[1]) - {body.name}
+        direct = [pair for pair in direct if pair not in at]
+        if len(beyond) == 2:
+            direct.append(beyond)
+    return set(direct)
 
 
 def between(

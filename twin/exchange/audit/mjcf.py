@@ -97,6 +97,13 @@ class Mjcf:
         joints = range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]) if m.body_jntnum[body] else ()
         if not joints:
             return
+        if m.jnt_type[joints[0]] == FREE:  # every pose of the body is a pose of the joint
+            goal = self._goal(body, clip)
+            if goal is not None:
+                at = m.jnt_qposadr[joints[0]]
+                qpos[:, at : at + 3] = goal[:, :3, 3]
+                qpos[:, at + 3 : at + 7] = poses.quaternion(goal[:, :3, :3])[:, [3, 0, 1, 2]]
+            return
         links, given, owners = map(list, zip(*self._chain(body, joints, clip), strict=True))
         if any(g is None and link.kind != "fixed" for g, link in zip(given, links, strict=True)):
             goal = self._goal(body, clip)
@@ -110,7 +117,7 @@ class Mjcf:
                 R = poses.about([1, 0, 0], values[0]) @ poses.about([0, 1, 0], values[1])
                 q = poses.quaternion(R @ poses.about([0, 0, 1], values[2]))
                 qpos[:, at : at + 4] = q[:, [3, 0, 1, 2]]
-            elif m.jnt_type[j] != FREE:
+            else:
                 qpos[:, at] = values[0] + m.qpos0[at]
 
     def _chain(self, body: int, joints: range, clip: Clip) -> Iterator[tuple[Link, Array | None, int]]:

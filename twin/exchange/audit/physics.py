@@ -252,6 +252,8 @@ class Physics:
         If a file states joints by ties (`Joint.tied`), all ties between the same two links become one joint.
         """
         joints = [j for j in self.joints if not j.tied]
+        if WORLD not in known:
+            joints = _onto_base(joints)
         pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n and n not in known]
         while pending:
             ready = [n for n in pending if sum(n in (j.parent, j.child) for j in joints) <= 2]
@@ -272,6 +274,17 @@ class Physics:
             names = tuple(n for j in group for n in j.names)
             joints.append(replace(group[0], names=names, tied=tuple(t for j in group for t in j.tied)))
         return joints
+
+
+def _onto_base(joints: list[Joint]) -> list[Joint]:
+    """Return joints on the link that is fixed to the world instead of on the world; others are unchanged."""
+    mounts = [j for j in joints if j.parent == WORLD and j.kind == "fixed" and j.T is not None]
+    if not mounts:
+        return joints
+    mount = mounts[0]
+    base = mount.turned()
+    others = (j for j in joints if j is not mount)
+    return [_chained(base, j) if j.parent == WORLD and j.T is not None else j for j in others]
 
 
 def _chained(first: Joint, second: Joint) -> Joint:

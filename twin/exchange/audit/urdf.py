@@ -21,10 +21,11 @@ from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.meshes import check_mesh, joined, read_obj
 from twin.exchange.audit.motion import Clip, Content, Shape
 from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Motor, Physics, unit
+from twin.exchange.audit.physics import along as lines_of
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 
-KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed"}
+KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}
 
 NO_LIMIT = 100.0
 """Limit in m from which a slide counts as unlimited. URDF requires a limit, even for a slide without limits."""
@@ -129,6 +130,9 @@ class Urdf:
                 way.append(self.above[upper])
                 upper = self.above[upper].parent
             way.reverse()
+            if any(j.link.kind == "free" for j in way):  # every pose of the link is a pose of the joint
+                placed[name] = clip.links[name]
+                continue
             given = [j.values(clip) for j in way]
             if any(g is None and j.link.kind != "fixed" for g, j in zip(given, way, strict=True)):
                 known = clip.links.get(upper, placed[upper])
@@ -225,7 +229,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     origin, axis = element.find("origin"), element.find("axis")
     T = _origin(origin)
     a = numbers(None if axis is None else axis.get("xyz"), 3, (1, 0, 0))
-    if abs(np.linalg.norm(a) - 1) > 1e-6 and KINDS[kind] != "fixed":
+    if abs(np.linalg.norm(a) - 1) > 1e-6 and KINDS[kind] not in ("fixed", "free"):
         text = f"the axis of joint '{name}' has length {np.linalg.norm(a):.6g}, not 1."
         ledger.wrong("urdf.axis", text, name, size=Measured(float(np.linalg.norm(a)), 1.0))
     limit = element.find("limit")
@@ -339,13 +343,15 @@ def _tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterabl
     for j in joints:
         T, axis = j.link.fixed, j.link.axis
         motions: tuple[Line, ...] = ()
-        if j.link.kind != "fixed" and axis is not None:
+        if j.link.kind == "free":
+            motions = lines_of("free", T)
+        elif j.link.kind != "fixed" and axis is not None:
             motions = (Line(j.link.kind, T[:3, 3], unit(T[:3, :3] @ axis)),)
         low, high = j.limits or (-np.inf, np.inf)
         if j.link.kind == "slide" and max(abs(low), abs(high)) >= NO_LIMIT:
             low, high = -np.inf, np.inf
         effort, speed = (None if b is None or b >= NO_BOUND else b for b in (j.effort, j.speed))
-        drive = Drive((low, high), None, None, None, effort, speed) if motions else Drive()
+        drive = Drive((low, high), None, None, None, effort, speed) if len(motions) == 1 else Drive()
         out.joints.append(Joint((j.name,), j.parent, j.child, T, motions, drive))
     return out
 

@@ -10,6 +10,7 @@ loops are closed at `ref`, and Drake reads no other form. Loops and couplings ar
     revolute        two connects, at two points of the pin
     fixed           one weld, site to site
     with a slide    an auxiliary body (carrier, 1 g), with a slide (and hinge) on one body and a weld to the other
+    free            none: the body is at the top level, with a freejoint; on a moving parent three slides and a ball
     couplings       a fixed tendon of constant length
 
 A motor with a transmission is written as an actuator that pulls a fixed tendon. The tendon's coefficients are the
@@ -30,6 +31,7 @@ from twin.exchange.write.left_out import left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, partly_shown, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.xml import numbers, srgb, write_xml, xml_text
+from twin.model.hull import flat
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
@@ -135,7 +137,12 @@ class _Writer:
         equality = ET.Element("equality")
         for joint in self.spanning.cut:
             self._tie(equality, joint)
-        self._body(ET.SubElement(root, "worldbody"), mechanism.base, None)
+        self.still = self._still()
+        top = ET.SubElement(root, "worldbody")
+        self._body(top, mechanism.base, None)
+        for joint in self.spanning.tree:
+            if self._floats(joint):
+                self._body(top, joint.child, joint)
         self._couplings(equality)
         self._motors()
         root.append(equality)
@@ -143,6 +150,8 @@ class _Writer:
 
     def _body(self, parent: ET.Element, name: str, joint: Joint | None) -> None:
         T = np.eye(4) if joint is None else self._relative(joint.parent, joint.child)
+        if joint is not None and self._floats(joint):
+            T = self._relative(self.mechanism.base, joint.child)
         # MuJoCo's own fixed body has the name "world"; a base of that name is written as this body.
         world = joint is None and name == "world"
         element = parent if world else ET.SubElement(parent, "body", {"name": name, **_place(T)})
@@ -153,18 +162,21 @@ class _Writer:
             _inertial(element, inertia_of(body))
         for mesh in body.meshes:
             # Adjacent links overlap at joints: links collide with the world (contype 1), not with each other.
+            # MuJoCo makes a convex hull of each mesh that collides, and rejects a flat one.
             shape = {
                 "type": "mesh",
                 "mesh": mesh.name,
                 "material": self.mechanism.materials[mesh.name].name,
                 "mass": "0",
+                "contype": "0",
+                "conaffinity": "0" if flat(mesh.vertices) else "1",
             }
-            ET.SubElement(element, "geom", {**shape, "contype": "0", "conaffinity": "1"})
+            ET.SubElement(element, "geom", shape)
         marks = [(f"frame_{f.name}", f.T_body_frame) for f in self.mechanism.frames if f.body == name]
         for site, at in [*marks, *self.sites.get(name, [])]:
             ET.SubElement(element, "site", {"name": site, "size": "0.002", **_place(at)})
         for child in self.spanning.tree:
-            if child.parent == name:
+            if child.parent == name and not self._floats(child):
                 self._body(element, child.child, child)
         for slide in self.carriers.get(name, []):
             T = slide.T_parent_joint @ self._motion(slide)
@@ -173,8 +185,31 @@ class _Writer:
             _inertial(carrier, CARRIER)
             ET.SubElement(carrier, "site", name=f"{slide.name}_0_parent", size="0.002")
 
+    def _still(self) -> set[str]:
+        """Return the bodies that only fixed joints of the tree connect with the base."""
+        out = {self.mechanism.base}
+        for joint in self.spanning.tree:  # outwards
+            if joint.type == "fixed" and joint.parent in out:
+                out.add(joint.child)
+        return out
+
+    def _floats(self, joint: Joint) -> bool:
+        """Return whether a joint is written as a freejoint: MuJoCo has free bodies only in the world."""
+        return joint.type == "free" and joint.parent in self.still
+
     def _joint(self, element: ET.Element, joint: Joint) -> None:
-        if joint.type != "spherical":
+        if self._floats(joint):
+            ET.SubElement(element, "freejoint", name=joint.name)
+            T = self._relative(self.mechanism.base, joint.child)
+            self.qpos += [*T[:3, 3].tolist(), *spatial.quat_from_matrix_wxyz(T[:3, :3]).tolist()]
+            return
+        if joint.type == "free":
+            at = joint.T_child_joint
+            for name, axis in zip("xyz", at[:3, :3].T, strict=True):
+                line = {"pos": numbers(at[:3, 3]), "axis": numbers(axis)}
+                ET.SubElement(element, "joint", {"name": f"{joint.name}_{name}", "type": "slide", **line})
+                self.qpos.append(0.0)
+        elif joint.type != "spherical":
             self._moves(element, joint, joint.T_child_joint)
             return
         ET.SubElement(element, "joint", name=joint.name, type="ball", pos=numbers(joint.T_child_joint[:3, 3]))

@@ -3,7 +3,7 @@
 Links have the names and the frames of the mechanism's bodies. A URDF joint rotates about a line through the origin of
 its child link. If the origin of a body is not on its pin, the body is therefore the child of an auxiliary link
 `<joint>_axis` at the pin. A ball joint becomes three hinges about x, y and z. Their angles are zero at home, far from
-their singularity.
+their singularity. A free joint is `floating`; its zero is the pose at home.
 """
 
 from __future__ import annotations
@@ -197,6 +197,9 @@ def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
         steps = [(f"{name}_{a}", "revolute", v) for a, v in zip("xyz", (x, y, z), strict=True)]
         T = T @ spatial.pose(T_home[:3, :3])
     inner = joint.parent
+    if joint.type == "free":
+        _single(root, joint, name, "floating", (inner, joint.child), T @ T_home @ spatial.inverse(at), z)
+        return
     for step, (part, kind, axis) in enumerate(steps):
         outer = f"{name}_axis" if step == len(steps) - 1 else f"{part}_axis"
         _inertial(ET.SubElement(root, "link", name=outer), SMALL)
@@ -213,7 +216,7 @@ def _single(
     ET.SubElement(out, "origin", xyz=numbers(T[:3, 3]), rpy=numbers(spatial.euler_angles(T[:3, :3], "zyx")[::-1]))
     ET.SubElement(out, "parent", link=links[0])
     ET.SubElement(out, "child", link=links[1])
-    if kind == "fixed":
+    if kind in ("fixed", "floating"):
         return
     ET.SubElement(out, "axis", xyz=numbers(axis))
     limit = dict(UNKNOWN)
