@@ -300,3 +300,62 @@ def test_a_flat_mesh_is_exported_as_a_shape_that_mujoco_reads(tmp_path):
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out/robot.xml"))
     assert model.nmesh == 1
     assert int(model.geom_conaffinity[0]) == 0
+
+
+# -------------------------------------------------------------------------------- rounding of the writers themselves
+
+
+def cracked(width):
+    """Return the OBJ of a cube of 50 mm whose upper face is not joined with the sides: a crack of `width` in m."""
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * 0.05
+    points = [[*p, z] for z in (0.0, 0.05, 0.05 + width) for p in square]
+    faces = [(0, 3, 2, 1), (8, 9, 10, 11), *((i, (i + 1) % 4, 4 + (i + 1) % 4, 4 + i) for i in range(4))]
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in np.array(points).tolist()]
+    return "\n".join([*lines, *("f " + " ".join(str(k + 1) for k in f) for f in faces)]) + "\n"
+
+
+def with_cubes(tmp_path, widths):
+    """Return the URDF of an arm with a cube on each link, cracked by the given widths in m."""
+    text = serial([(-1.0, 1.0)] * len(widths))
+    for i, width in enumerate(widths, 1):
+        (tmp_path / f"cube{i}.obj").write_text(cracked(width))
+        shape = f'<collision><geometry><mesh filename="cube{i}.obj"/></geometry></collision>'
+        text = text.replace(f'<link name="l{i}">', f'<link name="l{i}">{shape}')
+    return text
+
+
+def of_closing(report):
+    return [m for m in wrong(report) if "open mesh" in m or "closed mesh" in m]
+
+
+def test_a_crack_that_rounding_closes_in_one_format_is_no_difference(tmp_path):
+    text = with_cubes(tmp_path, [2e-7, 4e-7, 2e-6, 1e-3])
+    assert of_closing(audited(tmp_path, imported(tmp_path, "arm.urdf", text))) == []
+
+
+def test_a_hole_in_one_format_is_a_difference(tmp_path):
+    audited(tmp_path, imported(tmp_path, "arm.urdf", with_cubes(tmp_path, [0.0])), ("usd", "urdf"))
+    path = next((tmp_path / "out/meshes").glob("*.obj"))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:-1]) + "\n")  # one triangle less
+    assert of_closing(twin.audit(tmp_path / "out"))
+
+
+def test_gains_of_any_size_keep_their_digits(tmp_path):
+    gains = (3.2718281828e-9, 4.1415926e-5, 1.2345678912, 5.4321987654e7)
+    bodies = actuators = ""
+    for i, gain in enumerate(gains):
+        bodies += f'<body name="b{i}" pos="0 0 .1"><joint name="j{i}" axis="0 1 0"/><geom type="sphere" size=".02"/>'
+        law = f'kp="{gain!r}" kv="{gain / 7!r}" forcerange="-{gain / 3!r} {gain / 3!r}"'
+        actuators += f'<position joint="j{i}" {law}/>'
+    bodies += "</body>" * len(gains)
+    text = f"<mujoco><worldbody>{bodies}</worldbody><actuator>{actuators}</actuator></mujoco>"
+    report = audited(tmp_path, imported(tmp_path, "arm.xml", text))
+    # a motor with so small a force cannot hold the arm, which is a true finding
+    assert [m for m in wrong(report) if "is at its maximum effort" not in m] == []
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out/robot.xml"))
+    for i, gain in enumerate(gains):
+        a = model.actuator(f"j{i}").id
+        assert model.actuator_gainprm[a, 0] == pytest.approx(gain, rel=1e-9)
+        assert model.actuator_biasprm[a, 1:3] == pytest.approx([-gain, -gain / 7], rel=1e-9)
+        assert model.actuator_forcerange[a, 1] == pytest.approx(gain / 3, rel=1e-9)

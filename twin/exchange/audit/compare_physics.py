@@ -322,7 +322,8 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
     still = p.still(known)
     for link, shape in view.shapes.items():
         if link in known:
-            view.say(f"link '{link}'", {"surface": shape.points, "closed": shape.closed})
+            closed = shape.closed if shape.closed == shape.nearly_closed else None
+            view.say(f"link '{link}'", {"surface": shape.points, "closed": closed})
     for link, shares in view.colors.items():
         if link in known:
             view.say(f"link '{link}'", {"colours": shares})

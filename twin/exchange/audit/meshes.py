@@ -7,12 +7,18 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.colors import surface_area
 from twin.exchange.audit.motion import Shape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
+
+NEAR = 3e-6
+"""Distance in m below which points may be one point in another format: two are rounded, to 0.001 mm in an OBJ."""
 
 AGAINST = 0.01
 """Maximum fraction of a mesh's area with normals opposite to the winding; thin triangles have inexact normals."""
@@ -64,6 +70,7 @@ def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
         used.max(axis=0),
         signed_volume(vertices, triangles),
         closed,
+        closed or edges(weld_near(vertices, triangles))[0],
         used,
         surface_area(vertices, triangles),
     ), mixed
@@ -95,6 +102,18 @@ def weld(vertices: Array, triangles: Array) -> Array:
     keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * 3))).ravel()
     _, first = np.unique(keys, return_inverse=True)
     return first[triangles]
+
+
+def weld_near(vertices: Array, triangles: Array) -> Array:
+    """Return the triangles (m, 3) with merged indices of points that are nearer than `NEAR`.
+
+    Formats round points differently, so that two points are one point in one format only. Merging more points never
+    opens a closed mesh.
+    """
+    points, place = np.unique(vertices, axis=0, return_inverse=True)
+    pairs = cKDTree(points, balanced_tree=False, compact_nodes=False).query_pairs(NEAR, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    return connected_components(links, directed=False)[1][place.ravel()][triangles]
 
 
 def edges(triangles: Array) -> tuple[bool, bool]:
@@ -136,6 +155,7 @@ def joined(shapes: Iterable[Shape]) -> Shape | None:
         np.max([s.high for s in parts], axis=0),
         sum(s.volume for s in parts),
         all(s.closed for s in parts),
+        all(s.nearly_closed for s in parts),
         np.vstack([s.points for s in parts]),
         sum(s.area for s in parts),
     )

@@ -37,6 +37,7 @@ class Shape:
         low, high: corners (3,) of the bounding box in m.
         volume: signed volume in m3; valid only if all meshes are closed.
         closed: whether all meshes are closed.
+        nearly_closed: whether all meshes are closed if points that rounding may have separated are merged.
         points: vertices (n, 3) of the triangles in m.
         area: surface area in m2.
     """
@@ -45,6 +46,7 @@ class Shape:
     high: Array
     volume: float
     closed: bool
+    nearly_closed: bool
     points: Array
     area: float
 

@@ -30,7 +30,7 @@ from twin.core.spatial import Array
 from twin.exchange.write.left_out import left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, partly_shown, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
-from twin.exchange.write.xml import numbers, srgb, write_xml, xml_text
+from twin.exchange.write.xml import gains, numbers, srgb, write_xml, xml_text
 from twin.model.hull import flat
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
@@ -315,14 +315,14 @@ class _Writer:
             else:
                 # Position servo of MuJoCo; force = kp (ctrl + home - q) - kv dq/dt + effort at home.
                 kp, kv = servo.stiffness, servo.damping
-                bias = numbers([kp * home + effort, -kp, -kv])
-                gains = {"gainprm": numbers([kp]), "biastype": "affine", "biasprm": bias}
-                out = ET.SubElement(actuator, "general", {**line, **gains})
+                bias = f"{numbers([kp * home + effort])} {gains([-kp, -kv])}"
+                law = {"gainprm": gains([kp]), "biastype": "affine", "biasprm": bias}
+                out = ET.SubElement(actuator, "general", {**line, **law})
                 if limits is not None:
                     out.set("ctrlrange", numbers([end - home for end in limits]))
                 control.append(0.0)
             if servo is not None and servo.max_effort is not None:
-                out.set("forcerange", numbers([-servo.max_effort, servo.max_effort]))
+                out.set("forcerange", gains([-servo.max_effort, servo.max_effort]))
         keyframe = ET.SubElement(self.root, "keyframe")
         ET.SubElement(keyframe, "key", name="home", qpos=numbers(self.qpos), ctrl=numbers(control))
 

@@ -21,7 +21,7 @@ from twin.core.spatial import Array
 from twin.exchange.write.left_out import left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, partly_shown, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
-from twin.exchange.write.xml import numbers, srgb, write_xml
+from twin.exchange.write.xml import gains, numbers, srgb, write_xml
 from twin.model.body import Body, Material
 from twin.model.following import Following, following
 from twin.model.inertia import Inertia
@@ -224,9 +224,9 @@ def _single(
         low, high = joint.limits or (-FAR, FAR)
         limit |= {"lower": numbers([low]), "upper": numbers([high])}
     if joint.drive is not None and joint.drive.max_effort is not None:
-        limit["effort"] = numbers([joint.drive.max_effort])
+        limit["effort"] = gains([joint.drive.max_effort])
     if joint.max_speed is not None:
-        limit["velocity"] = numbers([joint.max_speed])
+        limit["velocity"] = gains([joint.max_speed])
     ET.SubElement(out, "limit", limit)
 
 

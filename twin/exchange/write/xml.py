@@ -17,6 +17,11 @@ def numbers(values: Iterable[float]) -> str:
     return " ".join(f"{round(float(v), DECIMALS) + 0.0:.{DECIMALS}g}" for v in values)
 
 
+def gains(values: Iterable[float]) -> str:
+    """Return numbers that may be small, such as gains and efforts, as text with `DECIMALS` significant digits."""
+    return " ".join(f"{float(v) + 0.0:.{DECIMALS}g}" for v in values)
+
+
 def srgb(color_rgba: tuple[float, float, float, float]) -> str:
     """Return the display values (sRGB) of a linear colour as text; viewers of MJCF and URDF expect display values."""
     return " ".join(f"{v:.4g}" for v in (*map(units.srgb, color_rgba[:3]), color_rgba[3]))
