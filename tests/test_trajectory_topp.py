@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -12,10 +10,9 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import linprog
 
 from twin.core.errors import TimingError
-from twin.planning import timing, topp
+from twin.planning import by_toppra, timing, topp
 from twin.planning.timing import time_path
 
-ROOT = Path(__file__).resolve().parent.parent
 SAME = 1e-4
 """Relative difference of durations: toppra keeps away from the limits by its own tolerance."""
 
@@ -75,35 +72,9 @@ def duration(grid, rates):
 def test_durations_are_those_of_toppra(family, m):
     for seed in range(3):
         given_ = problem(family, m, seed)
-        ours, theirs = topp.fastest(*given_), timing.by_toppra(*given_)
+        ours, theirs = topp.fastest(*given_), by_toppra.fastest(*given_)
         assert duration(given_[0], ours) == pytest.approx(duration(given_[0], theirs), rel=SAME)
         assert ours[0] == ours[-1] == 0
-
-
-PROTOCOLS = sorted((ROOT / "trajectories").glob("*/*.toml"))
-
-
-@pytest.mark.parametrize(
-    "path",
-    [p if p.stem == "table2" else pytest.param(p, marks=pytest.mark.slow) for p in PROTOCOLS],
-    ids=lambda p: f"{p.parent.name}-{p.stem}",
-)
-def test_phases_of_every_protocol_take_as_long_as_with_toppra(path, monkeypatch):
-    import twin
-
-    compared = []
-
-    def both(*given_):
-        rates = ours(*given_)
-        compared.append(duration(given_[0], rates) / duration(given_[0], timing.by_toppra(*given_)) - 1)
-        return rates
-
-    ours = topp.fastest
-    monkeypatch.setattr(topp, "fastest", both)
-    trajectory = twin.plan(twin.load(path.parent.name), path.stem)
-    assert len(compared) >= len(trajectory.phases)
-    assert np.max(np.abs(compared)) < 1e-6
-    assert not [f for f in trajectory.findings if f.code == "trajectory.timing"]
 
 
 @pytest.mark.parametrize("family", [random, fixed_joints, straight, uneven_knots])
@@ -176,7 +147,7 @@ def test_moves_of_micrometres_fail_in_toppra_as_it_is():
     for _ in range(20):
         first, second = scaled(random, rng, 6, 1e-6)(grid)
         try:
-            timing.by_toppra(grid, first.T / 0.1, second.T / 0.1, np.full(6, 0.01) / 0.1)  # time in s
+            by_toppra.fastest(grid, first.T / 0.1, second.T / 0.1, np.full(6, 0.01) / 0.1)  # time in s
         except TimingError:
             failed += 1
     assert failed >= 15
@@ -249,31 +220,33 @@ def wave(s):
 LIMITS = np.array([0.1, 0.1]), np.array([0.5, 0.5])
 
 
-def test_toppra_is_asked_when_the_passes_fail_and_the_result_says_so(monkeypatch):
-    ours = time_path(path_of(wave), *LIMITS)
-    monkeypatch.setattr(topp, "fastest", refuse)
-    theirs = time_path(path_of(wave), *LIMITS)
-    assert (ours.solver, theirs.solver) == ("passes", "toppra")
-    assert ours.duration == pytest.approx(theirs.duration, abs=1.1e-3)
+SOLVERS = {"passes": topp, "toppra": by_toppra}
 
 
-def test_both_reasons_are_told_when_both_fail(monkeypatch):
-    monkeypatch.setattr(topp, "fastest", refuse)
-    monkeypatch.setattr(timing, "by_toppra", refuse)
-    with pytest.raises(
-        TimingError, match=r"within the limits \(passes: the acceleration limits .* toppra: the acceleration limits"
-    ):
-        time_path(path_of(wave), *LIMITS)
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_chosen_solver_alone_times_a_path(solver, monkeypatch):
+    for other, module in SOLVERS.items():
+        if other != solver:
+            monkeypatch.setattr(module, "fastest", refuse)
+    found = time_path(path_of(wave), *LIMITS, solver=solver)
+    assert found.solver == solver
+    assert found.optimal == pytest.approx(
+        1 / 0.1 + 0.1 / 0.5, abs=1e-2
+    )  # the first coordinate moves by 1 at most at 0.1
 
 
-def test_a_plan_says_which_phases_toppra_timed(monkeypatch):
-    import twin
+def test_both_solvers_give_the_same_timing():
+    ours, theirs = (time_path(path_of(wave), *LIMITS, solver=solver) for solver in SOLVERS)
+    assert ours.optimal == pytest.approx(theirs.optimal, rel=1e-6)
+    assert ours.knots == theirs.knots
 
-    monkeypatch.setattr(topp, "fastest", refuse)
-    trajectory = twin.plan(twin.load("sils"), "table2_printed")
-    found = [f for f in trajectory.findings if f.code == "trajectory.timing"]
-    assert [f.severity for f in found] == ["info"] * len(trajectory.phases)
-    assert "toppra" in found[0].message
+
+@pytest.mark.parametrize(("solver", "other"), [("passes", "toppra"), ("toppra", "passes")])
+def test_a_solver_that_fails_is_named_with_its_reason_and_the_other_one(solver, other, monkeypatch):
+    monkeypatch.setattr(SOLVERS[solver], "fastest", refuse)
+    told = rf"\(try --timing {other}\): the acceleration limits cannot be met at s = 0.3"
+    with pytest.raises(TimingError, match=told):
+        time_path(path_of(wave), *LIMITS, solver=solver)
 
 
 @pytest.mark.slow

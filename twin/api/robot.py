@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.core import assets
-from twin.core.errors import TwinError
+from twin.core.errors import TwinError, unknown
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import read_bytes
 from twin.core.spatial import Array
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from twin.kinematics.closed_loops import LoopSolver
     from twin.kinematics.compiled import ExtraJoint
     from twin.model.mechanism import Mechanism
-    from twin.planning.protocol import Protocol
+    from twin.planning.protocol import Protocol, Solver
     from twin.planning.trajectory import Keep, PathKinematics
     from twin.reference import ReferenceModel
     from twin.reference.dynamics import Dynamics
@@ -116,6 +116,7 @@ class Robot:
         is_weighed: whether the masses of the bodies are computed.
         changed: mechanism that replaces the mechanism of the source (a design, a seeded fault), or None.
         equations: formula that replaces the formula of the source, or None.
+        timing: solver of the timing of all protocols, "passes" or "toppra"; None: each protocol names its solver.
     """
 
     source: Source
@@ -126,6 +127,7 @@ class Robot:
     is_weighed: bool = False
     changed: Mechanism | None = None
     equations: Formula | None = None
+    timing: Solver | None = None
 
     @property
     def name(self) -> str:
@@ -314,7 +316,7 @@ class Robot:
             raise error_at(path, ("name",), f"'{protocol.name}' must be the file's name, '{path.stem}'")
         if protocol.robot != self.name:
             raise error_at(path, ("robot",), f"the protocol is written for '{protocol.robot}', not for '{self.name}'")
-        return protocol
+        return protocol if self.timing is None else replace(protocol, timing=self.timing)
 
     def bound(self, protocol: Protocol) -> Robot:
         """Return the robot with its trocars at the positions that the protocol states; without any, the same robot.
@@ -354,6 +356,18 @@ class Robot:
 
         chosen = transmissions(self.cad.description, variant)
         return self.with_mechanism(replace(self.mechanism, transmissions=chosen))
+
+    def with_timing(self, solver: Solver | None) -> Robot:
+        """Return the robot whose protocols are timed by "passes" or "toppra"; None: by the solver that each names.
+
+        Raises:
+            TwinError: there is no such solver.
+        """
+        from twin.planning.protocol import SOLVERS
+
+        if solver is not None and solver not in SOLVERS:
+            raise TwinError(unknown("solver of the timing", solver, SOLVERS))
+        return replace(self, timing=solver)
 
     def with_formula(self, formula: Formula) -> Robot:
         """Return the robot with the given equations instead of the equations of its files."""

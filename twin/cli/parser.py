@@ -124,6 +124,11 @@ class Command(_Parser):
         group.add_argument("--protocol", metavar="NAME", help="a protocol of the robot, or the path of a protocol file")
         group.add_argument("--all-protocols", action="store_true", help="every protocol of the robot")
 
+    def timing(self) -> None:
+        """Add the option --timing."""
+        text = "solver of the timing: our own passes or the package toppra (default: as in the protocol, else passes)"
+        self.choice("--timing", ("passes", "toppra"), text)
+
     def variants(self, text: str) -> None:
         """Add the option --variant."""
         self.text("--variant", "EQ=NAME", text, action="append", default=[])

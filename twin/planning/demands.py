@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath
-from twin.planning.protocol import Auxiliary, Free, Limits, Protocol
+from twin.planning.protocol import Auxiliary, Free, Limits, Protocol, Solver
 from twin.planning.protocol.course import Motion
 from twin.planning.timing import Derivatives, Jerk, Load, Timing, time_path
 from twin.planning.trajectory import PathKinematics
@@ -104,7 +104,7 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
     )
 
 
-def timed(robots: Sequence[Demands], dt: float) -> Timing:
+def timed(robots: Sequence[Demands], dt: float, solver: Solver) -> Timing:
     """Return the fastest timing of a phase within the limits of all robots, which move together.
 
     Raises:
@@ -131,6 +131,7 @@ def timed(robots: Sequence[Demands], dt: float) -> Timing:
         dt=dt,
         load=load,
         jerk=(lambda s, sd, sdd: max(jerk(s, sd, sdd) for jerk in jerks)) if jerks else None,
+        solver=solver,
     )
 
 

@@ -58,7 +58,7 @@ class Given(PhasePath):
         v, _ = _rates(np.diff(Ts[:, :3, 3], axis=0), dt)
         qd, qdd = _rates(np.diff(q, axis=0), dt)
         motion = Motion(Ts, p, p1, p2, w1, w2, np.concatenate([v, w1], axis=1))
-        timing = Timing(t, t, np.ones(len(t)), np.zeros(len(t)), float(t[-1]), self.duration, 0.0, len(t))
+        timing = Timing(t, t, np.ones(len(t)), np.zeros(len(t)), float(t[-1]), self.duration, 0.0, 0, None)
         return timing, motion, q, qd, qdd
 
 

@@ -67,8 +67,9 @@ class _Guide(Follower):
 def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]]) -> list[Trajectory]:
     """Return the timed trajectory of each robot, with the findings of the check of every sample.
 
-    All robots have the same timing in a phase. This timing is the fastest within the limits (jerk included) of the
-    joints, motors and moved frames of all robots. A robot with fewer phases has a shorter trajectory.
+    All robots have the same timing in a phase, by the solver that the first protocol names. This timing is the fastest
+    within the limits (jerk included) of the joints, motors and moved frames of all robots. A robot with fewer phases
+    has a shorter trajectory.
 
     Args:
         robots: the robots.
@@ -90,6 +91,7 @@ def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]]) -> li
             timing = timed(
                 [demands(path, q, r.protocol, r.kinematics, _DT) for (_, r, path), q in zip(here, joints, strict=True)],
                 _DT,
+                robots[0].protocol.timing,
             )
         except TimingError as error:
             raise TimingError(f"{where}: {error}") from error

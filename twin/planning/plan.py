@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
-from twin.core.findings import Finding, info
+from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.planning.check import check, rcm_error
 from twin.planning.demands import demands, timed
@@ -24,7 +24,7 @@ from twin.planning.protocol.course import Motion
 from twin.planning.proven import clearance
 from twin.planning.rounds import Rounds
 from twin.planning.timing import Timing
-from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
+from twin.planning.trajectory import PathKinematics, PhaseCurve, PhaseSpan, Trajectory
 from twin.planning.turns import hint, long_turns
 
 _LOOKED = 9
@@ -33,7 +33,10 @@ _LOOKED = 9
 
 @dataclass(frozen=True)
 class Leg:
-    """A planned phase, sampled at every dt including both ends; see `Trajectory` for q, qd, qdd."""
+    """A planned phase, sampled at every dt including both ends; see `Trajectory` for q, qd, qdd.
+
+    `curve` is the path that was timed; None if the samples were given.
+    """
 
     path: PhasePath
     timing: Timing
@@ -41,6 +44,7 @@ class Leg:
     q: Array
     qd: Array
     qdd: Array
+    curve: PhaseCurve | None = None
 
 
 def plan(
@@ -131,21 +135,18 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     joints = path.driven(kinematics, where)
     certified = [] if not isinstance(path.phase, Free) else _certified(path.phase, kinematics, joints)
     try:
-        timing = timed([demands(path, joints, protocol, kinematics, dt)], dt)
+        timing = timed([demands(path, joints, protocol, kinematics, dt)], dt, protocol.timing)
     except TimingError as error:
         raise TimingError(f"{where}: {error}") from error
-    found = []
-    if timing.solver != "passes":
-        text = f"the optimal timing was found by {timing.solver}, because the built-in solver failed"
-        found.append(info("trajectory.timing", "", text, when=f"phase '{path.phase.name}'"))
-    return sampled(path, joints, timing, kinematics), [*certified, *found]
+    return sampled(path, joints, timing, kinematics), certified
 
 
 def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinematics) -> Leg:
     """Return a phase with its samples; `joints` is the path of the driven joints in this phase."""
     first, sd, sdd = joints(timing.s, 1), timing.sd[:, None], timing.sdd[:, None]
     qdd = first * sdd + joints(timing.s, 2) * sd**2
-    return Leg(path, timing, path.motion(timing.s), path.joints(timing.s, kinematics), first * sd, qdd)
+    q = path.joints(timing.s, kinematics)
+    return Leg(path, timing, path.motion(timing.s), q, first * sd, qdd, PhaseCurve(joints, path.motion))
 
 
 def assemble(
@@ -173,6 +174,10 @@ def assemble(
                 depth1=p.depth1,
                 optimal=leg.timing.optimal,
                 overshoot=leg.timing.overshoot,
+                solver=leg.timing.solver,
+                knots=leg.timing.knots,
+                smoothing=leg.timing.smoothing,
+                curve=leg.curve,
             )
         )
         if p.waypoint is not None:

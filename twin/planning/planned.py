@@ -53,14 +53,22 @@ class Planned(Result):
         """Yield the phases and the findings."""
         t = self.trajectory
         yield f"{t.robot} · {t.protocol} · {t.duration:.3f} s, {len(t.t)} samples\n"
-        rows = [(p.name, p.type, f"{p.t0:.3f}", f"{p.t1:.3f}", p.waypoint or "", p.rcm_mode or "") for p in t.phases]
-        yield Table(("phase", "type", "from s", "to s", "ends at", "RCM"), rows)
+        rows = [
+            (p.name, p.type, f"{p.t0:.3f}", f"{p.t1:.3f}", p.waypoint or "", p.rcm_mode or "", p.solver or "given")
+            for p in t.phases
+        ]
+        yield Table(("phase", "type", "from s", "to s", "ends at", "RCM", "timing"), rows)
         yield ""
-        if self.rounds:
-            yield searches(self.rounds)
+        for table in self.tables():
+            yield table
             yield ""
         yield from by_severity(self.findings)
         yield ""
+
+    def tables(self) -> Iterator[Table]:
+        """Yield the rounds of the searches, if there are any."""
+        if self.rounds:
+            yield searches(self.rounds)
 
     def write(self, folder: Path) -> None:
         """Write two files: the samples as CSV, and the trajectory without its samples as JSON."""

@@ -37,6 +37,7 @@ class CommonPhase:
         seen: minimum distance along the whole phase, over all tested pairs of bodies (arms and scene).
         near: minimum distance for each kind of pair in `KINDS` (two different arms, one arm, arm and scene); kinds
             without bodies to test are missing.
+        solver: solver of the timing: "passes" or "toppra".
         rounds: {name of the arm: rounds of the search for its path}; empty if no arm needed a search. The
             path of a later arm is searched over the arm's joint values and the progress of the earlier arms; path
             lengths in `rounds` include both.
@@ -47,6 +48,7 @@ class CommonPhase:
     t1: float
     seen: Certificate
     near: Mapping[str, Nearest]
+    solver: str
     rounds: Mapping[str, Rounds] = field(default_factory=dict)
 
 
@@ -126,6 +128,7 @@ class PlannedTogether(Result):
                     "found_mm": p.seen.found / MM,
                     "bodies": list(p.seen.bodies),
                     "clearances": {kind: near.as_dict() for kind, near in p.near.items()},
+                    "solver": p.solver,
                     "rounds": {arm: rounds.as_dict() for arm, rounds in p.rounds.items()},
                 }
                 for p in self.phases
@@ -139,7 +142,8 @@ class PlannedTogether(Result):
     def text(self) -> Iterator[Part]:
         """Yield the phases, the minimum clearances and the findings."""
         yield f"{self.scene.name} · {', then '.join(self.order)} · {self.t[-1]:.3f} s, {len(self.t)} samples\n"
-        yield Table(("phase", "from s", "to s"), [(p.name, f"{p.t0:.3f}", f"{p.t1:.3f}") for p in self.phases])
+        phases = [(p.name, f"{p.t0:.3f}", f"{p.t1:.3f}", p.solver) for p in self.phases]
+        yield Table(("phase", "from s", "to s", "timing"), phases)
         yield ""
         rows = [
             (KINDS[kind], *_numbers(near.seen), f"{near.t:.3f}", name, " and ".join(near.seen.bodies))

@@ -2,30 +2,25 @@
 
 Solvers have absolute tolerances, with which moves of micrometres would fail or lose accuracy. Every problem is
 therefore made dimensionless first: time is divided by the shortest possible duration, each coordinate by its
-acceleration limit. A move of 1 um is then the same problem as a move of 1 m. The built-in solver (`topp`) is used
-first; if it fails, the package toppra is used, and the result names the solver. Between grid points the limits may
+acceleration limit. A move of 1 um is then the same problem as a move of 1 m. Either of two solvers can be chosen: our
+own passes (`topp`), or the package toppra (`by_toppra`). Between grid points the limits may
 still be exceeded a little. Each result is therefore checked within every grid interval, the grid is refined, and the
 remaining excess is removed by slowing down the whole motion slightly.
 """
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-import logging
-import sys
-import types
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
 
 import numpy as np
 
 from twin.core.errors import TimingError
 from twin.core.spatial import Array
-from twin.planning import topp
+from twin.planning import by_toppra, topp
 from twin.planning.path import Path
+from twin.planning.protocol.model import Solver
 from twin.planning.sampling import Samples, sample
 
 Derivatives = Callable[[Array], tuple[Array, Array]]
@@ -39,8 +34,6 @@ Jerk = Callable[[Array, Array, Array], float]
 
 OVER = 1e-3
 """Fraction by which a sample may exceed a limit; a larger excess is an error."""
-
-Solver = Literal["passes", "toppra"]
 
 _REFINE = 1.01
 """Acceleration divided by its limit, above which a finer grid is tried before the motion is slowed down."""
@@ -67,8 +60,9 @@ class Timing:
         duration: duration in s, a multiple of dt.
         optimal: duration in s of the optimal solution, before slowing down and rounding up.
         overshoot: largest relative excess of the optimal solution over a speed or acceleration limit; negative if none.
-        knots: number of grid points.
-        solver: solver that was used: "passes" (built in), or "toppra" if the built-in solver failed.
+        knots: number of grid points, evenly spaced; 0 if no solver was used.
+        solver: the solver: "passes" (our own) or "toppra" (the package); None if the timing was given.
+        smoothing: length in s of the averaging window that keeps the jerk limit, a part of the duration.
     """
 
     t: Array
@@ -79,7 +73,8 @@ class Timing:
     optimal: float
     overshoot: float
     knots: int
-    solver: Solver = "passes"
+    solver: Solver | None
+    smoothing: float = 0.0
 
 
 _INSIDE = 5
@@ -100,6 +95,7 @@ def time_path(
     jerk: Jerk | None = None,
     knots: int = 241,
     finest: int = 961,
+    solver: Solver = "passes",
 ) -> Timing:
     """Return the fastest timing of a path from s = 0 to s = 1, from rest to rest.
 
@@ -115,6 +111,7 @@ def time_path(
             window. None: the jerk is not limited.
         knots: initial number of grid points.
         finest: maximum number of grid points.
+        solver: what solves the problem on the grid: "passes" (`topp`) or "toppra" (the package).
 
     Raises:
         TimingError: no timing was found, or slowing down does not satisfy the limits.
@@ -133,7 +130,7 @@ def time_path(
     while True:
         grid = np.linspace(0.0, 1.0, knots)
         first, second = derivatives(grid)
-        rates, solver = _rates(grid, first, second, max_speed, max_acceleration)
+        rates = _rates(grid, first, second, max_speed, max_acceleration, solver)
         speed, acceleration = _peaks(grid, rates, judge)
         if acceleration <= _REFINE or 2 * knots - 1 > finest:
             break
@@ -154,15 +151,20 @@ def time_path(
             slower *= max(v, np.sqrt(a))  # the curvature of the path is so large that the grid missed its worst point
         raise TimingError(f"a sample exceeds its limit by {100 * (max(v, a) - 1):.2g} % even after slowing down")
 
-    samples, excess = paced(0, slower)
+    window = 0
+    samples, excess = paced(window, slower)
     if excess > 1:
-        samples = _averaged(paced, slower, optimal / dt)
+        samples, window = _averaged(paced, slower, optimal / dt)
     t, s, sd, sdd = samples
-    return Timing(t, s, sd, sdd, float(t[-1]), optimal, max(speed, acceleration) - 1, knots, solver)
+    overshoot = max(speed, acceleration) - 1
+    return Timing(t, s, sd, sdd, float(t[-1]), optimal, overshoot, knots, solver, smoothing=window * dt)
 
 
-def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> Samples:
-    """Return samples averaged over the shortest window within the jerk limit, slowed down if no window suffices."""
+def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> tuple[Samples, int]:
+    """Return samples averaged over the shortest window within the jerk limit, and the number of samples in this window.
+
+    If no window suffices, the motion is slowed down as well.
+    """
     while slower < _SLOWEST:
         low, high, least, longest = 0, 1, np.inf, int(2 * slower * steps)
         while low < longest:
@@ -178,8 +180,8 @@ def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: floa
 
 def _shortest(
     paced: Callable[[int, float], tuple[Samples, float]], slower: float, low: int, found: tuple[int, Samples, float]
-) -> Samples:
-    """Return the samples of the shortest sufficient window; the window is accurate to 2 % or one sample.
+) -> tuple[Samples, int]:
+    """Return the samples of the shortest sufficient window, and this window; it is accurate to 2 % or one sample.
 
     Args:
         paced: function that returns (samples averaged over a window, their jerk divided by the limit).
@@ -200,7 +202,7 @@ def _shortest(
                 low = middle
             else:
                 high, samples, excess = middle, averaged, its
-    return samples
+    return samples, high
 
 
 def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Array) -> Load:
@@ -224,11 +226,11 @@ def _peaks(grid: Array, rates: Array, load: Load) -> tuple[float, float]:
     return float(np.max(speed)), float(np.max(acceleration))
 
 
-def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration: Array) -> tuple[Array, Solver]:
-    """Return (ds/dt (k,) at the grid points, name of the solver).
+def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration: Array, solver: Solver) -> Array:
+    """Return ds/dt (k,) at the grid points.
 
     Raises:
-        TimingError: no timing was found.
+        TimingError: the solver found no timing.
     """
     if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
         raise TimingError("the path has no finite derivatives")
@@ -245,90 +247,18 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
     size = (acceleration * unit**2)[:, None]
     first, second = (np.ascontiguousarray(d.T) / size for d in (first, second))
     problem = grid, first, second, speed * unit / size[:, 0]
-    solvers: tuple[tuple[Solver, Callable[..., Array]], ...] = (("passes", topp.fastest), ("toppra", by_toppra))
-    why = []
-    for solver, rates_of in solvers:
-        try:
-            rates = rates_of(*problem)
-        except TimingError as error:
-            why.append(f"{solver}: {error}")
-            continue
-        if np.all(rates[1:] + rates[:-1] > 0):
-            return rates / unit, solver
-        why.append(f"{solver}: the speed is zero between start and end of the path")
-    raise TimingError(f"no timing was found within the limits ({'; '.join(why)})")
-
-
-class _Path:
-    """A path with the interface of TOPP-RA, which evaluates paths at grid points only."""
-
-    def __init__(self, grid: Array, first: Array, second: Array) -> None:
-        self.path_interval = np.array([grid[0], grid[-1]])
-        self.dof = first.shape[1]
-        self._tables = (np.zeros_like(first), first, second)
-
-    def __call__(self, s: Array, order: int = 0) -> Array:
-        if len(s) != len(self._tables[order]):
-            raise TimingError("TOPP-RA asked for values of the path between the grid points, where they are not known")
-        return self._tables[order]
-
-
-def by_toppra(grid: Array, first: Array, second: Array, speed: Array) -> Array:
-    """Return ds/dt as `topp.fastest` does for the same arguments, computed by the package toppra.
-
-    Raises:
-        TimingError: toppra finds no timing.
-    """
-    algorithm, constraint = _toppra()
-    with _quiet():
-        limits = [
-            constraint.JointVelocityConstraint(np.array([-1.0, 1.0]) * speed[:, None]),
-            constraint.JointAccelerationConstraint(
-                np.tile([-1.0, 1.0], (len(first), 1)),
-                discretization_scheme=constraint.DiscretizationType.Interpolation,
-            ),
-        ]
-        instance = algorithm.TOPPRA(
-            limits,
-            _Path(grid, first.T, second.T),
-            gridpoints=grid,
-            solver_wrapper="seidel",
-            parametrizer="ParametrizeConstAccel",
-        )
-        rates = instance.compute_parameterization(0.0, 0.0)[1]
-    if rates is None or not np.all(np.isfinite(rates)):
-        code = instance.problem_data.return_code
-        raise TimingError(f"the solver returned {getattr(code, 'value', code)}")
-    return np.asarray(rates)
-
-
-def _toppra() -> tuple[Any, Any]:
-    """Import TOPP-RA only when it is used, because the import takes seconds.
-
-    TOPP-RA also imports pyplot for figures that are not used; replacing it by an empty module saves two seconds.
-    """
-    name = "matplotlib.pyplot"
-    absent = name not in sys.modules
-    if absent:
-        sys.modules[name] = types.ModuleType(name)
+    fastest = topp.fastest if solver == "passes" else by_toppra.fastest
     try:
-        with _quiet():
-            from toppra import algorithm, constraint
-    finally:
-        if absent:
-            del sys.modules[name]
-    return algorithm, constraint
+        rates = fastest(*problem)
+    except TimingError as error:
+        raise TimingError(f"{_NOT_FOUND[solver]}: {error}") from error
+    if not np.all(rates[1:] + rates[:-1] > 0):
+        raise TimingError(f"{_NOT_FOUND[solver]}: the speed is zero between start and end of the path")
+    return rates / unit
 
 
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Suppress TOPP-RA's warnings: failures are raised as errors, and results are checked."""
-    logger = logging.getLogger("toppra")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        logger.setLevel(level)
+_NOT_FOUND: dict[Solver, str] = {
+    "passes": "our own solver found no timing within the limits (try --timing toppra)",
+    "toppra": "toppra found no timing within the limits (try --timing passes)",
+}
+"""Beginning of the message if a solver finds no timing."""

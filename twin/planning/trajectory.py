@@ -15,7 +15,9 @@ from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import display_unit
 from twin.model.mechanism import Mechanism
-from twin.planning.protocol import RcmMode
+from twin.planning.path import Path
+from twin.planning.protocol import RcmMode, Solver
+from twin.planning.protocol.course import Motion
 from twin.planning.rounds import Rounds
 from twin.planning.space import Space
 
@@ -205,6 +207,19 @@ def without_equations(
 
 
 @dataclass(frozen=True)
+class PhaseCurve:
+    """The path that a phase follows: what an independent solver needs to compute the timing of the phase again.
+
+    Attributes:
+        joints: path of the driven joints (n,) over s from 0 to 1, with derivatives.
+        motion: function of s (k,) that returns the motion of the moved frame, with derivatives with respect to s.
+    """
+
+    joints: Path
+    motion: Callable[[Array], Motion]
+
+
+@dataclass(frozen=True)
 class PhaseSpan:
     """Time span of one phase. Neighbouring phases share the sample between them, which is at rest.
 
@@ -218,6 +233,10 @@ class PhaseSpan:
         depth0, depth1: depth in m at both ends; NaN without RCM.
         optimal: optimal duration in s, before slowing down and rounding up.
         overshoot: largest relative excess of the optimal solution over a limit, before slowing down.
+        solver: solver of the timing: "passes" (our own) or "toppra" (the package); None if the timing was given.
+        knots: number of grid points of the solver, evenly spaced over the path; 0 if the timing was given.
+        smoothing: length in s of the averaging window that keeps the jerk limit, a part of the duration.
+        curve: the path; None if the timing was given.
         rounds: rounds of the search for the path of a free phase; None without a search.
     """
 
@@ -234,7 +253,15 @@ class PhaseSpan:
     depth1: float
     optimal: float
     overshoot: float
+    solver: Solver | None
+    knots: int
+    smoothing: float
+    curve: PhaseCurve | None = field(default=None, repr=False, compare=False)
     rounds: Rounds | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the phase as plain data, without its curve."""
+        return {name: _plain(value) for name, value in vars(self).items() if name != "curve"}
 
 
 @dataclass(frozen=True)
@@ -375,7 +402,7 @@ class Trajectory:
             "frame": self.frame,
             "duration": self.duration,
             "samples": len(self.t),
-            "phases": [{k: _plain(v) for k, v in vars(p).items()} for p in self.phases],
+            "phases": [p.as_dict() for p in self.phases],
             "waypoints": {name: list(rows) for name, rows in self.waypoints.items()},
             "findings": [f.as_dict() for f in self.findings],
         }

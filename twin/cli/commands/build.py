@@ -19,6 +19,7 @@ def arguments(command: Command) -> None:
     command.robot()
     command.out("usd/<robot>/ in a checkout, the robot folder's usd/ otherwise")
     command.protocols()
+    command.timing()
     command.flag("--check", "write nothing; exit 1 if the stage is not current")
 
 
@@ -28,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.cli.chosen import protocols
 
-    robot = api.load(args.robot)
+    robot = api.load(args.robot).with_timing(args.timing)
     chosen = protocols(robot, args) if args.protocol else None
     if args.check and chosen:
         raise TwinError("--check compares the whole stage: omit --protocol")

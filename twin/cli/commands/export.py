@@ -36,6 +36,7 @@ def arguments(command: Command) -> None:
         "determines the key rate. The maximum rotation error is proportional to it: 0.05 degrees for 100 micrometres"
     )
     command.number("--budget-um", "UM", text)
+    command.timing()
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
         budget = Budget(size, budget.rotation * size / budget.position, size)
     if (scene := assets.scene_file(args.robot)) is not None:
         return _scene(scene, args, formats, budget)
-    robot = api.load(args.robot, tool=args.tool)
+    robot = api.load(args.robot, tool=args.tool).with_timing(args.timing)
     show.tool_note(robot, args.quiet)
     with show.progress(args.quiet or args.json) as progress:
         bundle = api.export(
@@ -70,9 +71,9 @@ def _scene(file: Path, args: argparse.Namespace, formats: tuple[str, ...], budge
     from twin.api.scene_export import export_scene
     from twin.cli import show
 
-    if args.tool is not None or args.protocol:
+    if args.tool is not None or args.protocol or args.timing is not None:
         raise TwinError(
-            f"{args.robot} is a scene: its file defines the tools and protocols; omit --tool and --protocol"
+            f"{args.robot} is a scene: its file defines the tools and protocols; omit --tool, --protocol and --timing"
         )
     folder = Path(args.out) if args.out else Path("twin-out") / file.parent.name / "export"
     with show.progress(args.quiet or args.json) as progress:

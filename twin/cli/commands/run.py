@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from twin.cli.parser import Command
+from twin.core.errors import TwinError
 
 EXAMPLES = """\
   twin run sils
@@ -17,6 +18,7 @@ def arguments(command: Command) -> None:
     command.robot()
     command.out("./twin-out/<robot>/")
     command.protocols()
+    command.timing()
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,8 +30,10 @@ def run(args: argparse.Namespace) -> int:
     from twin.core import assets
 
     if (file := assets.scene_file(args.robot)) is not None:
+        if args.timing is not None:
+            raise TwinError(f"--timing {args.timing}: {args.robot} is a scene; put the key timing into its protocols")
         return scene.run(file, args)
-    robot = api.load(args.robot)
+    robot = api.load(args.robot).with_timing(args.timing)
     root = Path(args.out) if args.out else Path("twin-out") / robot.name
     chosen = protocols(robot, args)
     for folder in ("usd", *(robot.protocol(p).name for p in chosen)):

@@ -16,6 +16,7 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin track`."""
     command.robot()
     command.protocol()
+    command.timing()
     command.out("./twin-out/<robot>/<protocol>-track/")
     text = "error of masses and inertia tensors in the controller's model in percent"
     command.number("--mismatch", "PERCENT", text, 5.0)
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from twin import api
     from twin.cli import show
 
-    robot = api.load(args.robot)
+    robot = api.load(args.robot).with_timing(args.timing)
     protocol = robot.protocol(args.protocol)
     folder = show.folder(args, robot.name, f"{protocol.name}-track")
     with show.progress(args.quiet or args.json) as progress:

@@ -20,10 +20,12 @@ from twin.planning.protocol.course import RcmMode as RcmMode
 from twin.planning.protocol.course import RotationOrder as RotationOrder
 from twin.planning.protocol.load import load_protocol as load_protocol
 from twin.planning.protocol.model import DIRECTIONS as DIRECTIONS
+from twin.planning.protocol.model import SOLVERS as SOLVERS
 from twin.planning.protocol.model import Direction as Direction
 from twin.planning.protocol.model import Limits as Limits
 from twin.planning.protocol.model import PatientPlace as PatientPlace
 from twin.planning.protocol.model import Protocol as Protocol
+from twin.planning.protocol.model import Solver as Solver
 from twin.planning.protocol.model import Tolerances as Tolerances
 from twin.planning.protocol.phase import Phase as Phase
 from twin.planning.protocol.phase import trocar_of as trocar_of

@@ -59,6 +59,7 @@ def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None
         free=None if table.free is None else frozenset(table.free),
         patient=None if table.patient is None else _patient(table.patient),
         no_patient=table.no_patient or "",
+        timing=table.timing,
         findings=tuple(_warnings(table, walk.used, str(path))),
     )
     return protocol

@@ -19,6 +19,11 @@ from twin.planning.protocol.waypoint import Waypoint
 Direction = Literal["x", "y", "z", "turn_x", "turn_y", "turn_z"]
 """Direction of motion of a frame: along or about an axis of base."""
 
+Solver = Literal["passes", "toppra"]
+"""Solver of the timing: our own passes (`planning.topp`), or the package toppra (`planning.by_toppra`)."""
+
+SOLVERS: tuple[Solver, ...] = ("passes", "toppra")
+
 DIRECTIONS: tuple[Direction, ...] = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 """All directions, in the order of the rows of a twist."""
 
@@ -88,6 +93,7 @@ class Protocol:
         free: directions of the moved frame that waypoints do not prescribe and the mechanism determines. None: the
             directions in which the robot cannot move; every waypoint must be a pose that the robot can assume.
         patient: place of the patient, or None; if None, `no_patient` may give the reason.
+        timing: the solver that computes the timing.
         findings: warnings from reading the file.
     """
 
@@ -108,6 +114,7 @@ class Protocol:
     free: frozenset[Direction] | None = None
     patient: PatientPlace | None = None
     no_patient: str = ""
+    timing: Solver = "passes"
     findings: tuple[Finding, ...] = field(default=())
 
     @property

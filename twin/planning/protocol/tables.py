@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Union
 from pydantic import Field, model_validator
 
 from twin.planning.protocol.course import RotationOrder
-from twin.planning.protocol.model import Direction
+from twin.planning.protocol.model import Direction, Solver
 from twin.planning.protocol.phase import JointValue, PhaseTable
 from twin.planning.protocol.phases import TABLES
 from twin.schema import Identifier, NotNegative, Origin, Positive, Table, Vector, at
@@ -110,6 +110,10 @@ class ProtocolTable(Table):
     ] = None
     patient: PatientTable | None = None
     no_patient: _Text | None = None
+    timing: Annotated[
+        Solver,
+        Field(description="solver of the timing: passes (our own, the default) or toppra (the package of this name)"),
+    ] = "passes"
     tolerances: TolerancesTable
     limits: dict[PhaseType, LimitsTable]
     waypoints: Annotated[dict[Identifier, WaypointTable], Field(min_length=1)]
