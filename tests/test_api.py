@@ -51,6 +51,9 @@ def same(a, b) -> bool:
         return a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
     if isinstance(a, list | tuple):
         return len(a) == len(b) and all(map(same, a, b))
+    if dataclasses.is_dataclass(a):
+        compared = [f.name for f in dataclasses.fields(a) if f.compare]
+        return type(a) is type(b) and all(same(getattr(a, name), getattr(b, name)) for name in compared)
     if hasattr(a, "__dict__") and not callable(a):
         return type(a) is type(b) and same(vars(a), vars(b))
     if isinstance(a, float) and np.isnan(a):
@@ -63,7 +66,7 @@ def same(a, b) -> bool:
 
 def test_public_names_are_those_promised():
     calls = {"load", "names", "plan", "validate", "explain", "strokes", "study", "masses", "build", "export", "audit"}
-    calls |= {"equations_of_motion"}
+    calls |= {"check_plan", "equations_of_motion"}
     calls |= {"console", "load_scene", "operate", "operate_console", "play", "replay_session", "world"}
     calls |= {"operate_procedure", "replay_procedure"}
     analyses = {"workspace", "tolerance", "sweep", "track"}
@@ -134,6 +137,7 @@ def test_every_public_member_of_robot_is_called_twice_here_or_below():
     called = {c.split()[0] for c in TWICE} | {"cad", "mechanism", "formula", "kinematics", "loops", "weighed"}
     called |= {"name", "tool_note", "with_formula", "with_mechanism", "with_parameters"}
     called |= {"with_transmission"}  # tests/test_raven_motion.py
+    called |= {"with_timing"}  # tests/test_durations.py
     members = set(vars(twin.Robot)) - {f.name for f in dataclasses.fields(twin.Robot)}
     assert {n for n in members if not n.startswith("_")} == called - {"names", "plan"}
 

@@ -4,7 +4,7 @@ from twin.api.about import SCENE_COMMANDS, info, info_of_scene, listing
 from twin.api.act import operate, play, world
 from twin.api.control import track
 from twin.api.current import check_build
-from twin.api.judge import explain, plan, strokes, validate
+from twin.api.judge import check_plan, explain, plan, strokes, validate
 from twin.api.make import audit, build, export
 from twin.api.published import console, equations_of_motion, masses, study
 from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, load, names
@@ -19,6 +19,7 @@ __all__ = [
     "audit",
     "build",
     "check_build",
+    "check_plan",
     "console",
     "equations_of_motion",
     "explain",

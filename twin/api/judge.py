@@ -13,16 +13,29 @@ from twin.core.errors import TwinError, unknown
 from twin.core.units import UM
 
 if TYPE_CHECKING:
-    from twin.planning.protocol import Protocol
+    from twin.planning.protocol import Protocol, Solver
     from twin.planning.trajectory import Trajectory
     from twin.validation.explain.result import Explanation
     from twin.validation.result import Report
+    from twin.validation.retimed import CheckedPlan
     from twin.validation.rows import Tolerances
     from twin.validation.sweep import Strokes
 
 
-def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: Progress = silent) -> Trajectory:
+def plan(
+    robot: Robot,
+    protocol: str | Path | Protocol | None = None,
+    progress: Progress = silent,
+    *,
+    timing: Solver | None = None,
+) -> Trajectory:
     """Return the timed trajectory of a protocol, checked at 1 kHz.
+
+    Args:
+        robot: a robot with protocols.
+        protocol: name, path, or the protocol itself; default: the robot's default protocol.
+        progress: see `Progress`.
+        timing: solver of the timing, "passes" or "toppra"; None: the solver that the protocol names.
 
     Raises:
         ProtocolError: the protocol cannot be carried out; the message names phase, path position and limit.
@@ -32,9 +45,31 @@ def plan(robot: Robot, protocol: str | Path | Protocol | None = None, progress: 
     from twin.planning.protocol import Protocol
 
     chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
+    if timing is not None:
+        chosen = replace(chosen, timing=robot.with_timing(timing).timing)
     robot = robot.bound(chosen)
     T = robot.mechanism.frame_in_tool(chosen.frame)
     return plan_(chosen, robot.path_kinematics(), T_tool_frame=T, progress=lambda phase: progress(f"plan {phase}", 0.0))
+
+
+def check_plan(robot: Robot, trajectory: Trajectory, protocol: str | Path | Protocol | None = None) -> CheckedPlan:
+    """Judge the timing of a plan by the solver that did not make it; `validate` does the same.
+
+    Args:
+        robot: the robot of the plan, source of the limits of joints and motors.
+        trajectory: the plan.
+        protocol: the protocol of the plan, source of the limits of the moved frame; default: by the name in the plan.
+
+    Raises:
+        TwinError: the protocol does not exist, or its file is malformed.
+    """
+    from twin.planning.protocol import Protocol
+    from twin.validation.retimed import CheckedPlan, retimed
+
+    chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol or trajectory.protocol)
+    mechanism = robot.mechanism
+    rows, facts, findings = retimed(trajectory, mechanism, chosen)
+    return CheckedPlan(trajectory, [j.is_angle for j in mechanism.active], rows, facts, findings)
 
 
 def validate(
@@ -46,6 +81,7 @@ def validate(
     tolerances: Tolerances | None = None,
     stage: Path | None = None,
     baked: bool = False,
+    timing: Solver | None = None,
     progress: Progress = silent,
 ) -> Report:
     """Compare the equations with the mechanism along a protocol, and the mechanism with its USD stage.
@@ -58,6 +94,8 @@ def validate(
         tolerances: maximum deviations; default: tolerances of exact geometry, increased by the placement precision of
             the CAD.
         stage: root layer to judge; default: the robot's own stage, or a new build if this stage is missing or outdated.
+        timing: solver of the timing if `validate` plans; None: the solver that the protocol names. The timing is judged
+            by the other solver.
         baked: whether the motion in `stage` was baked from `trajectory`; if False, differences are only warnings.
         progress: see `Progress`.
 
@@ -79,7 +117,7 @@ def validate(
     if kin is not None:
         check_parameters(kin, robot.cad.description)
     if trajectory is None:
-        trajectory = plan(robot, chosen, progress)
+        trajectory = plan(robot, chosen, progress, timing=timing)
     assert robot.files is not None  # the robot has CAD
     with contextlib.nullcontext(stage) if stage is not None else robot.source.fresh_stage() as root:
         sides = (kin, robot.cad, chosen, trajectory, root, used)

@@ -258,7 +258,7 @@ class _Plan:
             if "between_arms" in near:
                 near["between_arms"] = near["between_arms"].among(apart, span.t0, span.t1)
             whole = nearest(n.seen for n in near.values())
-            phases.append(CommonPhase(self._named(phase), span.t0, span.t1, whole, near, searched))
+            phases.append(CommonPhase(self._named(phase), span.t0, span.t1, whole, near, span.solver or "", searched))
         moved = {}
         for a, m in zip(self.arms, made, strict=True):
             spans = [Span(p.name, p.waypoint or "", p.t0, p.t1) for p in m.phases]

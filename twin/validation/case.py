@@ -90,6 +90,7 @@ def summaries(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:
             None if p.rcm is None else (float(p.rcm[0]), float(p.rcm[1]), float(p.rcm[2])),
             p.rcm_mode or "",
             p.rounds,
+            p.solver or "",
         )
         for p in trajectory.phases
     )

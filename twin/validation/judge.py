@@ -15,6 +15,7 @@ from twin.core.findings import Finding, Kind, disagreement, info
 from twin.core.jobs import Call
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
+from twin.planning.protocol import Solver
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.case import PARTS, Case, Known, Part
@@ -27,10 +28,9 @@ from twin.validation.motion import Measured, Samples, baked_rows, clearance_fact
 from twin.validation.passage import about_rcm, of_protocol, passage, passive_limits
 from twin.validation.plausible import apart
 from twin.validation.result import Report
+from twin.validation.retimed import OTHERS
 from twin.validation.rows import pose_rows, row, text
 from twin.validation.trocars import as_written, through_trocars
-
-_PACKAGES = ("numpy", "casadi", "pin", "coal", "usd-core", "cascadio", "toppra")
 
 Progress = Callable[[str, float], None]
 
@@ -91,10 +91,10 @@ def judge(
     _curves(out, trajectory)
     out.facts["mechanism"] = _mechanism_facts(case.model)
     findings = [*case.cad.findings, *(of_protocol(case, out) if "protocol" in parts else ()), *out.findings]
-    return _report(case, out, findings)
+    return _report(case, out, findings, parts)
 
 
-def _report(case: Case, out: Comparison, findings: list[Finding]) -> Report:
+def _report(case: Case, out: Comparison, findings: list[Finding], parts: frozenset[Part]) -> Report:
     mechanism, trajectory, kin = case.cad.mechanism, case.trajectory, case.kinematics
     return Report(
         robot=mechanism.name,
@@ -114,7 +114,7 @@ def _report(case: Case, out: Comparison, findings: list[Finding]) -> Report:
             *case.cad.dimensions,
         ),
         facts=out.facts,
-        environment=_environment(mechanism),
+        environment=_environment(case, parts),
         joint_names=trajectory.joint_names,
         series=out.series,
         angles=frozenset(j.name for j in mechanism.joints if j.is_angle),
@@ -227,11 +227,33 @@ def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison) ->
         out.series |= {"clearance_t": looked.sparse, "clearance": measured.clearance.distance}
 
 
-def _environment(mechanism: Mechanism) -> dict[str, str]:
+def _environment(case: Case, parts: frozenset[Part]) -> dict[str, str]:
+    """Return the machine, and the versions of the packages that planned and judged."""
+    mechanism = case.cad.mechanism
+    timed_by: list[Solver] = []
+    for span in case.trajectory.phases:
+        if span.solver is not None and span.solver not in timed_by:
+            timed_by.append(span.solver)
+    ran = ["numpy", "pin"]
+    if case.kinematics is not None or "passes" in timed_by:
+        ran += ["casadi", "llvmlite"]
+    if "motion" in parts and any(body.meshes for body in mechanism.bodies):
+        ran.append("coal")
+    if parts & {"stage", "motion"}:
+        ran.append("usd-core")
+    if case.cad.description.step is not None:
+        ran.append("cascadio")
+    judges = [OTHERS[solver][0] for solver in timed_by] if "protocol" in parts else []
+    if "toppra" in timed_by or "toppra" in judges:
+        ran.append("toppra")
+    timing = f"by {' and '.join(timed_by)}" if timed_by else "given by samples"
+    if judges:
+        timing += f", judged by {' and '.join(judges)}"
     return {
         "twin": version("twin-robotics"),
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
-        **{name: version(name) for name in _PACKAGES},
+        **{name: version(name) for name in ran},
+        "timing": timing,
         "input": mechanism.source,
     }

@@ -14,12 +14,16 @@ from twin.validation.compare import Comparison
 from twin.validation.consistent import fixes
 from twin.validation.margins import margins, of_mechanism
 from twin.validation.plausible import wide_limits
+from twin.validation.retimed import retimed
 from twin.validation.rows import row
 from twin.validation.shaft import between_samples
 from twin.validation.timing import timing
 
 _MECHANISM = Kind("rcm.mechanism", "disagreement", word="tolerance")
 _PASSIVE = Kind("limit.passive", "disagreement", "change the protocol, or correct the limit of the joint", word="")
+
+_NO_CLOCK = ("timing.clock", "timing.phases")
+"""Codes of findings on times and phases, without which rates cannot be computed."""
 
 
 def about_rcm(case: Case, out: Comparison) -> None:
@@ -92,8 +96,13 @@ def of_protocol(case: Case, out: Comparison) -> list[Finding]:
     trajectory, mechanism = case.trajectory, case.cad.mechanism
     facts, found = timing(trajectory, mechanism, case.protocol)
     out.facts["timing, from the samples alone"] = facts
+    if not any(f.code in _NO_CLOCK for f in found):
+        rows, facts, again = retimed(trajectory, mechanism, case.protocol)
+        out.residuals += rows
+        out.facts["timing of each phase, by two solvers"] = facts
+        found += again
     said = [*trajectory.findings, *wide_limits(mechanism)]
-    if case.paths is None or any(f.code in ("timing.clock", "timing.phases") for f in found):
+    if case.paths is None or any(f.code in _NO_CLOCK for f in found):
         return [*said, *found]
     # A trajectory may be older than the robot or come from another program, so its own findings are recomputed.
     said += [f for f in check(trajectory, case.protocol, case.paths) if f not in said]

@@ -17,7 +17,9 @@ from twin.core.spatial import Array
 from twin.planning.rounds import Rounds
 from twin.validation.cause import SIDES, Cause, causes
 
-RowKind = Literal["length", "tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm"]
+RowKind = Literal[
+    "length", "tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm", "duration", "limit"
+]
 
 
 @dataclass(frozen=True)
@@ -26,10 +28,11 @@ class Residual:
 
     Attributes:
         pair: the two compared sides. "A-B": equations and CAD mechanism; "B-C": mechanism and USD stage; "B-D":
-            mechanism and baked motion; "B": the mechanism alone (loop gaps, RCM).
+            mechanism and baked motion; "B": the mechanism alone (loop gaps, RCM); "P-T": the plan's timing and the
+            timing by a second solver.
         quantity: kind of the compared quantity, such as "point" or "speed".
         name: name of the point, joint, body, loop or phase, or "tool".
-        unit: "m", "rad", "m/s", "rad/s", "m/s2" or "rad/s2".
+        unit: "m", "rad", "m/s", "rad/s", "m/s2" or "rad/s2"; "" for a relative deviation.
         worst, rms: largest and root-mean-square deviation over all samples, in `unit`.
         tolerance: largest accepted deviation in `unit`; None if the row is not judged.
         t, phase: time in s and phase of the largest deviation.
@@ -100,6 +103,7 @@ class PhaseSummary:
         rcm: (3,) RCM in m in base; None if there is none.
         rcm_mode: "enforced", "monitored" or "".
         rounds: number of rounds in the path search of a free phase; None without a search.
+        solver: solver of the timing: "passes", "toppra", or "" if the timing was given.
     """
 
     name: str
@@ -109,6 +113,7 @@ class PhaseSummary:
     rcm: tuple[float, float, float] | None = None
     rcm_mode: str = ""
     rounds: Rounds | None = None
+    solver: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the phase as plain data, without durations of the search, which change from run to run."""
@@ -254,15 +259,17 @@ _WITHOUT = "AGREE: mechanism and stage agree; no equations yet"
 
 def _row(r: Residual) -> tuple[str, ...]:
     """Return the cells of a residual's table row: largest deviation, tolerance, name, phase, verdict."""
-    state = "ok" if r.agrees else f"follows from {r.consequence_of}" if r.consequence_of else "DIFFERS"
-    judged = r.tolerance is not None
-    return (
-        quantity(r.worst, r.unit),
-        quantity(r.tolerance, r.unit) if judged else "",
-        r.name,
-        r.phase,
-        state if judged else "",
-    )
+    tolerance = "" if r.tolerance is None else quantity(r.tolerance, r.unit)
+    return quantity(r.worst, r.unit), tolerance, r.name, r.phase, state(r)
+
+
+def state(r: Residual) -> str:
+    """Return "ok", "DIFFERS" or the cause; for a row without a tolerance "", or "unchecked" if it has no value."""
+    if r.tolerance is None:
+        return "unchecked" if math.isnan(r.worst) else ""
+    if r.agrees:
+        return "ok"
+    return f"follows from {r.consequence_of}" if r.consequence_of else "DIFFERS"
 
 
 def _size(f: Finding) -> str:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\
   twin plan sils
   twin plan sils lowered_patient --out plan/
+  twin plan sils --check             judge the timing by toppra
   twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient
   twin plan davinci_psm around/withdraw --avoid davinci --with psm2=around/across --clearance-mm 2  two arms at once"""
 
@@ -36,6 +37,9 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin plan`."""
     command.robot()
     command.protocol()
+    command.timing()
+    text = "judge the timing by the other solver (toppra, unless it made the plan): durations, and limits at its grid"
+    command.flag("--check", text)
     text = (
         "plan phases of the types joints, positioning and home around obstacles: props and other robots of a scene; "
         "without a scene, the robot's own bodies"
@@ -66,8 +70,10 @@ def run(args: argparse.Namespace) -> int:
         for name, value, usual in (("--clearance-mm", args.clearance_mm, _CLEARANCE), ("--seed", args.seed, 0)):
             if value != usual:
                 raise TwinError(f"{name} {value:g} has no effect without --avoid: add --avoid, or omit {name}")
-    robot = api.load(args.robot)
+    robot = api.load(args.robot).with_timing(args.timing)
     if args.beside is not None:
+        if args.check:
+            raise TwinError("--check judges the plan of one robot: omit --with")
         return _together(robot, args)
     protocol = robot.protocol(args.protocol)
     if args.avoid is not None:
@@ -75,7 +81,8 @@ def run(args: argparse.Namespace) -> int:
     folder = show.folder(args, robot.name, protocol.name)
     with show.progress(args.quiet or args.json) as progress:
         trajectory = api.plan(robot, protocol, progress)
-    planned = Planned(trajectory, [j.is_angle for j in robot.mechanism.active])
+        angles = [j.is_angle for j in robot.mechanism.active]
+        planned = api.check_plan(robot, trajectory, protocol) if args.check else Planned(trajectory, angles)
     with assets.atomic_folder(folder) as work:
         planned.write(work)
         drawn = _drawn(f"{robot.name} on {protocol.name}", planned.rounds, work)
@@ -109,7 +116,7 @@ def _together(robot: Robot, args: argparse.Namespace) -> int:
             raise TwinError(f"--with {name}: this robot is given twice; give each robot once, by its name in the scene")
         if name not in {*places, *places.values()}:
             raise TwinError(f"--with '{name}': scene '{scene.name}' has no such robot; it has: {', '.join(places)}")
-        other = api.load(places.get(name) or name)
+        other = api.load(places.get(name) or name).with_timing(args.timing)
         arms[name] = other, other.protocol(chosen or None)
     folder = show.folder(args, scene.name, "_".join(arms))
     with show.progress(args.quiet or args.json) as progress:

@@ -24,6 +24,7 @@ def arguments(command: Command) -> None:
     command.robot()
     command.out("./twin-out/<robot>/<protocol>/")
     command.protocols()
+    command.timing()
     command.variants(f"{VARIANT}: one report for each equation, and one for all together")
     command.accuracy()
     text = "compare over the whole range (stroke) of these joints (default all) instead of along a protocol"
@@ -43,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
     width = show.micrometres("--tolerance-um", args.tolerance_um)
     tolerances = None if width is None else Tolerances().widened(width)
-    robot = api.load(args.robot)
+    robot = api.load(args.robot).with_timing(args.timing)
     if args.sweep or args.compare:
         return _strokes(robot, args)
     jobs = [(p, v) for p in protocols(robot, args) for v in variants_of_each(robot, args.variant)]

@@ -18,6 +18,7 @@ PAIRS = {
     "B-C": ("mechanism against USD read back", "B–C"),
     "C": ("USD read back by itself", "C"),
     "B-D": ("mechanism against baked motion", "B–D"),
+    "P-T": ("plan against a second solver", "P–T"),
 }
 """(Long, short) title of each pair of models, in the order of display; pairs that are not listed come last."""
 
@@ -48,6 +49,8 @@ def label(row: Residual) -> str:
         return f"{what} {row.name}{turning}"
     if row.quantity == "loop":
         return f"loop gap {row.name}" + (" (rotation)" if angular else "")
+    if row.quantity in ("duration", "limit"):
+        return f"{row.quantity} of {row.name}"
     return "RCM error" if row.quantity == "rcm" and row.name in ("rcm", "tool", "") else (
         f"{'RCM' if row.quantity == 'rcm' else row.quantity} {row.name}"
     )  # fmt: skip
