@@ -201,3 +201,19 @@ def test_a_leg_with_springs_balls_and_two_loops_is_read_whole():
     assert any("shin_spring" in t and "stiffness 1500" in t for t in told)
     assert any(f.code == "import.free" for f in imported.findings)
     assert {"hip", "knee", "foot_crank"} == set(next(v for k, v in m.postures.items() if k != "home"))
+
+
+def test_a_mocap_body_and_what_holds_the_robot_to_it_are_left_out(tmp_path):
+    path = tmp_path / "held.xml"
+    path.write_text(
+        """<mujoco><worldbody><body name="hand" mocap="true" pos="0 0 1"><geom size=".1"/></body>
+        <body name="arm"><joint name="j" axis="0 1 0"/><geom size=".1"/></body></worldbody>
+        <equality><weld name="grip" body1="hand" body2="arm"/></equality></mujoco>"""
+    )
+    found = read(path, guarded=False)
+    assert [b.name for b in found.mechanism.bodies] == ["world", "arm"]
+    assert [j.name for j in found.mechanism.joints] == ["j"]
+    assert {(f.code, f.where) for f in found.findings if f.severity == "warning"} >= {
+        ("import.mocap", "hand"),
+        ("import.equality", "grip"),
+    }

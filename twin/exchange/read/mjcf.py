@@ -116,8 +116,6 @@ class _Mjcf:
         extra: list[Body] = []
         joints: list[Joint] = []
         for i in kept[1:]:
-            if m.body_mocapid[i] >= 0:
-                raise SourceError(f"{self.path}: body '{self.bodies[i]}' is a mocap body, which is not supported")
             joints += self._hang(i, extra)
         meshes, partly = shown(m, self.bodies, self._name, self.findings)
         bodies: list[Body] = []
@@ -128,8 +126,13 @@ class _Mjcf:
         used = {j.name for j in joints}
         couplings: list[Coupling] = []
         for i in range(m.neq):
-            if tied_by(m, i) <= set(kept):
+            tied = tied_by(m, i)
+            if tied <= set(kept):
                 self._equality(i, joints, couplings, used)
+            elif tied & set(kept):
+                where = self._name("EQUALITY", i)
+                text = f"equality '{where}' is left out, because it acts on a body that is left out."
+                self.findings.warn("equality", text, where)
         self.findings += _left_out(m, self._name, self.motors.tendons)
         site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
         # In files that twin exported, the site frame_NAME marks the frame NAME; one of these frames is the tool.

@@ -16,10 +16,16 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
     """Return the numbers of the robot's bodies, the world first.
 
     `root` is the name of any body of the robot, or "world" for all bodies. None selects the only robot of the file.
+    Mocap bodies are left out: a program moves them, and no joint does.
 
     Raises:
         SourceError: there are several robots and `root` is None, or the body does not exist.
     """
+    for b in range(1, m.nbody):
+        if m.body_mocapid[b] >= 0:
+            text = f"body '{name('BODY', b)}' is a mocap body, which a program moves: it is left out."
+            findings.warn("mocap", text, name("BODY", b))
+    rest = [b for b in range(1, m.nbody) if not _mocap(m, b)]
     groups = _groups(m)
     moving = [g for g in groups if any(m.body_jntnum[b] for b in g)]
     driven = [g for g in moving if any(_drives(m, i) & g for i in range(m.nu))]
@@ -32,12 +38,12 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
                 f"with --root {WORLD}."
             )
         if len(moving) <= 1:
-            return list(range(m.nbody))
+            return [0, *rest]
         own = robots[0]
     elif root == WORLD:
-        return list(range(m.nbody))
+        return [0, *rest]
     else:
-        known = {name("BODY", b): b for b in range(1, m.nbody)}
+        known = {name("BODY", b): b for b in rest}
         if root not in known:
             raise SourceError(f"{path}: --root: {unknown('body', root, [*known, WORLD])}")
         own = next(g for g in groups if known[root] in g)
@@ -51,6 +57,11 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
         )
     still = set() if root is not None else {b for g in groups if g not in moving for b in g}
     return [0, *sorted(own | still)]
+
+
+def _mocap(m, body: int) -> bool:
+    """Return whether a body is a mocap body or on one."""
+    return bool(m.body_mocapid[m.body_rootid[body]] >= 0)
 
 
 def tied_by(m, i: int) -> set[int]:
@@ -101,7 +112,7 @@ def _drives(m, i: int) -> set[int]:
 def _groups(m) -> list[set[int]]:
     """Return groups of body numbers: two kinematic trees that an equality or tendon connects are in the same group."""
     groups: dict[int, set[int]] = {}
-    for b in range(1, m.nbody):
+    for b in (b for b in range(1, m.nbody) if not _mocap(m, b)):
         groups.setdefault(int(m.body_rootid[b]), set()).add(b)
     out = list(groups.values())
     for link in [*(tied_by(m, i) for i in range(m.neq)), *(_tendon(m, i) - {0} for i in range(m.ntendon))]:
