@@ -359,3 +359,17 @@ def test_gains_of_any_size_keep_their_digits(tmp_path):
         assert model.actuator_gainprm[a, 0] == pytest.approx(gain, rel=1e-9)
         assert model.actuator_biasprm[a, 1:3] == pytest.approx([-gain, -gain / 7], rel=1e-9)
         assert model.actuator_forcerange[a, 1] == pytest.approx(gain / 3, rel=1e-9)
+
+
+def test_a_sheet_shows_no_density(tmp_path):
+    (tmp_path / "sheet.obj").write_text("v 0 0 0\nv 0.04 0 0\nv 0.04 0.04 0\nv 0 0.04 0\nf 1 2 3\nf 1 3 4\n")
+    shape = '<geometry><mesh filename="sheet.obj"/></geometry>'
+    light = (
+        '<inertial><mass value="0.009"/><inertia ixx="1e-6" iyy="1e-6" izz="2e-6" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    text = serial([(-1.0, 1.0)]).replace(
+        f'<link name="l1">{INERTIAL}', f'<link name="l1">{light}<collision>{shape}</collision>'
+    )
+    found = imported(tmp_path, "arm.urdf", text)
+    assert found.mechanism.body("l1").whole
+    assert wrong(audited(tmp_path, found, ("mjcf", "urdf"))) == []

@@ -26,6 +26,9 @@ A centre of mass outside the box is possible, because the CAD may omit some part
 GRAVITY = (9.7, 9.9)
 """Range of gravity in m/s2 on earth; zero gravity is also allowed."""
 
+SHEET = 1e-4
+"""Thickness in m below which an open mesh is a sheet, drawn without its thickness."""
+
 TRIANGLE = 1e-5
 """Maximum relative violation of the triangle inequality of principal inertias that counts as a rounding error."""
 
@@ -102,8 +105,10 @@ def _check_extent(ledger: Ledger, link: str, mass: Mass, shape: Shape, whole: bo
                 f"{quantity(diagonal, 'm')} of the bounding box of the link's meshes"
             )
             wrong("inertia_too_large", text, gyration, "m", diagonal)
-    box = float(np.prod(np.maximum(shape.high - shape.low, 1e-4)))
+    box = float(np.prod(np.maximum(shape.high - shape.low, SHEET)))
     volume = shape.volume if shape.closed and shape.volume > 0 else box
+    if volume == box and np.min(shape.high - shape.low) < SHEET:
+        return  # a sheet, such as a sticker or a marker, shows no volume
     if mass.mass / volume > DENSEST:
         text = (
             f"the mass of {mass.mass:.4g} kg in a volume of {volume:.3g} m3 gives {mass.mass / volume:.3g} kg/m3, "
