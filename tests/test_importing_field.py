@@ -65,7 +65,7 @@ def serial(limits, kinds=None):
 
 def test_a_urdf_starts_at_the_values_within_the_limits_that_are_nearest_to_zero(tmp_path):
     rng = np.random.default_rng(0)
-    for _ in range(40):
+    for _ in range(12):
         ends = np.sort(rng.uniform(-3, 3, (5, 2)), axis=1)
         ends[:, 1] += 0.01
         found = imported(tmp_path, "arm.urdf", serial(ends.tolist(), {3: "prismatic"}))
@@ -110,7 +110,7 @@ def test_an_mjcf_starts_at_its_own_start(parts, home, key, tmp_path):
 def test_the_start_of_coupled_joints_is_the_nearest_state_of_the_coupling_within_the_limits(tmp_path):
     rng = np.random.default_rng(1)
     met = 0
-    for _ in range(12):
+    for _ in range(8):
         ratio, offset = float(rng.uniform(-2, 2)), float(rng.uniform(-1, 1))
         first, second = np.sort(rng.uniform(-2, 2, (2, 2)), axis=1)
         links = serial([first.tolist(), second.tolist()])
@@ -126,13 +126,12 @@ def test_the_start_of_coupled_joints_is_the_nearest_state_of_the_coupling_within
         assert follow == pytest.approx(ratio * lead + offset, abs=1e-8)
         assert first[0] - 1e-9 <= lead <= first[1] + 1e-9
         assert second[0] - 1e-9 <= follow <= second[1] + 1e-9
-    assert met > 4
+    assert met > 2
 
 
 def test_a_home_at_a_limit_and_off_zero_is_exported_without_a_finding(tmp_path):
     found = imported(tmp_path, "arm.urdf", serial([(-1.0, 1.0), (-3.07, -0.07), (0.2, 2.0)]))
-    report = audited(tmp_path, found)
-    assert wrong(report) == []
+    assert wrong(audited(tmp_path, found, ("usd", "mjcf"))) == []
     data = mujoco.MjData(model := mujoco.MjModel.from_xml_path(str(tmp_path / "out/robot.xml")))
     mujoco.mj_resetDataKeyframe(model, data, 0)
     np.testing.assert_allclose(data.qpos, [0.0, -0.07, 0.2], atol=1e-9)
@@ -150,14 +149,12 @@ TWO = """<mujoco><worldbody><body name="b"><geom type="box" size=".1 .1 .1"/><bo
 <body name="table" pos="1 0 0"><geom type="box" size=".1 .1 .1"/></body></worldbody></mujoco>"""
 
 
-@pytest.mark.parametrize(("name", "text"), [("w.urdf", WORLD.format(i=INERTIAL)), ("two.xml", TWO)])
-def test_a_base_named_world_is_the_world_of_every_format(name, text, tmp_path):
-    report = audited(tmp_path, imported(tmp_path, name, text))
-    assert wrong(report) == []
+def test_a_base_named_world_is_the_world_of_every_format(tmp_path):
+    assert wrong(audited(tmp_path, imported(tmp_path, "two.xml", TWO))) == []
 
 
 def test_a_body_that_one_file_does_not_fix_to_the_world_is_found(tmp_path):
-    audited(tmp_path, imported(tmp_path, "w.urdf", WORLD.format(i=INERTIAL)), ("usd", "mjcf"))
+    assert wrong(audited(tmp_path, imported(tmp_path, "w.urdf", WORLD.format(i=INERTIAL)))) == []
     path = tmp_path / "out/robot.xml"
     text = path.read_text()
     assert '<body name="b"' in text
@@ -232,8 +229,11 @@ euler="0.1 0.2 0.3"><freejoint name="float"/><geom type="sphere" size="0.2"/><bo
 
 @pytest.mark.parametrize(
     ("file", "text", "free"),
-    [("f.urdf", FLOATING, ("float", "loose")), ("f.urdf", ON_MOVING, ("float", "loose")), ("a.xml", ANT, ("float",))],
-    ids=["urdf", "on a moving body", "mjcf"],
+    [
+        pytest.param("f.urdf", FLOATING, ("float", "loose"), id="urdf", marks=pytest.mark.slow),
+        pytest.param("f.urdf", ON_MOVING, ("float", "loose"), id="on a moving body"),
+        pytest.param("a.xml", ANT, ("float",), id="mjcf", marks=pytest.mark.slow),
+    ],
 )
 def test_a_free_joint_has_one_name_and_one_kind_in_every_format(file, text, free, tmp_path):
     found = imported(tmp_path, file, text)
@@ -333,6 +333,7 @@ def test_a_crack_that_rounding_closes_in_one_format_is_no_difference(tmp_path):
     assert of_closing(audited(tmp_path, imported(tmp_path, "arm.urdf", text))) == []
 
 
+@pytest.mark.slow
 def test_a_hole_in_one_format_is_a_difference(tmp_path):
     audited(tmp_path, imported(tmp_path, "arm.urdf", with_cubes(tmp_path, [0.0])), ("usd", "urdf"))
     path = next((tmp_path / "out/meshes").glob("*.obj"))
