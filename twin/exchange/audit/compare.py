@@ -38,16 +38,25 @@ class Reference:
 def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
     """Return {clip name: `Reference`}.
 
-    The reference for a clip is `truth` if it contains the clip, else the clip's track, else the first file with it.
+    The reference for a clip is `truth` if it contains the clip, else the clip's track, else the first file with it. A
+    .usdz is a reference only if no other file has a motion.
     """
     out = {
         name: Reference(Clip(name, np.asarray(t, float), links), "the mechanism") for name, (t, links) in truth.items()
     }
+    # A stage does not state the name of its clip, which is then that of the file: <robot>_<clip>. The other files do.
+    stated = {clip.name: clip for c in contents if c.format not in (*STAGES, "usdz") for clip in c.clips}
+    tracked = any(c.format == "tracks" for c in contents)
     for content in sorted(contents, key=lambda c: _RANK.get(c.format, 9)):
+        if tracked and content.format != "tracks":
+            continue
+        if content.format == "usdz" and any(not r.source.endswith(".usdz") for r in out.values()):
+            continue  # <robot>_ar.usdz has the motion of another file, which `_counterpart` finds
         for clip in content.clips:
-            if content.format == "tracks" or not any(c.format == "tracks" for c in contents):
-                name = clip.name if content.format not in (*STAGES, "usdz") else _named(clip.name, out) or clip.name
-                out.setdefault(name, Reference(clip, content.file))
+            name = clip.name
+            if content.format in (*STAGES, "usdz"):
+                name = _named(clip.name, out) or _named(clip.name, stated) or clip.name
+            out.setdefault(name, Reference(clip, content.file))
     return out
 
 

@@ -335,16 +335,23 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         for link in known & set(p.links) - set(p.masses) - (still or frozenset()) - {WORLD}:
             view.say(f"link '{link}'", {"weighed": False})
     found = set()
+    nameless = 0
     for joint in p.reduced(known):
         if not {joint.parent, joint.child} <= known | {""}:
             continue
         name = _match(joint, canonical, view)
         if not name:
+            nameless += not joint.names
             if joint.names and (joint.kind != "fixed" or joint.tied):
                 view.say(f"joint '{_stem(joint)}'", {"existence": True})
             continue
         found.add(name)
         _state_joint(view, name, joint, canonical[name], name in movable)
+    lacking = [name for name, joint in canonical.items() if name not in found and not joint.kind and not joint.parent]
+    if len(lacking) <= nameless:  # a GLB states only names of joints, an MJCF has no names for fixed joints
+        found.update(lacking)
+        for name in lacking:
+            view.say(f"joint '{name}'", {"existence": True})
     for name, joint in canonical.items():
         if name in found or (joint.kind == "fixed" and not joint.parent):
             continue
