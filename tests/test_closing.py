@@ -129,10 +129,10 @@ def test_two_loops_that_change_their_modes_together_are_noticed():
     home, rng = model("four_bar").home(), np.random.default_rng(0)
     guesses = np.tile(home.x, (40, 1)) + rng.uniform(-3, 3, (40, len(home.x)))
     X, ok = single.near(guesses, np.tile(home.q, (40, 1)))
-    other = X[ok & (single._signs(X) != single._signs(home.x[None])).all(axis=1)][0]
+    other = X[ok & (single.signs(X) != single.signs(home.x[None])).all(axis=1)][0]
     closing = Closing(ReferenceModel(two), np.ones(2))
     modes = [np.concatenate(pair) for pair in ((home.x, home.x), (other, other), (other, home.x))]
-    signs = closing._signs(np.array(modes))
+    signs = closing.signs(np.array(modes))
     assert signs.shape == (3, 2)
     assert (signs[0] != signs[1]).all()
     assert (signs[0] != signs[2]).sum() == 1

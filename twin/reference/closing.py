@@ -149,7 +149,7 @@ class Closing:
         by more than `_JUMP` in any step.
         """
         rows, of = np.unique(known, return_inverse=True)
-        gain, sign = self.rates(self._x[rows])[of], self._signs(self._x[rows])[of]
+        gain, sign = self.rates(self._x[rows])[of], self.signs(self._x[rows])[of]
         X, q0, ok = self._x[known], self._q[known], np.ones(len(known), bool)
         for i in range(1, steps + 1):
             here = np.flatnonzero(ok)
@@ -160,7 +160,7 @@ class Closing:
             new, closed = self.near(guess, q0[here] + i * ahead)
             if small:
                 closed &= self.change(X[here], new) <= _JUMP
-            closed &= (self._signs(new) == sign[here]).all(axis=1)
+            closed &= (self.signs(new) == sign[here]).all(axis=1)
             X[here[closed]] = new[closed]
             ok[here[~closed]] = False
             if i < steps:
@@ -239,7 +239,7 @@ class Closing:
         count, group = connected_components(graph, directed=False)
         return [(rows[group[: len(rows)] == g], columns[group[len(rows) :] == g]) for g in range(count)]
 
-    def _signs(self, X: Array) -> Array:
+    def signs(self, X: Array) -> Array:
         """Return the sign (k, blocks) of the determinant of the loop equations of each block at X (k, nq)."""
         if not self._blocks:
             return np.zeros((len(X), 0))
@@ -287,7 +287,7 @@ class Closing:
             if not ok.all():
                 return None
             done = np.sort(np.concatenate([done, middle]))
-        same = self._signs(X) == self._signs(x[None])
+        same = self.signs(X) == self.signs(x[None])
         return X if same.all() and (self.change(X[:-1], X[1:]) <= _JUMP).all() else None
 
     def each(self, a: Array, b: Array, stations: int) -> tuple[Array, np.ndarray]:

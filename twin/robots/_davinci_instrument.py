@@ -7,29 +7,39 @@ their equations.
 
 from __future__ import annotations
 
-from casadi import atan2, cos, norm_2, pi, sqrt, vertcat
+from casadi import atan2, cos, dot, if_else, norm_2, pi, sqrt, vertcat
 
 from twin.core.provenance import Parameter
 from twin.core.units import DEG
 from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Aspect, Measure
 from twin.robots._authoring import mm
-from twin.robots._davinci import DVRK, depth, shaft_frame
+from twin.robots._davinci import DVRK, about_rcm, shaft_frame
 
 TOOL = "jhu-dvrk/sawIntuitiveResearchKit, share/tool"
 
 
 def wrist(T_base_tool, a5):
-    """Return P_w, the point of the wrist's pitch axis at distance a5 from the wrist's yaw axis, towards the RCM."""
+    """Return P_w, the point of the wrist's pitch axis at distance a5 from the wrist's yaw axis, behind the jaws.
+
+    P_w is in the plane that is perpendicular to the yaw axis and contains the RCM. Two points are possible; at the
+    point behind the jaws, the wrist yaw is within ±90 deg.
+    """
     R, p = T_base_tool[0:3, 0:3], T_base_tool[0:3, 3]
     back = -R.T @ p
     n = vertcat(0, back[1], back[2])
-    return p + a5 * (R @ (n / norm_2(n)))
+    side = if_else(back[2] <= 0, 1, -1)  # -1: the jaws point towards the RCM, because the wrist is above it
+    return p + side * a5 * (R @ (n / norm_2(n)))
 
 
-def arm(P_w, origin, shaft_long):
-    """Return yaw, pitch and insertion of the assembly with the wrist below the RCM."""
-    return depth(P_w, origin, shaft_long)
+def arm(P_w, T_base_tool, origin, shaft_long):
+    """Return yaw, pitch and insertion at which the shaft points from P_w to the side of the jaws.
+
+    At the smallest insertions, the wrist is above the RCM: the shaft then points from P_w to the RCM.
+    """
+    side = if_else(dot(T_base_tool[0:3, 3] - P_w, P_w) >= 0, 1, -1)
+    q1, q2, beyond = about_rcm(side * P_w)
+    return q1, q2, side * beyond + origin - shaft_long
 
 
 def wrist_angles(T_base_tool, q1, q2):

@@ -24,7 +24,7 @@ can cause findings on a later side."""
 _FAMILIES: dict[str, Side] = {
     **dict.fromkeys(("cad", "loop"), "CAD"),
     **dict.fromkeys(("point", "points", "driven", "passive", "tool", "forward", "length", "mechanism"), "equations"),
-    **dict.fromkeys(("speed", "acceleration", "margin"), "equations"),
+    **dict.fromkeys(("speed", "acceleration", "margin", "range"), "equations"),
     **dict.fromkeys(("stage", "usd"), "stage"),
     "baked": "motion",
 }

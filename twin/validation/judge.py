@@ -22,6 +22,7 @@ from twin.validation.case import PARTS, Case, Known, Part
 from twin.validation.compare import Comparison, compare, tool_rates
 from twin.validation.content import content
 from twin.validation.fulcrum import fulcrum
+from twin.validation.joint_range import whole_range
 from twin.validation.lengths import lengths, put_down
 from twin.validation.measures import measures
 from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples, written_rows
@@ -80,6 +81,8 @@ def judge(
                 if case.kinematics is not None:
                     progress("reach and singularity measures", 0.0)
                     measures(case.kinematics, case.model, out)
+                    progress("joint range", 0.0)
+                    whole_range(case, out)
             if "stage" in parts:
                 _stage(case, out, progress)
             if "motion" in parts:

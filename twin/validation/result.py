@@ -18,7 +18,19 @@ from twin.planning.rounds import Rounds
 from twin.validation.cause import SIDES, Cause, causes
 
 RowKind = Literal[
-    "length", "tool", "point", "driven", "passive", "loop", "speed", "acceleration", "baked", "rcm", "duration", "limit"
+    "length",
+    "tool",
+    "point",
+    "driven",
+    "passive",
+    "loop",
+    "speed",
+    "acceleration",
+    "baked",
+    "rcm",
+    "range",
+    "duration",
+    "limit",
 ]
 
 
@@ -246,7 +258,9 @@ class Report(Result):
     @property
     def verdict_line(self) -> str:
         """The verdict as text; for a disagreement, it states which two sides differ."""
-        return _VERDICTS[self.verdict].format(SIDES[self.causes[0].side] if self.causes else "")
+        line = _VERDICTS[self.verdict].format(SIDES[self.causes[0].side] if self.causes else "")
+        judged = self.facts.get("joint range", {}).get("judged", "")
+        return f"{line}, over {judged}" if judged and self.verdict == "agree" else line
 
 
 _VERDICTS = {

@@ -1,0 +1,140 @@
+"""States of a mechanism all over the range of its driven joints, for checks that must not depend on one protocol.
+
+Where any joint values within the limits are possible (a serial arm), the states are low-discrepancy draws from the
+whole range, and its corners. Otherwise (loops, limits of passive joints), the mechanism moves from the rest poses on
+straight lines in joint space towards such draws, as far as its loops close and its limits allow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.stats import qmc
+
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.reference.closing import Closing
+from twin.reference.model import ReferenceModel, Run
+
+STATES = 512
+"""Number of states in a check of the whole range."""
+
+_CORNERS = 6
+"""Largest number of joints for which all corners of the range are taken."""
+
+_INSET = 1e-3
+"""Distance of the corners from the ends of the range, as a fraction of the range."""
+
+_UNLIMITED = {True: np.pi, False: 0.1}
+"""Half width of the range of a joint without limits, in rad (angles) and m (lengths), about its rest value."""
+
+_STRIDE = {True: 0.2, False: 0.04}
+"""Largest step of a driven joint on a line, in rad (angles) and m (lengths)."""
+
+_JUMP = 1.0
+"""Largest change (m, rad) of any coordinate in one step; a larger change means another assembly mode."""
+
+_ENOUGH = 0.5
+"""Fraction of draws that must be possible; otherwise, the mechanism moves along lines instead."""
+
+
+@dataclass(frozen=True)
+class JointRange:
+    """States of a mechanism over the range of its driven joints.
+
+    Attributes:
+        run: the states (k); their loops are closed, and all joints are within their limits.
+        low, high: (n,) the range of each driven joint in m or rad: its limits or, without limits, a substitute.
+    """
+
+    run: Run
+    low: Array
+    high: Array
+
+    @property
+    def share(self) -> Array:
+        """Fraction (n,) of the range of each driven joint that the states span."""
+        return np.ptp(self.run.q, axis=0) / (self.high - self.low)
+
+
+def joint_range(model: ReferenceModel, count: int = STATES) -> JointRange:
+    """Return about `count` states of the mechanism, spread over the range of its driven joints; always the same."""
+    mechanism = model.mechanism
+    home = model.home()
+    low, high = _ends(mechanism, home.q)
+    closing = Closing(model, np.ones(len(low)))
+    targets = _targets(low, high, count)
+    states = closing.placed(targets) if closing.linear is not None else np.zeros((0, len(home.x)))
+    states = states[_within_limits(model, model.collect(states))] if len(states) else states
+    if len(states) < _ENOUGH * len(targets):
+        states = _along_lines(model, closing, home.x, targets[: count // 2])
+    return JointRange(model.collect(states), low, high)
+
+
+def _ends(mechanism: Mechanism, rest: Array) -> tuple[Array, Array]:
+    """Return the lower and the upper end (n,) of the range of each driven joint."""
+    half = np.array([_UNLIMITED[j.is_angle] for j in mechanism.active])
+    low, high = mechanism.limits.T
+    return np.where(np.isfinite(low), low, rest - half), np.where(np.isfinite(high), high, rest + half)
+
+
+def _targets(low: Array, high: Array, count: int) -> Array:
+    """Return joint values (count, n): corners of the range, then low-discrepancy draws."""
+    n = len(low)
+    corners = np.zeros((0, n))
+    if n <= _CORNERS:
+        corners = np.array(list(product((_INSET, 1 - _INSET), repeat=n)))
+    draws = qmc.Halton(n, seed=0).random(count - len(corners))
+    parts = np.concatenate([corners, draws])
+    # Lines that are cut off after the first part still have draws and corners.
+    parts = parts[np.random.default_rng(0).permutation(count)]
+    return low + parts * (high - low)
+
+
+def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: Array) -> Array:
+    """Return configurations on straight lines in joint space from home to targets (k, n).
+
+    From each line, the last possible state and one between are returned.
+    """
+    active = model.mechanism.active
+    q0 = model.collect(home[None]).q[0]
+    stride = np.array([_STRIDE[j.is_angle] for j in active])
+    steps = max(1, int(np.ceil(np.max(np.abs(targets - q0) / stride))))
+    ahead = (targets - q0) / steps
+    X = np.tile(home, (len(targets), 1))
+    sign = closing.signs(home[None])
+    moving = np.arange(len(targets))
+    passed: list[list[Array]] = [[home] for _ in targets]
+    for step in range(1, steps + 1):
+        new, possible = closing.near(X[moving], q0 + step * ahead[moving])
+        possible &= closing.change(X[moving], new) <= _JUMP
+        possible &= (closing.signs(new) == sign).all(axis=1)
+        possible &= _within_limits(model, model.collect(new))
+        moving = moving[possible]
+        X[moving] = new[possible]
+        for line in moving:
+            passed[line].append(X[line].copy())
+        if not len(moving):
+            break
+    rng = np.random.default_rng(1)
+    last = [line[-1] for line in passed]
+    between = [line[rng.integers(len(line))] for line in passed]
+    return np.array(last + between)
+
+
+def _within_limits(model: ReferenceModel, run: Run) -> np.ndarray:
+    """Return (k,) bool: whether all joints are within their limits and cones, and whether the loops are closed."""
+    links = None
+    good = np.ones(len(run.x), bool)
+    for joint in model.mechanism.passive:
+        if joint.cone is not None:
+            links = links or model.link_poses(run.x)
+            z0 = (links[joint.parent] @ joint.T_parent_joint)[:, :3, 2]
+            z1 = (links[joint.child] @ joint.T_child_joint)[:, :3, 2]
+            good &= np.sum(z0 * z1, axis=1) >= np.cos(joint.cone)
+        elif joint.limits is not None:
+            value = run.q_passive[joint.name]
+            good &= (value >= joint.limits[0]) & (value <= joint.limits[1])
+    return good
