@@ -86,7 +86,7 @@ def _targets(low: Array, high: Array, count: int) -> Array:
     corners = np.zeros((0, n))
     if n <= _CORNERS:
         corners = np.array(list(product((_INSET, 1 - _INSET), repeat=n)))
-    draws = qmc.Halton(n, seed=0).random(count - len(corners))
+    draws = qmc.Halton(n, rng=0).random(count - len(corners))
     parts = np.concatenate([corners, draws])
     # Lines that are cut off after the first part still have draws and corners.
     parts = parts[np.random.default_rng(0).permutation(count)]

@@ -8,6 +8,8 @@ to them, and its tool pose is compared.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from twin.core import spatial
@@ -15,13 +17,13 @@ from twin.core.findings import Kind
 from twin.core.spatial import Array
 from twin.core.units import display_unit
 from twin.kinematics import Kinematics
+from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.closing import Closing
 from twin.reference.joint_range import JointRange, joint_range
-from twin.validation.case import Case
 from twin.validation.compare import Comparison
 from twin.validation.result import Residual
-from twin.validation.rows import rotation_vectors
+from twin.validation.rows import Tolerances, rotation_vectors
 
 HEADING = "joint range"
 
@@ -41,12 +43,12 @@ _NO_ANSWER = Kind(
     "extend the equations, or state where they end by a row of `reach` in the formula",
     word="",
 )
+_NO_ANSWER_FOLLOWS = Kind("range.no_answer", "info", word="")
 
 
-def whole_range(case: Case, out: Comparison) -> None:
+def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: Comparison) -> None:
     """Add rows, findings and facts of the comparison over the joint range to `out`."""
-    kin, model = case.kinematics, case.model
-    if kin is None or not model.mechanism.active:
+    if not model.mechanism.active:
         return
     drawn = joint_range(model)
     beyond = _beyond(kin, drawn)
@@ -55,13 +57,14 @@ def whole_range(case: Case, out: Comparison) -> None:
         return
     errors = {}
     if kin.closed_inverse:
-        errors["inverse"] = _of_inverse(kin, model, drawn, case)
+        errors["inverse"] = _of_inverse(kin, model, drawn, tolerances)
     if kin.closed_forward:
         errors["forward"] = _of_forward(kin, drawn)
-    out.facts[HEADING] = _facts(drawn, inside, beyond, model)
+    out.facts[HEADING] = _facts(drawn, inside, beyond, model.mechanism)
     wrong_before = next((r.name for r in out.residuals if r.pair == "A-B" and not r.agrees), "")
+    judge = _Judge(drawn, inside, model.mechanism, tolerances, wrong_before, out)
     for name, (offset, turn) in errors.items():
-        _judge(name, offset, turn, inside, drawn, wrong_before, case, out)
+        judge.rows(name, offset, turn)
 
 
 def _beyond(kin: Kinematics, drawn: JointRange) -> dict[str, np.ndarray]:
@@ -75,7 +78,9 @@ def _beyond(kin: Kinematics, drawn: JointRange) -> dict[str, np.ndarray]:
     return {name: beyond for name, beyond in out.items() if beyond.any()}
 
 
-def _of_inverse(kin: Kinematics, model: ReferenceModel, drawn: JointRange, case: Case) -> tuple[Array, Array]:
+def _of_inverse(
+    kin: Kinematics, model: ReferenceModel, drawn: JointRange, tolerances: Tolerances
+) -> tuple[Array, Array]:
     """Return the errors (k,) in m and (k,) in rad of the tool pose at the joint values of the inverse equations.
 
     The error is 0 where the equations give the joint values of the state, NaN where they give none, and infinite where
@@ -87,7 +92,7 @@ def _of_inverse(kin: Kinematics, model: ReferenceModel, drawn: JointRange, case:
     difference = q - run.q
     turns = np.round(difference / (2 * np.pi))
     difference[:, kin.revolute] -= 2 * np.pi * turns[:, kin.revolute]
-    limit = np.where(kin.revolute, case.tolerances.rotation, case.tolerances.position)
+    limit = np.where(kin.revolute, tolerances.rotation, tolerances.position)
     answered = np.isfinite(q).all(axis=1)
     other = np.flatnonzero(answered & (np.abs(difference) > limit).any(axis=1))
     offset = np.where(answered, 0.0, np.nan)
@@ -113,54 +118,77 @@ def _of_forward(kin: Kinematics, drawn: JointRange) -> tuple[Array, Array]:
     return offset, turn
 
 
-def _judge(
-    name: str,
-    offset: Array,
-    turn: Array,
-    inside: np.ndarray,
-    drawn: JointRange,
-    wrong_before: str,
-    case: Case,
-    out: Comparison,
-) -> None:
-    """Add two rows, position and rotation, and findings, for the errors of the equations `name` at the states."""
-    tolerances = case.tolerances
-    kind = _FOLLOWS if wrong_before else _DIFFERS
-    missing = inside & np.isnan(offset)
-    if missing.any():
-        k = int(np.flatnonzero(missing)[0])
-        what = (
-            f"over the joint range, the {name} equations give no result at {_share(missing, inside)} that the "
+@dataclass(frozen=True)
+class _Judge:
+    """Turns errors at the states into rows and findings.
+
+    Attributes:
+        drawn: the states (k).
+        inside: (k,) bool, whether a state is within the reach that the equations state.
+        mechanism, tolerances: see `whole_range`.
+        wrong_before: name of a row of the protocol that disagrees, and may be the cause; "" if none does.
+        out: the comparison to fill.
+    """
+
+    drawn: JointRange
+    inside: np.ndarray
+    mechanism: Mechanism
+    tolerances: Tolerances
+    wrong_before: str
+    out: Comparison
+
+    def rows(self, name: str, offset: Array, turn: Array) -> None:
+        """Add a row for the position errors (k,) in m and one for the rotation errors (k,) in rad, and findings."""
+        missing = self.inside & np.isnan(offset)
+        if missing.any():
+            self._no_answer(name, missing)
+        judged = self.inside & ~np.isnan(offset)
+        if not judged.any():
+            return
+        position = self._row(name, "m", offset, judged, _SLACK * self.tolerances.position)
+        rotation = self._row(name, "rad", turn, judged, _SLACK * self.tolerances.rotation)
+        self.out.residuals += [position, rotation]
+        wrong = judged & ((offset > _SLACK * self.tolerances.position) | (turn > _SLACK * self.tolerances.rotation))
+        if wrong.any():
+            row = rotation if position.agrees else position
+            kind = _FOLLOWS if self.wrong_before else _DIFFERS
+            worst = int(np.argmax(np.where(wrong, turn if position.agrees else offset, -1.0)))
+            text = f"over the joint range, the {name} equations are wrong at {_share(wrong, self.inside)}"
+            self.out.findings.append(row.finding(kind, text, when=self._state(worst), cause=name))
+
+    def _no_answer(self, name: str, missing: np.ndarray) -> None:
+        kind = _NO_ANSWER_FOLLOWS if self.wrong_before else _NO_ANSWER
+        text = (
+            f"over the joint range, the {name} equations give no result at {_share(missing, self.inside)} that the "
             "mechanism can take"
         )
-        found = _NO_ANSWER(name, what, when=_state(drawn, k, case))
-        out.findings.append(found)
-    limits = (("m", offset, _SLACK * tolerances.position), ("rad", turn, _SLACK * tolerances.rotation))
-    judged = inside & ~np.isnan(offset)
-    told = False
-    for unit, error, limit in limits:
+        self.out.findings.append(kind(name, text, when=self._state(int(np.argmax(missing))), cause=name))
+
+    def _row(self, name: str, unit: str, error: Array, judged: np.ndarray, limit: float) -> Residual:
         worst = int(np.argmax(np.where(judged, error, -1.0)))
         finite = error[judged & np.isfinite(error)]
-        row = Residual(
+        return Residual(
             "A-B",
             "range",
             name,
             unit,
-            float(error[worst]) if judged.any() else 0.0,
-            float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0,
+            float(error[worst]),
+            float(np.sqrt(np.mean(finite**2))) if len(finite) else float("nan"),
             limit,
             0.0,
             HEADING,
             samples=int(judged.sum()),
-            consequence_of=wrong_before,
-            note=f"over the joint range: {_state(drawn, worst, case)}",
+            consequence_of=self.wrong_before,
+            note=f"largest at {self._state(worst)}",
         )
-        out.residuals.append(row)
-        wrong = judged & (error > limit)
-        if wrong.any() and not told:
-            told = True
-            text = f"over the joint range, the {name} equations are wrong at {_share(wrong, inside)}"
-            out.findings.append(row.finding(kind, text, when=_state(drawn, worst, case), cause=name))
+
+    def _state(self, k: int) -> str:
+        """Return the joint values of state k as text, in mm and degrees."""
+        parts = []
+        for joint, value in zip(self.mechanism.active, self.drawn.run.q[k], strict=True):
+            unit, scale = display_unit(joint.is_angle)
+            parts.append(f"{joint.name} = {value / scale:.1f} {unit}")
+        return ", ".join(parts)
 
 
 def _share(some: np.ndarray, of: np.ndarray) -> str:
@@ -168,24 +196,15 @@ def _share(some: np.ndarray, of: np.ndarray) -> str:
     return f"{some.sum()} of {of.sum()} states ({100 * some.sum() / of.sum():.0f} %)"
 
 
-def _state(drawn: JointRange, k: int, case: Case) -> str:
-    """Return the joint values of state k as text, in mm and degrees."""
-    parts = []
-    for joint, value in zip(case.cad.mechanism.active, drawn.run.q[k], strict=True):
-        unit, scale = display_unit(joint.is_angle)
-        parts.append(f"{joint.name} = {value / scale:.1f} {unit}")
-    return ", ".join(parts)
-
-
 def _facts(
-    drawn: JointRange, inside: np.ndarray, beyond: dict[str, np.ndarray], model: ReferenceModel
+    drawn: JointRange, inside: np.ndarray, beyond: dict[str, np.ndarray], mechanism: Mechanism
 ) -> dict[str, str]:
     """Return what was judged: share and number of states, excluded states, and the range of each joint."""
     out = {"judged": f"{100 * inside.mean():.0f} % of the joint range, {inside.sum()} states"}
     for name, states in beyond.items():
         out[f"beyond '{name}' of the equations"] = f"{100 * states.mean():.0f} % of the states, not judged"
     values = drawn.run.q
-    for i, joint in enumerate(model.mechanism.active):
+    for i, joint in enumerate(mechanism.active):
         unit, scale = display_unit(joint.is_angle)
         first, last = values[:, i].min() / scale, values[:, i].max() / scale
         text = f"{first:.1f} .. {last:.1f} {unit}"

@@ -82,7 +82,7 @@ def judge(
                     progress("reach and singularity measures", 0.0)
                     measures(case.kinematics, case.model, out)
                     progress("joint range", 0.0)
-                    whole_range(case, out)
+                    whole_range(case.kinematics, case.model, case.tolerances, out)
             if "stage" in parts:
                 _stage(case, out, progress)
             if "motion" in parts:

@@ -1,0 +1,225 @@
+"""Equations that are wrong in a part of the joint range are found; right ones are not accused."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+import twin
+from made.arm import LINK, arm
+from made.lanes import one_of_a_kind
+from twin.core import spatial
+from twin.kinematics import compile_formula
+from twin.reference import ReferenceModel
+from twin.reference.joint_range import STATES, joint_range
+from twin.robots import load_formula
+from twin.validation.compare import Comparison
+from twin.validation.joint_range import HEADING, whole_range
+from twin.validation.result import Residual
+from twin.validation.rows import Tolerances
+
+DRAWS = int(os.environ.get("TWIN_BRANCHES", "8"))
+"""Number of drawn errors; the figures of the documentation are with 200."""
+
+LIMIT = 2.6
+
+TWO = """
+from casadi import acos, asin, atan, atan2, cos, fabs, if_else, pi, sin, sqrt
+
+def inverse(pose):
+    c = atan2(pose[1, 0], pose[0, 0])
+    x = pose[0, 3] - {link} * cos(c)
+    y = pose[1, 3] - {link} * sin(c)
+    q = [{first}, None]
+    q[1] = {second}
+    {error}
+    return q[0], q[1]
+"""
+
+THREE = """
+from casadi import acos, asin, atan, atan2, cos, fabs, if_else, pi, sin, sqrt
+
+def inverse(pose):
+    c = atan2(pose[1, 0], pose[0, 0])
+    x = pose[0, 3] - {link} * cos(c)
+    y = pose[1, 3] - {link} * sin(c)
+    elbow = (x**2 + y**2) / (2 * {link}**2) - 1
+    q2 = {elbow}
+    q1 = atan2(y, x) - atan2(sin(q2), 1 + cos(q2))
+    q = [q1, q2, c - q1 - q2]
+    {error}
+    return q[0], q[1], q[2]
+"""
+
+RIGHT = [
+    (TWO, {"first": "atan2(y, x)", "second": "c - q[0]"}),
+    (TWO, {"first": "2 * atan(y / (sqrt(x**2 + y**2) + x))", "second": "c - q[0]"}),
+    (TWO, {"first": "if_else(x > 0, atan(y / x), atan2(y, x))", "second": "atan2(sin(c - q[0]), cos(c - q[0]))"}),
+    (TWO, {"first": "atan2(y, x)", "second": "c - q[0] + 2 * pi"}),
+    (THREE, {"elbow": "acos(elbow)"}),
+    (THREE, {"elbow": "-acos(elbow)"}),
+    (THREE, {"elbow": "atan2(sqrt(1 - elbow**2), elbow)"}),
+]
+
+WRONG = {  # what is wrong, and the fraction of the range in which it is
+    "atan for atan2": (TWO, {"first": "atan(y / x)", "second": "c - q[0]"}, 0.40),
+    "asin for atan2": (TWO, {"first": f"asin(y / {LINK})", "second": "c - q[0]"}, 0.40),
+    "no sign": (TWO, {"first": "fabs(atan2(y, x))", "second": "c - q[0]"}, 0.50),
+    "acos for atan2": (TWO, {"first": f"acos(x / {LINK})", "second": "c - q[0]"}, 0.50),
+    "one elbow": (TWO, {"first": "atan2(y, x)", "second": "fabs(c - q[0])"}, 0.50),
+    "asin of the elbow": (THREE, {"elbow": "asin(sqrt(1 - elbow**2))"}, 0.40),
+    "no sign of the elbow": (THREE, {"elbow": "acos(fabs(elbow))"}, 0.40),
+}
+
+
+def judged(tmp_path, template, parts, error="pass", before=None):
+    """Return the comparison over the joint range of a formula for a planar arm of two or three links.
+
+    `before` is a row of the protocol.
+    """
+    count = 2 if template is TWO else 3
+    model = ReferenceModel(arm(count))
+    path = tmp_path / "formula.py"
+    path.write_text(template.format(link=LINK, error=error, **parts))
+    home = np.full(count, 0.3)
+    driven = [(f"q{i}", True) for i in range(count)]
+    formula = load_formula(path, "arm", driven=lambda: (driven, model.solve(home).T_base_tool, home))
+    out = Comparison(residuals=[before] if before else [])
+    whole_range(compile_formula(formula), model, Tolerances(), out)
+    return out
+
+
+@pytest.mark.parametrize(("template", "parts"), RIGHT)
+def test_right_equations_are_not_accused(tmp_path, template, parts):
+    out = judged(tmp_path, template, parts)
+    assert not out.findings
+    assert all(r.agrees for r in out.residuals)
+    assert out.facts[HEADING]["judged"] == f"100 % of the joint range, {STATES} states"
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_branch_is_found(tmp_path, name):
+    template, parts, share = WRONG[name]
+    (finding,) = judged(tmp_path, template, parts).findings
+    assert finding.code in ("range.differs", "range.no_answer")
+    assert finding.severity == "disagreement"
+    found = float(finding.message.split("(")[1].split(" %")[0]) / 100
+    assert found == pytest.approx(share, abs=0.11)
+
+
+def drawn_error(rng, count):
+    """Return (an error as code, a function that makes the same error in joint values (k, n))."""
+    where, what = rng.integers(count, size=2)
+    side = rng.choice([-1, 1])
+    threshold = rng.uniform(-0.95, 0.95) * LIMIT
+    wrong, change = [
+        ("-q[{0}]", lambda x: -x),
+        ("q[{0}] + pi", lambda x: x + np.pi),
+        ("pi - q[{0}]", lambda x: np.pi - x),
+        ("q[{0}] + 0.001", lambda x: x + 0.001),
+        ("fabs(q[{0}])", np.abs),
+    ][rng.integers(5)]
+    condition = f"{side} * q[{where}] > {threshold}"
+
+    def applied(q):
+        out = q.copy()
+        region = side * q[:, where] > threshold
+        out[region, what] = change(q[region, what])
+        return out
+
+    return f"q[{what}] = if_else({condition}, {wrong.format(what)}, q[{what}])", applied
+
+
+def planar(q):
+    """Return x, y and orientation (k, 3) of the planar arm at joint values q (k, n), by trigonometry."""
+    angles = np.cumsum(q, axis=1)
+    return np.column_stack([LINK * np.cos(angles).sum(axis=1), LINK * np.sin(angles).sum(axis=1), angles[:, -1]])
+
+
+def test_drawn_errors_in_a_part_of_the_range_are_found(tmp_path):
+    """Those that are wrong on at least 5 % of the range, all; those on at least 1 %, 99 %."""
+    rng = np.random.default_rng(5)
+    missed, all_of = {0.05: 0, 0.01: 0}, {0.05: 0, 0.01: 0}
+    while all_of[0.01] < DRAWS:
+        count = int(rng.choice([2, 3]))
+        error, applied = drawn_error(rng, count)
+        q = rng.uniform(-LIMIT, LIMIT, (20_000, count))
+        if count == 3:
+            q = q[q[:, 1] > 0]  # the inverse's elbow
+        difference = planar(applied(q)) - planar(q)
+        difference[:, 2] = np.abs(np.exp(1j * difference[:, 2]) - 1)
+        share = (np.abs(difference).max(axis=1) > 1e-5).mean()
+        if not 0.01 <= share <= 0.5:
+            continue
+        template, parts = (TWO, RIGHT[0][1]) if count == 2 else (THREE, RIGHT[4][1])
+        found = [f.severity for f in judged(tmp_path, template, parts, error).findings]
+        for bound in (0.05, 0.01):
+            if share >= bound:
+                all_of[bound] += 1
+                missed[bound] += not found
+                assert set(found) <= {"disagreement"}
+    print(f"missed {missed} of {all_of}")
+    assert missed[0.05] == 0
+    assert missed[0.01] <= 0.01 * all_of[0.01]
+
+
+@pytest.mark.parametrize("name", one_of_a_kind())
+def test_the_equations_of_a_robot_agree_over_the_whole_range(name):
+    robot = twin.load(name)
+    kin = robot.kinematics(None)
+    out = Comparison()
+    whole_range(kin, robot.reference(), Tolerances(), out)
+    assert [f.message for f in out.findings] == []
+    assert {r.name for r in out.residuals} == {n for n in ("inverse", "forward") if getattr(kin, f"closed_{n}")}
+
+
+@pytest.mark.parametrize("name", one_of_a_kind())
+def test_the_states_are_closed_and_within_all_limits(name):
+    robot = twin.load(name)
+    drawn = joint_range(robot.reference())
+    mechanism = robot.mechanism
+    assert len(drawn.run.x) == STATES
+    limits = mechanism.limits
+    assert (drawn.run.q >= limits[:, 0] - 1e-12).all()
+    assert (drawn.run.q <= limits[:, 1] + 1e-12).all()
+    assert drawn.run.gaps[..., 0].max(initial=0.0) < 1e-11
+    links = robot.reference().link_poses(drawn.run.x)
+    for joint in mechanism.passive:
+        if joint.limits is not None and joint.name in drawn.run.q_passive:
+            value = drawn.run.q_passive[joint.name]
+            assert joint.limits[0] - 1e-12 <= value.min() <= value.max() <= joint.limits[1] + 1e-12
+        if joint.cone is not None:
+            axes = [
+                (links[body] @ T)[:, :3, 2]
+                for body, T in ((joint.parent, joint.T_parent_joint), (joint.child, joint.T_child_joint))
+            ]
+            cosine = np.sum(axes[0] * axes[1], axis=1)
+            assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() <= np.degrees(joint.cone) + 1e-6
+
+
+@pytest.mark.parametrize("name", ["davinci_psm", "davinci_psm_si"])
+def test_the_wrist_of_an_instrument_may_be_above_the_remote_centre(name):
+    """At insertions below 15.6 mm. The inverse gave poses that were off by 18.2 mm there (2 a5)."""
+    robot = twin.load(name)
+    mechanism = robot.mechanism
+    rng = np.random.default_rng(0)
+    low, high = mechanism.limits.T
+    q = rng.uniform(low, high, (200, len(low)))
+    q[:, 2] = rng.uniform(0.0, 0.0155, 200)
+    kin = robot.kinematics(None)
+    Ts = robot.reference().solve_many(q).Ts_base_tool
+    again = kin.inverse_many(Ts)
+    difference = again[:, :6] - q[:, :6]
+    difference -= 2 * np.pi * np.round(difference / (2 * np.pi)) * kin.revolute[:6]
+    assert np.abs(difference).max() < 1e-9
+    assert spatial.is_pose(Ts, 1e-9)
+
+
+def test_after_a_disagreement_along_the_protocol_it_is_a_consequence(tmp_path):
+    before = Residual("A-B", "driven", "q1", "rad", 1.0, 1.0, 1e-8, 0.0, "go")
+    template, parts, _ = WRONG["atan for atan2"]
+    out = judged(tmp_path, template, parts, before=before)
+    assert [f.severity for f in out.findings] == ["info"]
+    assert [r.consequence_of for r in out.residuals[1:]] == ["q1", "q1"]
