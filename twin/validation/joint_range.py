@@ -46,24 +46,65 @@ _NO_ANSWER = Kind(
 _NO_ANSWER_FOLLOWS = Kind("range.no_answer", "info", word="")
 
 
+@dataclass(frozen=True)
+class RangeErrors:
+    """Errors of the equations at states all over the joint range.
+
+    Attributes:
+        drawn: the states (k).
+        beyond: {name of a row of reach: (k,) bool}, whether a state is beyond it, for rows that exclude any state.
+        errors: {"inverse" or "forward": errors of the tool pose, (k,) in m and (k,) in rad}; NaN without a result,
+            infinite if the mechanism cannot take the joint values of the equations.
+        own: (k,) bool, whether the inverse gives the joint values of the state, not those of another solution.
+    """
+
+    drawn: JointRange
+    beyond: dict[str, np.ndarray]
+    errors: dict[str, tuple[Array, Array]]
+    own: np.ndarray
+
+    @property
+    def inside(self) -> np.ndarray:
+        """Whether each state (k,) is within the reach that the equations state."""
+        out = np.ones(len(self.drawn.run.x), bool)
+        for beyond in self.beyond.values():
+            out &= ~beyond
+        return out
+
+    def wrong(self, tolerances: Tolerances) -> np.ndarray:
+        """Return (k,) bool: whether any equations have no result, or an error above the tolerance."""
+        out = np.zeros(len(self.drawn.run.x), bool)
+        for offset, turn in self.errors.values():
+            right = (offset <= _SLACK * tolerances.position) & (turn <= _SLACK * tolerances.rotation)
+            out |= self.inside & ~right
+        return out
+
+
+def range_errors(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances) -> RangeErrors:
+    """Return the errors of the equations over the joint range."""
+    drawn = joint_range(model)
+    own = np.ones(len(drawn.run.x), bool)
+    errors = {}
+    if kin.closed_inverse:
+        offset, turn, own = _of_inverse(kin, model, drawn, tolerances)
+        errors["inverse"] = offset, turn
+    if kin.closed_forward:
+        errors["forward"] = _of_forward(kin, drawn)
+    return RangeErrors(drawn, _beyond(kin, drawn), errors, own)
+
+
 def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: Comparison) -> None:
     """Add rows, findings and facts of the comparison over the joint range to `out`."""
     if not model.mechanism.active:
         return
-    drawn = joint_range(model)
-    beyond = _beyond(kin, drawn)
-    inside = ~np.any(list(beyond.values()), axis=0) if beyond else np.ones(len(drawn.run.x), bool)
+    found = range_errors(kin, model, tolerances)
+    inside = found.inside
     if not inside.any():
         return
-    errors = {}
-    if kin.closed_inverse:
-        errors["inverse"] = _of_inverse(kin, model, drawn, tolerances)
-    if kin.closed_forward:
-        errors["forward"] = _of_forward(kin, drawn)
-    out.facts[HEADING] = _facts(drawn, inside, beyond, model.mechanism)
+    out.facts[HEADING] = _facts(found.drawn, inside, found.beyond, model.mechanism)
     wrong_before = next((r.name for r in out.residuals if r.pair == "A-B" and not r.agrees), "")
-    judge = _Judge(drawn, inside, model.mechanism, tolerances, wrong_before, out)
-    for name, (offset, turn) in errors.items():
+    judge = _Judge(found.drawn, inside, model.mechanism, tolerances, wrong_before, out)
+    for name, (offset, turn) in found.errors.items():
         judge.rows(name, offset, turn)
 
 
@@ -80,11 +121,10 @@ def _beyond(kin: Kinematics, drawn: JointRange) -> dict[str, np.ndarray]:
 
 def _of_inverse(
     kin: Kinematics, model: ReferenceModel, drawn: JointRange, tolerances: Tolerances
-) -> tuple[Array, Array]:
-    """Return the errors (k,) in m and (k,) in rad of the tool pose at the joint values of the inverse equations.
+) -> tuple[Array, Array, np.ndarray]:
+    """Return the errors of the inverse equations (see `RangeErrors`): (k,) in m, (k,) in rad, and `own` (k,).
 
-    The error is 0 where the equations give the joint values of the state, NaN where they give none, and infinite where
-    the mechanism cannot take the joint values that they give.
+    The error is 0 where the equations give the joint values of the state.
     """
     run = drawn.run
     q = kin.inverse_many(run.Ts_base_tool)
@@ -94,7 +134,8 @@ def _of_inverse(
     difference[:, kin.revolute] -= 2 * np.pi * turns[:, kin.revolute]
     limit = np.where(kin.revolute, tolerances.rotation, tolerances.position)
     answered = np.isfinite(q).all(axis=1)
-    other = np.flatnonzero(answered & (np.abs(difference) > limit).any(axis=1))
+    own = np.logical_and(answered, (np.abs(difference) <= limit).all(axis=1))
+    other = np.flatnonzero(answered & ~own)
     offset = np.where(answered, 0.0, np.nan)
     turn = offset.copy()
     if len(other):
@@ -103,7 +144,7 @@ def _of_inverse(
         true = run.Ts_base_tool[other]
         offset[other] = np.where(possible, np.linalg.norm(Ts[:, :3, 3] - true[:, :3, 3], axis=1), np.inf)
         turn[other] = np.where(possible, np.linalg.norm(rotation_vectors(true, Ts), axis=1), np.inf)
-    return offset, turn
+    return offset, turn, own
 
 
 def _of_forward(kin: Kinematics, drawn: JointRange) -> tuple[Array, Array]:

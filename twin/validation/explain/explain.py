@@ -44,8 +44,13 @@ from twin.validation.explain.suspects import shared
 from twin.validation.explain.truth import Truth, gather, sample
 from twin.validation.explain.unvalued import unvalued
 from twin.validation.explain.weigh import weigh
+from twin.validation.joint_range import range_errors
+from twin.validation.rows import Tolerances
 
 Progress = Callable[[str, float], None]
+
+_OF_EACH = 12
+"""Number of right and of wrong states at which equations are judged that are wrong in a part of the joint range."""
 
 _FLOOR = 1e-6
 """Minimum divisor of a ratio of residuals, in units of the tolerance; it prevents a division by zero."""
@@ -165,6 +170,13 @@ def explain(
             judge, model = corrected.judge, corrected.model
             notes.append("the corrected CAD does not explain every row; the rows below were judged against it")
     if not judge.failing():
+        progress("joint range", 0.0)
+        wider = _over_range(formula, model, variants, parameters, tolerance)
+        laps.end("range")
+        if wider is not None:
+            judge = wider
+            notes.append("the rows agree near the postures; they are wrong in another part of the joint range")
+    if not judge.failing():
         progress("reach and singularity measures", 0.0)
         measured = [] if skipped else margins(judge, model, dict(parameters or {}))
         laps.end("margins")
@@ -197,6 +209,32 @@ def explain(
         notes=(*notes, *cures.notes),
         lead=cures.lead,
     )
+
+
+def _over_range(
+    formula: Formula,
+    model: ReferenceModel,
+    variants: Mapping[str, str] | str | None,
+    parameters: Mapping[str, float] | None,
+    tolerance: Tolerance | None,
+) -> Judge | None:
+    """Return a judge at states all over the joint range, if the equations are wrong at some of them; else None.
+
+    States at which the inverse gives another solution of the same pose are left out: its rows differ, but are right.
+    """
+    extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
+    kin = compile_formula(formula, variants, parameters, extra_joints)
+    used = Tolerances() if tolerance is None else Tolerances().widened(tolerance.length)
+    found = range_errors(kin, model, used)
+    wrong = np.flatnonzero(found.wrong(used))
+    right = np.flatnonzero(found.inside & found.own & ~found.wrong(used))
+    if not len(wrong):
+        return None
+    # As many right states as wrong ones, so that an edit must keep what is right.
+    rows = np.concatenate([wrong[:: max(1, len(wrong) // _OF_EACH)][:_OF_EACH], right[:_OF_EACH]])
+    truth = gather(formula, model.collect(found.drawn.run.x[rows]), model, parameters)
+    judge = Judge(formula, variants, truth, tolerance)
+    return judge if judge.failing() else None
 
 
 @dataclass(frozen=True)
