@@ -6,21 +6,35 @@ PYTHON ?= python3
 UV := $(shell command -v uv 2>/dev/null || echo .venv-uv/bin/uv)
 RUN := $(UV) run --frozen --no-sync
 WORKERS := $(shell expr $$(nproc) + 1)
+# A worker takes a whole file; the order is that of tests/conftest.py, the longest first.
+SHARED := --dist loadfile --no-loadscope-reorder
 export UV_PYTHON_DOWNLOADS ?= never
 # Where it is set, every process compiles all that it imports anew, and the suites start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow test-pages test-alone test-long witnesses check cad-check usd-check bench bench-check lock-check clean
+.PHONY: demo test test-slow test-nightly test-pages test-alone test-long witnesses check cad-check usd-check bench bench-check lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
 
 test: .venv/.synced-dev
-	$(RUN) pytest -n auto --dist loadfile --ignore tests/witness
+	$(RUN) pytest -n auto $(SHARED) --ignore tests/witness
+
+# Only the files that have such tests are read: a process needs half a minute to collect all.
+SLOW = $$(grep -lE 'pytest\.mark\.(slow|wheel|nightly)|from made\.lanes import' tests/test_*.py)
+BROWSER = $$(grep -l 'pytest\.mark\.browser' tests/test_*.py)
+ALONE = $$(grep -l 'pytest\.mark\.alone' tests/test_*.py)
 
 # One worker more than processors: its tests often wait for a network, a server, another process.
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
-	$(RUN) pytest -n $(WORKERS) --dist loadfile -m "(slow or wheel) and not alone" --durations 20
+	$(RUN) pytest -n $(WORKERS) $(SHARED) -m "(slow or wheel) and not alone and not nightly" $(SLOW) --durations 20
+
+test-nightly: .venv/.synced-dev  ## the slow lane with long counts and all cases; not part of .ci/run
+	$(NIGHTLY) $(RUN) pytest -n $(WORKERS) $(SHARED) -m "(nightly or slow or wheel) and not alone" $(SLOW) --durations 40
+
+# Counts of the nightly lane; those of the slow lane are in the files of the tests.
+NIGHTLY := TWIN_CAD_FAULTS=10 TWIN_DAVINCI_POSES=2000 TWIN_DRAGS=42 TWIN_FAULTS=16 TWIN_KILLS=12 TWIN_MARGINS=7 \
+	TWIN_NEAR_MISSES=48 TWIN_RAVEN_POSES=1000 TWIN_REWRITES=60 TWIN_SEARCHES=12
 
 # Pages and machines run in real time. A test that fails is run once more, with no other test beside it. If it passes
 # then, the load of the computer was the reason; the output of the first run shows where the test depends on it.
@@ -28,12 +42,12 @@ AGAIN = { [ $$? -eq 1 ] && echo "== the tests that failed are run once more, wit
 	$(RUN) pytest --last-failed --last-failed-no-failures none
 
 test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
-	$(RUN) pytest -n auto --dist loadfile -m "browser and not alone" --durations 25 || \
-	$(AGAIN) -m "browser and not alone"; }
+	$(RUN) pytest -n auto $(SHARED) -m "browser and not alone" $(BROWSER) --durations 25 || \
+	$(AGAIN) -m "browser and not alone" $(BROWSER); }
 
 test-alone: .venv/.synced-dev  ## what measures a rate or a time, of pages too; nothing else may run
-	$(RUN) pytest -m alone || \
-	$(AGAIN) -m alone; }
+	$(RUN) pytest -m alone $(ALONE) || \
+	$(AGAIN) -m alone $(ALONE); }
 
 test-long: .venv/.synced-dev  ## a whole procedure by gamepad in Chromium, in real time
 	$(RUN) pytest -m long -s

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from xdist.scheduler import LoadFileScheduling
 
 # As the command line does: a second thread only waits for the first one, and the processors have work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -22,6 +23,41 @@ import numpy as np
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SILS = Path(__file__).parents[1] / "cad/sils/sils.toml"
+
+
+FIRST = (
+    "test_docs", "test_hazards", "test_pegboard", "test_dome_task", "test_procedure", "test_camera_task",
+    "test_explain_faults", "test_explain_hollow", "test_operator", "test_tissue", "test_cad_sher", "test_cad_sils",
+    "test_wheel", "test_kill", "test_selftest", "test_session", "test_by_hand", "test_machine_operated",
+)  # fmt: skip
+"""Files whose tests take longest: a worker that began one of them last would work on alone."""
+
+BEFORE = {"audit": "export", "session": "operate"}
+"""Commands of the documentation that read what another one wrote."""
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the files that take longest; `--no-loadscope-reorder` keeps this order among several workers."""
+    order = {name: k for k, name in enumerate(FIRST)}
+    items.sort(key=lambda item: order.get(item.path.stem, len(FIRST)))
+
+
+class Shares(LoadFileScheduling):
+    """A worker takes a whole file, whose fixtures it makes once; of the documentation's commands, those of one name."""
+
+    def _split_scope(self, nodeid):
+        file = super()._split_scope(nodeid)
+        command = re.search(r"test_docs\.py::test_command_runs\[twin (\w+)", nodeid)
+        if command:
+            return f"{file} {BEFORE.get(command[1], command[1])}"
+        return file
+
+
+def pytest_xdist_make_scheduler(config, log):
+    """Share tests by file, as `--dist loadfile` asks for, and by the command in tests/test_docs.py."""
+    if config.getvalue("dist") == "loadfile":
+        return Shares(config, log)
+    return None
 
 
 def pytest_collection_finish():

@@ -15,6 +15,7 @@ from pxr import Gf, Usd, UsdGeom
 
 import twin
 from made.bundle import grave, swing, write_good
+from made.lanes import contrasting
 from twin.cli import main
 from twin.core.errors import TwinError
 from twin.exchange.audit import audit, key_times
@@ -103,7 +104,7 @@ def test_a_single_file_is_audited_alone(good):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", sorted(p.name for p in (ROOT / "usd").iterdir()))
+@pytest.mark.parametrize("robot", contrasting(sorted(p.name for p in (ROOT / "usd").iterdir())))
 def test_committed_stages_at_rest_have_no_findings(robot):
     assert grave(audit(ROOT / "usd" / robot / f"{robot}.usda").findings) == []
 

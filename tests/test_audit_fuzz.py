@@ -63,7 +63,7 @@ def broken():
     for name in FILES:
         for kind in cases(b""):
             again = name in NATIVE and kind in ("almost whole", "header twice", "zeros", "nested", "numbers")
-            yield pytest.param(name, kind, marks=pytest.mark.slow if again else ())
+            yield pytest.param(name, kind, marks=pytest.mark.nightly if again else ())
 
 
 @pytest.mark.parametrize(("name", "kind"), [*broken()])

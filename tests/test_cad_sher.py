@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from made.drawing import defective, draw, measured
+from made.lanes import nightly
 from twin.cad.build import read_mechanism
 from twin.cad.mesh import inertia
 from twin.cad.step import MASS_TOLERANCE, read_step
@@ -284,7 +285,7 @@ def measured_on(folder, label):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("label", DEFECTS)
+@pytest.mark.parametrize("label", nightly(DEFECTS, every=3))
 def test_a_seeded_defect_shows_at_its_joint_in_its_size(redrawn, label):
     found = {(f.where, f.code): f.size for f in measured_on(redrawn, label).findings}
     assert set(found) == set(FOUND[label])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from made.drawing import defective, measured
+from made.lanes import nightly
 from twin.cad.mesh import inertia
 from twin.cad.step import MASS_TOLERANCE, read_step
 from twin.core import spatial
@@ -277,7 +278,7 @@ def test_volumes_agree_with_opencascade(redrawn):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("label", DEFECTS)
+@pytest.mark.parametrize("label", nightly(DEFECTS, every=3))
 def test_a_seeded_defect_shows_at_its_joint_in_its_size(redrawn, label):
     cad = measured_on(redrawn, label)
     found = {(f.where, f.code): f.size for f in cad.findings}

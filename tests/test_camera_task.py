@@ -113,7 +113,7 @@ def test_both_measures_agree_in_random_views(goal, plate):
     assert np.ptp(off) > 0  # two measures, not one
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_both_measures_agree_in_200_views(goal, plate):
     off, reasons = random_views(goal, plate, 200, 1)
     assert np.abs(off).max() < 0.03
@@ -257,7 +257,7 @@ def test_a_simulated_surgeon_aligns_the_endoscope_with_both_hands(performed):
     assert min(a.hands.values()) > 20 * MM
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_more_seeds_align(davinci):
     for seed in range(10, 13):
         a = operate_console(davinci, "camera", seed=seed).aligned

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twin
-from made.lanes import one_of_a_kind
+from made.lanes import contrasting, one_of_a_kind
 from twin.codegen import Kernel, Stage
 from twin.codegen import kernel as kernel_module
 from twin.codegen.lower import lowered
@@ -348,7 +348,7 @@ def test_cache_keeps_the_newest(cache, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", one_of_a_kind())
+@pytest.mark.parametrize("name", contrasting())
 def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
     from twin.core import spatial
     from twin.formula import flow

@@ -27,7 +27,7 @@ from twin.validation import margins
 
 ROOT = Path(__file__).parents[1]
 ARMS = [n for n in twin.names() if n.startswith("davinci_")]
-COUNT = int(os.environ.get("TWIN_DAVINCI_POSES", "2000"))
+COUNT = int(os.environ.get("TWIN_DAVINCI_POSES", "500"))
 """Poses of the slow comparison; 20 000 for the figure in docs/davinci.md."""
 
 

@@ -48,16 +48,21 @@ EXIT_1 = (
 
 
 ELSEWHERE = {
+    "twin console davinci --variant paper": "tests/test_console.py",
+    "twin console davinci": "tests/test_console.py",
+    "twin explain sils --variant eq1=printed": "tests/test_explain_repair.py, test_command",
     "twin export davinci": "tests/witness/test_scene.py",
     "twin export davinci_ecm": "twin export sils; tests/witness/bundles.py exports every robot",
     "twin export davinci_psm": "twin export sils; tests/witness/bundles.py exports every robot",
     "twin export davinci_psm_si": "twin export sils; tests/witness/bundles.py exports every robot",
-    "twin operate davinci --task camera": "test_the_command_writes_the_measures_of_another_seed",
-    "twin operate davinci --task pegboard": "test_four_rings_by_the_command",
     "twin follow raven_left --packets 0": "tests/test_machine_operated.py",
-    "twin operate raven": "tests/test_machine_operated.py",
+    "twin operate davinci --task camera": "test_the_command_writes_the_measures_of_another_seed",
+    "twin operate davinci --task pegboard": "tests/test_pegboard.py; test_four_rings_by_the_command at night",
     "twin operate raven --trials 2": "tests/test_machine_operated.py",
+    "twin operate raven": "tests/test_machine_operated.py",
     "twin operate raven_dome": "tests/test_dome_task.py",
+    "twin operate sher phantom --clutch printed": "test_the_printed_clutch_fails_with_the_size_of_its_jump",
+    "twin operate sher phantom": "test_all_five_holes_are_touched",
     "twin plan raven_left trajectories/raven_left/around/dome.toml": "tests/test_planning_bounds.py",
     "twin run davinci_psm": "twin run davinci_ecm; twin validate davinci_psm --all-protocols",
     "twin run davinci_psm_si": "twin run davinci_ecm; twin validate davinci_psm_si --all-protocols",
@@ -66,22 +71,47 @@ ELSEWHERE = {
     "twin run vsrs": "test_three_robots_work_without_meeting",
     "twin selftest sils --count 10": ".ci/run seeds 59",
     "twin selftest sils --family formula,usd --count 8 --seed 7 --json": ".ci/run seeds 59 of all families",
-    "twin serve davinci": "tests/test_headset_page_console.py",
     "twin serve davinci --packets 9870": "tests/test_headset_page_packets.py",
+    "twin serve davinci --session hands.session": "tests/test_headset_page_camera.py, with a task",
     "twin serve davinci --task camera": "tests/test_headset_page_camera.py",
+    "twin serve davinci --task pegboard": "tests/test_headset_page_task.py",
+    "twin serve davinci": "tests/test_headset_page_console.py",
     "twin serve raven": "tests/test_headset_page_machine.py",
     "twin serve sils": "tests/test_headset_page.py",
+    "twin serve vsrs": "tests/test_headset_page_by_hand.py",
+    "twin study davinci": "tests/test_study_groups.py",
+    "twin study pa10": "tests/test_study.py",
+    "twin study sher": "tests/test_study.py",
     "twin track pa10": "twin track pa10 circle, which is its default protocol",
     "twin validate sher --all-protocols": "tests/test_sher.py, each protocol; twin validate lapbot --all-protocols",
     "twin validate sher --protocol phantom": "tests/test_sher.py, each protocol",
     "twin validate sher --variant tilt_inverse=drawn": "tests/test_sher.py, by twin.validate",
-    "twin validate sils": "make demo",
     "twin validate sils --all-protocols": "test_validate_all_protocols_of_sils",
     "twin validate sils --protocol table2_printed": "test_validate_of_the_printed_poses",
     "twin validate sils --variant eq1=printed": "test_validate_of_one_printed_equation, on a short protocol",
     "twin validate sils --variant eq2=printed": "test_bare_variant_judges_each_alone_and_all_together, likewise",
+    "twin validate sils": "make demo",
+    "twin workspace sils": "test_workspace_command_writes_what_others_read",
 }
 """Commands of the documentation that others run, or what each of them does: who."""
+
+
+NIGHTLY = {
+    "twin export vsrs": "twin export sils; tests/witness/test_scene.py, another scene",
+    "twin hazards raven_left --sessions 4": "test_processes_and_a_kill_change_no_outcome, on a short campaign",
+    "twin hazards raven_left --trends": "test_the_trends_of_the_paper, in short form",
+    "twin serve raven_dome": "tests/test_headset_page_plan.py, a copy of this scene",
+    "twin sweep sils --vary l_p=125..145mm --vary l_2=330..450mm --samples 24": "twin sweep sher",
+    "twin tolerance sils --protocol table2": "test_the_requirement_of_a_robot_is_its_own",
+    "twin track pa10 circle --inertia cad": "twin track pa10 circle",
+    "twin validate davinci_psm_si --all-protocols": "twin validate davinci_psm --all-protocols, of the same kind",
+    "twin validate raven_right --all-protocols": "twin validate raven_left --all-protocols, its mirror image",
+    "twin view davinci": "twin view davinci --task camera",
+    "twin view raven": "twin view davinci --task camera; tests/test_trainer.py",
+    "twin view sher phantom": "twin view sils",
+    "twin view vsrs": "twin view vsrs --protocols",
+}
+"""Commands that only the nightly lane runs, and what of them the other lanes run."""
 
 
 def commands():
@@ -93,7 +123,7 @@ def commands():
         text = page.read_text(encoding="utf-8")
         found |= {line[2:].strip() for line in re.findall(r"^\$ twin .*$", text, re.MULTILINE)}
         found |= set(re.findall(r"`(twin [a-z]+ [^`]*)`", text))  # `twin serve` alone is a name, not a command line
-    assert set(ELSEWHERE) <= found
+    assert {*ELSEWHERE, *NIGHTLY} <= found
     found -= set(ELSEWHERE)
     return sorted(found, key=lambda c: (c.startswith("twin audit"), c))  # an audit reads what an export wrote
 
@@ -117,7 +147,9 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", commands())
+@pytest.mark.parametrize(
+    "command", [pytest.param(c, marks=[pytest.mark.nightly] if c in NIGHTLY else []) for c in commands()]
+)
 def test_command_runs(command, folder, monkeypatch, capsys):
     """In this process: imports and drawings are read once. tests/test_cli.py starts `twin` as a program."""
     arguments = command.split()[1:]

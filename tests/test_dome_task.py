@@ -411,11 +411,12 @@ def test_the_same_seed_gives_the_same_bytes_and_they_replay(scene, performed, tm
     ("mistake", "missed", "exceeded"),
     [
         ("dropped", STEPS[1:], {"drops of the ring"}),
-        ("not_handed_over", STEPS[1:], {"drops of the ring"}),
-        ("stopped_short", STEPS[2:], {"drops of the ring"}),
         ("wire_touched", (), {"touches of the wire", "collisions of instruments"}),
-        ("wall_hit", (), {"collisions of instruments"}),
-        ("left_inside", STEPS[4:], set()),
+        # Each of these fails a part of what the two above fail.
+        pytest.param("not_handed_over", STEPS[1:], {"drops of the ring"}, marks=pytest.mark.nightly),
+        pytest.param("stopped_short", STEPS[2:], {"drops of the ring"}, marks=pytest.mark.nightly),
+        pytest.param("wall_hit", (), {"collisions of instruments"}, marks=pytest.mark.nightly),
+        pytest.param("left_inside", STEPS[4:], set(), marks=pytest.mark.nightly),
     ],
 )
 def test_a_mistake_fails_what_the_docs_say(scene, mistake, missed, exceeded):

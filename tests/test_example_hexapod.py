@@ -142,8 +142,14 @@ FAULTS = (
 )
 
 
+SHARED = [
+    pytest.param(*f, id=f"{f[1]} as {f[2]}", marks=[pytest.mark.nightly] if k % 4 else []) for k, f in enumerate(FAULTS)
+]
+"""One in four is tested in the slow lane, the others in the nightly lane."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("text", "right", "wrong"), [pytest.param(*f, id=f"{f[1]} as {f[2]}") for f in FAULTS])
+@pytest.mark.parametrize(("text", "right", "wrong"), SHARED)
 def test_a_fault_of_one_token_is_found_and_undone(text, right, wrong, truths, formula_of):
     assert text.count(right) == 1
     faulty = formula_of(text.replace(right, wrong))

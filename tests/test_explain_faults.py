@@ -16,9 +16,9 @@ import pytest
 
 from made import explain_seeds as seeds
 
-FAULTS = int(os.environ.get("TWIN_FAULTS", "16"))
+FAULTS = int(os.environ.get("TWIN_FAULTS", "8"))
 PAIRS = int(os.environ.get("TWIN_PAIRS", "2"))
-REWRITES = int(os.environ.get("TWIN_REWRITES", "60"))
+REWRITES = int(os.environ.get("TWIN_REWRITES", "20"))
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ def test_nothing_but_a_twin_error_comes_out_of_damaged_text(name):
     assert result.ends["refused"] > 20
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", READERS)
 def test_nothing_but_a_twin_error_comes_out_of_much_damaged_text(name):
     result = fuzz.run(name, 1000, seed=2)

@@ -413,7 +413,7 @@ def test_the_trends_of_the_paper(brief):
     assert found.as_published == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_four_jumps_and_a_stop_at_the_last(parts):
     """The paper's events, by the run of the file whose arm is fastest at the last fault."""
     table = load_trends(TRENDS)

@@ -23,7 +23,7 @@ from twin.core.units import MM
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read
 
-DRAGS = int(os.environ.get("TWIN_DRAGS", "42"))
+DRAGS = int(os.environ.get("TWIN_DRAGS", "20"))
 SPEEDS = (50 * MM, 5 * MM, 1 * MM, 0.2 * MM)
 """Lengths of the way between two positions of the hand."""
 

@@ -16,7 +16,7 @@ import pytest
 from casadi import sqrt
 
 from made.formulas import replaced
-from made.lanes import designs, thinned
+from made.lanes import contrasting, designs
 
 FAULTS = int(os.environ.get("TWIN_MARGINS", "7"))
 SEEDED = {"sher": ("margins",), "pa10": ("margins",), "lapbot": ("margins",)}
@@ -48,7 +48,7 @@ def judged(formula, model, run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", thinned(designs(), every=4))
+@pytest.mark.parametrize("name", contrasting(designs()))
 def test_no_row_of_a_correct_robot_is_accused(name):
     found = judged(*setting(name))
     assert found, name
@@ -208,7 +208,7 @@ class _Rewritten(ast.NodeTransformer):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", designs())
+@pytest.mark.parametrize("name", contrasting(designs()))
 def test_the_same_rows_written_otherwise_are_not_accused(name, tmp_path):
     from twin import robots
     from twin.robots import load_formula
@@ -286,7 +286,7 @@ def test_explain_counts_what_was_judged_and_locates_a_wrong_measure(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", designs())
+@pytest.mark.parametrize("name", contrasting(designs()))
 def test_motions_keep_the_loops_closed_and_degeneracy_is_one_at_usual_states(name):
     from twin.reference.degeneracy import Degeneracy
 

@@ -125,7 +125,7 @@ def test_a_simulated_surgeon_brings_a_ring_with_each_hand(performed):
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_they_replay(davinci, tmp_path):
-    scene = only(davinci, "ring1", "ring2")
+    scene = only(davinci, "ring1")
     digests = set()
     for _ in range(2):
         found = operate_console(scene, seed=5)
@@ -146,7 +146,6 @@ def test_slippery_rings_stay_where_they_are(davinci):
     scene = only(
         davinci,
         "ring1",
-        "ring2",
         objects=tuple(replace(o, friction=0.0) for o in davinci.objects),
         contact=davinci.contact.model_copy(update={"friction": 0.0}),
     )
@@ -154,10 +153,10 @@ def test_slippery_rings_stay_where_they_are(davinci):
     assert found.verdict == "disagree"
     assert found.board.transferred == 0
     assert found.word == "Not all rings are on their pegs"
-    assert [f.where for f in found.findings if f.code == "task.missed"] == ["ring1", "ring2"]
+    assert [f.where for f in found.findings if f.code == "task.missed"] == ["ring1"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_four_rings_by_the_command(tmp_path, capsys):
     assert main(["operate", "davinci", "--task", "pegboard", "--seed", "3", "--json", "--out", str(tmp_path)]) == 0
     data = json.loads(capsys.readouterr().out)

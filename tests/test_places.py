@@ -35,9 +35,9 @@ CASES = {
 
 
 def cases() -> list:
-    """Return the first protocol of one robot of each kind, and the others for the slow suite."""
+    """Return the first protocol of one robot of each kind, and the others for the nightly lane."""
     return [
-        pytest.param((name, p), id=f"{name}-{p}", marks=[pytest.mark.slow] if k or name in alike(CASES) else [])
+        pytest.param((name, p), id=f"{name}-{p}", marks=[pytest.mark.nightly] if k or name in alike(CASES) else [])
         for name, protocols in CASES.items()
         for k, p in enumerate(protocols)
     ]

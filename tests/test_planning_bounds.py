@@ -10,7 +10,7 @@ import pytest
 
 import twin
 from made.arm import DENSE, arm, clearances, post, space_of
-from made.lanes import designs
+from made.lanes import contrasting, designs
 from made.mechanisms import box
 from twin.api.standing import standing
 from twin.core import spatial
@@ -164,7 +164,7 @@ def test_a_ball_joint_that_turns_about_three_axes_in_turn_is_within_the_bound():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", designs())
+@pytest.mark.parametrize("name", contrasting(designs()))
 def test_bounds_of_every_robot_hold_at_random_configurations(name):
     model = ReferenceModel(twin.load(name).mechanism)
     pairs, rng = Pairs(model, (), 5 * MM), np.random.default_rng(0)

@@ -17,7 +17,7 @@ from twin.robots import _raven, load_formula
 
 ROOT = Path(__file__).parents[1]
 DATA = tomllib.loads((ROOT / "tests/data/raven.toml").read_text())
-COUNT = int(os.environ.get("TWIN_RAVEN_POSES", "1000"))
+COUNT = int(os.environ.get("TWIN_RAVEN_POSES", "500"))
 """Poses of the slow comparison; 20 000 for the figure in docs/raven.md."""
 ARGUMENTS = ("alpha1", "alpha2", "alpha3", "offset1", "offset2", "theta3", "base_turn", "L_w", "shaft_long")
 BESIDE = 0.03

@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 
 from made import mechanisms as made
+from made.lanes import nightly
 from made.loops import ALONG_X, ROD, mechanism, rod, slider_crank, through_a_trocar, two_links
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
@@ -70,7 +71,7 @@ def test_a_crank_that_cannot_turn_fully_is_driven_around_what_it_cannot_pass(mon
 
 @pytest.mark.slow
 @pytest.mark.parametrize("turns", [1, 2])
-@pytest.mark.parametrize("count", [2, 10, 14, 27, 47])
+@pytest.mark.parametrize("count", nightly([2, 10, 14, 27, 47], every=3))
 def test_a_few_wide_samples_stay_on_the_branch_too(four_bar, count, turns):
     """Where samples are half a radian and more apart, an interpolation between knots would lead elsewhere."""
     cranks = made.CRANK_AT_REST + np.linspace(0, 2 * np.pi * turns, count)

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as stn
 
 import twin
-from made.lanes import one_of_a_kind
+from made.lanes import contrasting, nightly
 from twin import cli
 from twin.analysis import cluster, design, joints, table
 from twin.analysis import workspace as reach
@@ -64,7 +64,7 @@ def poses(grid):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", one_of_a_kind())
+@pytest.mark.parametrize("name", contrasting())
 def test_positions_are_judged_as_the_equations_say(robots, name):
     robot = robots[name]
     # the middle is in the grid: at one orientation an endoscope about its RCM has no other positions than one line
@@ -595,7 +595,7 @@ def test_workers_of_its_own_are_on_this_machine_alone():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", [0.04, 0.02, 0.01])
+@pytest.mark.parametrize("step", nightly([0.04, 0.02, 0.01], every=3))
 @pytest.mark.parametrize("thick", [0.03, 0.2])
 def test_the_stated_error_of_a_volume_holds_for_known_bodies(step, thick):
     """Slanted slabs and balls, on a grid shifted at random: nearly all are within two stated errors."""

@@ -13,7 +13,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 import twin
 from made import organs as made
-from made.lanes import designs
+from made.lanes import contrasting, designs, nightly
 from made.loops import two_links
 from twin.core import spatial
 from twin.core.errors import TwinError, WorldError
@@ -270,7 +270,7 @@ def test_random_instruments_leave_organs_finite_and_the_same_seed_gives_the_same
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", nightly(range(10), every=5))
 def test_random_instruments_for_long(seed):
     """With the longest step that is used, that of a person's session."""
     start = time.process_time()
@@ -481,7 +481,7 @@ def test_link_that_does_not_exist_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", designs())
+@pytest.mark.parametrize("name", contrasting(designs()))
 def test_instrument_of_every_robot_dents_an_organ(name):
     mechanism = twin.load(name).mechanism
     frame = mechanism.frame(mechanism.tool)

@@ -537,12 +537,12 @@ def test_a_good_export_passes_the_audit(bundle, robot):
 
 
 FEW = ("xml: ratio x 1.001", "xml: deleted", "urdf: reduction halved", "usd: matrix")
-"""Kinds that are seeded by default; all of them with `-m slow`."""
+"""Kinds that are seeded by default; all of them in the nightly lane."""
 
 
 @pytest.mark.parametrize(
     "one",
-    [pytest.param(s, id=s.name, marks=[] if s.name in FEW else pytest.mark.slow) for s in motor_seeds.SEEDS],
+    [pytest.param(s, id=s.name, marks=[] if s.name in FEW else pytest.mark.nightly) for s in motor_seeds.SEEDS],
 )
 def test_a_seeded_defect_of_a_motor_is_found_by_its_cause(one, bundle, tmp_path):
     assert copied(bundle, tmp_path / "spoilt", one)

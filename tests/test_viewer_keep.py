@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import contrasting
 from twin.cad.build import read_mechanism
 from twin.core import spatial
 from twin.core.errors import DescriptionError, OutputError, ProtocolError, TwinError
@@ -96,7 +97,7 @@ def lines_are_kept(old: str, new: str) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", twin.names())
+@pytest.mark.parametrize("name", contrasting())
 def test_a_posture_comes_back_with_the_robot(name, copied, rng):
     path = copied(name)
     text = path.read_text()

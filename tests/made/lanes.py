@@ -1,4 +1,4 @@
-"""Select the cases that run in the default suite; the other cases are marked slow."""
+"""Share the cases of a test between the default suite, the slow lane and the nightly lane."""
 
 from __future__ import annotations
 
@@ -11,10 +11,42 @@ import pytest
 
 from twin.core import assets
 
+CONTRASTING = ("davinci_psm", "pa10", "sher")
+"""Built-in robots that differ most by `kind`: loops with couplings, no loop, loops with ball joints."""
 
-def thinned(cases: Iterable[Any], every: int) -> list[Any]:
-    """Return cases for `parametrize`: one in `every` is unmarked, the others are marked slow. CI runs all cases."""
-    return [case if i % every == 0 else pytest.param(case, marks=pytest.mark.slow) for i, case in enumerate(cases)]
+
+def thinned(cases: Iterable[Any], every: int, slow: int = 3) -> list[Any]:
+    """Return cases for `parametrize`, shared between three lanes.
+
+    One in `every` is unmarked; of the others, those whose index is 1 modulo `slow` are marked slow, the rest nightly.
+    """
+    found = []
+    for i, case in enumerate(cases):
+        if i % every == 0:
+            found.append(case)
+        elif i % slow == 1:
+            found.append(pytest.param(case, marks=pytest.mark.slow))
+        else:
+            found.append(pytest.param(case, marks=pytest.mark.nightly))
+    return found
+
+
+def nightly(cases: Iterable[Any], every: int) -> list[Any]:
+    """Return cases for `parametrize`: one in `every` stays in the lane of its test, the others are marked nightly.
+
+    Cases that are lists or tuples are the values of several parameters.
+    """
+    found = []
+    for i, case in enumerate(cases):
+        values = case if isinstance(case, list | tuple) else (case,)
+        found.append(case if i % every == 0 else pytest.param(*values, marks=pytest.mark.nightly))
+    return found
+
+
+def contrasting(robots: Iterable[str] | None = None) -> list[Any]:
+    """Return built-in robots (all by default) for `parametrize`: those that differ most; the others marked nightly."""
+    names = assets.names() if robots is None else list(robots)
+    return [n if n in CONTRASTING else pytest.param(n, marks=pytest.mark.nightly) for n in names]
 
 
 @cache
@@ -42,9 +74,9 @@ def alike(robots: Iterable[str]) -> set[str]:
 
 
 def one_of_a_kind(robots: Iterable[str] | None = None) -> list[Any]:
-    """Return built-in robots (all by default) for `parametrize`: the first of each kind, the others marked slow."""
+    """Return built-in robots (all by default) for `parametrize`: the first of each kind, the others marked nightly."""
     names = assets.names() if robots is None else list(robots)
-    return [pytest.param(n, marks=pytest.mark.slow) if n in alike(names) else n for n in names]
+    return [pytest.param(n, marks=pytest.mark.nightly) if n in alike(names) else n for n in names]
 
 
 def designs() -> list[str]:
