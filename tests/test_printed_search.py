@@ -7,7 +7,7 @@ import pytest
 
 from made.printed import SLIPS, algorithm1
 from twin.core.errors import ProtocolError
-from twin.planning.costs import acceleration, length, total, weighted
+from twin.planning.costs import length, length_and_stops, stops, total
 from twin.planning.fmt import Search, neighbours
 
 START, GOAL = np.array([0.1, 0.5]), np.array([0.9, 0.5])
@@ -94,7 +94,7 @@ def test_as_printed_it_fails():
     assert out.path is None
 
 
-@pytest.mark.parametrize("kind", [length, acceleration, weighted])
+@pytest.mark.parametrize("kind", [length, stops, length_and_stops])
 def test_every_cost_is_minimised_and_obeys_the_triangle_inequality(kind):
     cost, rng = kind(np.array([1.0, 1.0])), np.random.default_rng(0)
     a, b, c = rng.uniform(0, 1, (3, 200, 2))

@@ -22,7 +22,7 @@ from twin.ui.report.style import png
 ENDS = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
 INF = float("inf")
 MANY = Rounds("length", [Round(60, INF, INF, 0.1, 0.2), Round(200, 0.41, 0.33, 0.3, 0.6)])
-ONE = Rounds("weighted", [Round(60, 4.1, 3.3, 0.1, 0.2)])
+ONE = Rounds("length_and_stops", [Round(60, 4.1, 3.3, 0.1, 0.2)])
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,9 @@ def test_the_report_has_the_rounds_without_times_and_their_plot(tmp_path):
 def test_a_ring_marks_the_path_of_the_plan_and_nothing_is_cut_off(searches):
     out = rounds.figure("Paths", searches)
     kinds = dict.fromkeys(s.cost for s in searches.values())
-    assert [ax.get_ylabel() for ax in out.axes] == [{"length": "length [mm]", "weighted": "cost"}[k] for k in kinds]
+    assert [ax.get_ylabel() for ax in out.axes] == [
+        {"length": "length [mm]", "length_and_stops": "length and stops"}[k] for k in kinds
+    ]
     assert sum(len(ax.get_legend_handles_labels()[1]) for ax in out.axes) == len(searches)
     for ax in out.axes:
         (low, high), (left, right) = ax.get_ylim(), ax.get_xlim()

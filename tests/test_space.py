@@ -404,7 +404,7 @@ def written(folder, robot, more=""):
         ("seed = -1", "seed = -1: out of range"),
         ("sample = 9", "sample: unknown key"),
         ("samples = -1", "samples = -1: out of range"),
-        ('cost = "time"', 'cost = "time": not known; allowed: length, acceleration'),
+        ('cost = "time"', 'cost = "time": not known; allowed: length, stops'),
     ],
 )
 def test_wrong_keys_of_a_free_phase_are_refused(tmp_path, more, words):

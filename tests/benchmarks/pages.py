@@ -97,9 +97,10 @@ How to read it:
   longer.
 - tests/benchmarks/table2.py, the paper's Table 2 with our dome, ten seeds: with 200, 500, 1000 and 2000
   samples, 0.14, 0.34, 0.60 and 1.18 s, lengths 0.238, 0.224, 0.209 and 0.205 m, all seeds with a path. The time grows
-  by n^0.91 and the length by n^-0.07 (paper: n^1.75 and n^-0.61). The paper's 3.7 and 216 s, on its machine, are 27
-  and 182 times these times. The printed algorithm found no path with any of the ten seeds: its loop does not end. The
-  shortest path of OMPL's RRT* (30 s) is 0.220 m, of BIT* (30 s) 0.206 m, of our search with 4000 samples and
+  by n^0.91 and the length by n^-0.07 (paper: time n^1.75; its cost of eq. (1), which is not this length, n^-0.61). The
+  paper's 3.7 and 216 s, on its machine, are 27 and 182 times these times. The printed algorithm found no path with any
+  of the ten seeds: its loop does not end. The shortest path of OMPL's RRT* (30 s) is 0.220 m, of BIT* (30 s) 0.206 m,
+  of our search with 4000 samples and
   shortcuts 0.173 m; 500 samples and three informed rounds lead below it with every seed (1.3 s; by 4.1 % in the
   median).
 - These times of OMPL, dome.py and table2.py were measured before coal decided in searches too. Since then 500 samples

@@ -1,4 +1,4 @@
-"""The Raven paper's Table 2 with our scene: time, cost and success against the number of samples; and the best known.
+"""The Raven paper's Table 2 with our scene: time, length and success against the number of samples; and the best known.
 
 Each row plans out of the dome by FMT* without shortcuts, as the paper does, with several seeds. The printed algorithm
 runs on the same samples. The exponents are those of a fit; the paper's times grow by about n^1.75, its costs by about

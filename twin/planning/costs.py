@@ -1,11 +1,15 @@
-"""Costs of straight connections for a search: length, acceleration, weighted sum of both, and clearance.
+"""Costs of straight connections for a search: length, stops, weighted sum of both, and clearance.
 
-The Raven paper's eq. (1) is eta1 c(path) + eta2 (integral of |tip acceleration|^2 dt), with eta1 = 0.1 and eta2 = 0.5.
-The paper gives no time law, but a corner passed without stopping has an infinite acceleration. ASSUMED: each
-connection begins and ends at rest, with a constant acceleration a and the same deceleration. A connection of length l,
-the weighted length in joint space, then takes 2 sqrt(l / a), and its integral is 2 a^(3/2) sqrt(l). Both terms obey the
-triangle inequality. If a path is divided into more connections, its second term grows: the term does not converge as
-the number of samples grows.
+`stops` prefers paths with few corners. It assumes that each connection begins and ends at rest, with a constant
+acceleration a along its weighted length l in joint space, and then the same deceleration. The connection then takes
+2 sqrt(l / a), and the integral of the squared acceleration is 2 a^(3/2) sqrt(l). `length_and_stops` is 0.1 times
+`length` plus 0.5 times `stops`. All three obey the triangle inequality. If a path is divided into more connections,
+`stops` grows: it does not converge as the number of samples grows.
+
+None of these costs is the one of the Raven paper, eq. (1): 0.1 c(path) + 0.5 (integral of |tip acceleration|^2 dt),
+although `length_and_stops` has its form and its weights. c is the unweighted length in joint space, the
+acceleration is that of the tip along the executed motion, whose time law the paper does not give. The two rank
+connections differently (docs/derivations.md).
 
 The cost for clearance is a length in which parts of a path near other bodies count more: at a distance d from the
 nearest body, the length is multiplied by 1 + 9 max(0, 1 - d / 20 mm). Both numbers are ASSUMED: a path may be ten times
@@ -40,16 +44,17 @@ def length(weights: Array) -> Cost:
     return cost
 
 
-def acceleration(weights: Array) -> Cost:
-    """Return the integral of the squared acceleration, in m2/s3, as a cost."""
+def stops(weights: Array) -> Cost:
+    """Return, in m2/s3, the integral of the squared acceleration along a connection from rest to rest, as a cost."""
     way = length(weights)
     return lambda a, b: 2 * ACCELERATION**1.5 * np.sqrt(way(a, b))
 
 
-def weighted(weights: Array) -> Cost:
-    """Return the cost of eq. (1): 0.1 times `length` plus 0.5 times `acceleration`."""
-    way, bend = length(weights), acceleration(weights)
-    return lambda a, b: 0.1 * way(a, b) + 0.5 * bend(a, b)
+def length_and_stops(weights: Array) -> Cost:
+    """Return 0.1 times `length` plus 0.5 times `stops` as a cost; this is not eq. (1) of the Raven paper."""
+    way = length(weights)
+    rests = stops(weights)
+    return lambda a, b: 0.1 * way(a, b) + 0.5 * rests(a, b)
 
 
 _WIDE, _MORE = 20 * MM, 9.0
@@ -83,14 +88,14 @@ def clearance(space: Space) -> Cost:
 COSTS: Mapping[str, Callable[[Space], Cost]] = MappingProxyType(
     {
         "length": lambda space: length(space.weights),
-        "acceleration": lambda space: acceleration(space.weights),
-        "weighted": lambda space: weighted(space.weights),
+        "stops": lambda space: stops(space.weights),
+        "length_and_stops": lambda space: length_and_stops(space.weights),
         "clearance": clearance,
     }
 )
 """{name of a cost in a protocol: function of a space that returns this cost}."""
 
-UNITS: Mapping[str, str] = MappingProxyType({"length": "m", "acceleration": "m2/s3", "weighted": "", "clearance": "m"})
+UNITS: Mapping[str, str] = MappingProxyType({"length": "m", "stops": "m2/s3", "length_and_stops": "", "clearance": "m"})
 """Unit of each cost; "" for the sum of two units."""
 
 

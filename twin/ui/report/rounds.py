@@ -36,7 +36,7 @@ def figure(title: str, searches: Mapping[str, Rounds]) -> Figure:
             if (search.cost, search.unit) == (cost, unit):
                 _draw(ax, name, search, color)
         sign = "mm" if unit == "m" else pretty_unit(unit)
-        ax.set_ylabel(f"{'cost' if cost == 'weighted' else cost}{f' [{sign}]' if sign else ''}")
+        ax.set_ylabel(f"{cost.replace('_', ' ')}{f' [{sign}]' if sign else ''}")
         ax.set_ylim(0, 1.12 * ax.dataLim.ymax)
         ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), labelspacing=0.5)
     _samples(axes[-1][0], sorted({r.samples for s in searches.values() for r in s.rounds}))

@@ -28,11 +28,11 @@ class FreeTable(PhaseTable):
         Field(min_length=1, description="a scene with this robot: its props and other robots, as drawn, are obstacles"),
     ] = None
     cost: Annotated[
-        Literal["length", "acceleration", "weighted", "clearance"],
+        Literal["length", "stops", "length_and_stops", "clearance"],
         Field(
-            description="what the search minimises: the length of the path, its acceleration, the weighted sum of both "
-            "(eq. (1) of the Raven paper), or the length, in which parts within 20 mm of other bodies count up to ten "
-            "times"
+            description="what the search minimises: the length of the path; its corners, as if the robot stopped at "
+            "each (stops); a weighted sum of both; or the length, in which parts within 20 mm of other bodies count up "
+            "to ten times"
         ),
     ] = "length"
     samples: Annotated[
