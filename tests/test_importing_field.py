@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
 import pytest
+import trimesh
 
 import twin
 from twin.exchange.read import read
@@ -351,9 +352,7 @@ def test_gains_of_any_size_keep_their_digits(tmp_path):
         actuators += f'<position joint="j{i}" {law}/>'
     bodies += "</body>" * len(gains)
     text = f"<mujoco><worldbody>{bodies}</worldbody><actuator>{actuators}</actuator></mujoco>"
-    report = audited(tmp_path, imported(tmp_path, "arm.xml", text))
-    # a motor with so small a force cannot hold the arm, which is a true finding
-    assert [m for m in wrong(report) if "is at its maximum effort" not in m] == []
+    assert wrong(audited(tmp_path, imported(tmp_path, "arm.xml", text))) == []
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out/robot.xml"))
     for i, gain in enumerate(gains):
         a = model.actuator(f"j{i}").id
@@ -374,3 +373,38 @@ def test_a_sheet_shows_no_density(tmp_path):
     found = imported(tmp_path, "arm.urdf", text)
     assert found.mechanism.body("l1").whole
     assert wrong(audited(tmp_path, found, ("mjcf", "urdf"))) == []
+
+
+# ----------------------------------------------------------------------------------------------------- weak motors
+
+
+@pytest.mark.parametrize(("limit", "control", "code"), [(3, 0.0, "warning"), (6, 0.0, ""), (6, 1.0, "disagreement")])
+def test_a_motor_that_is_too_weak_is_no_wrong_control(limit, control, code, tmp_path):
+    # 1 kg at 0.5 m: 4.905 N m hold the arm
+    text = f"""<mujoco><worldbody><body name="arm"><inertial pos="0.5 0 0" mass="1" diaginertia=".01 .01 .01"/>
+    <joint name="j" axis="0 1 0"/><geom type="box" pos=".5 0 0" size=".1 .1 .1"/></body></worldbody><actuator>
+    <position joint="j" kp="100" forcerange="-{limit} {limit}"/></actuator></mujoco>"""
+    audited(tmp_path, imported(tmp_path, "arm.xml", text), ("mjcf",))
+    path = tmp_path / "out/robot.xml"
+    key = path.read_text().replace('ctrl="0"', f'ctrl="{control}"')
+    path.write_text(key)
+    told = [f for f in twin.audit(path).findings if f.code in ("mjcf.effort", "mjcf.keyframe")]
+    assert [f.severity for f in told] == ([code] if code else [])
+    if code == "warning":
+        assert told[0].size == pytest.approx(-4.905, abs=1e-6)
+        assert "cannot hold the robot: it needs 4.905 N or N m, its maximum effort is 3" in told[0].message
+
+
+# ------------------------------------------------------------------------------------- links of several open meshes
+
+
+@pytest.mark.slow
+def test_open_meshes_that_close_each_other_are_one_closed_shape_in_every_format(tmp_path):
+    halves = {"a": range(6), "b": range(6, 12)}
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    shapes = ""
+    for name, faces in halves.items():
+        trimesh.Trimesh(box.vertices, box.faces[list(faces)], process=False).export(tmp_path / f"{name}.obj")
+        shapes += f'<collision><geometry><mesh filename="{name}.obj"/></geometry></collision>'
+    text = serial([(-1.0, 1.0)]).replace('<link name="l1">', f'<link name="l1">{shapes}')
+    assert of_closing(audited(tmp_path, imported(tmp_path, "arm.urdf", text), ("glb", "urdf", "usd"))) == []

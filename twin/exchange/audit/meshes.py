@@ -64,7 +64,8 @@ def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
     vertices = np.frombuffer(points).reshape(-1, 3)
     triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
     closed, mixed = edges(weld(vertices, triangles))
-    used = vertices[np.unique(triangles)]
+    unique, place = np.unique(triangles, return_inverse=True)
+    used = vertices[unique]
     return Shape(
         used.min(axis=0),
         used.max(axis=0),
@@ -72,6 +73,7 @@ def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
         closed,
         closed or edges(weld_near(vertices, triangles))[0],
         used,
+        place.reshape(-1, 3),
         surface_area(vertices, triangles),
     ), mixed
 
@@ -150,13 +152,24 @@ def joined(shapes: Iterable[Shape]) -> Shape | None:
     parts = list(shapes)
     if not parts:
         return None
+    points = np.vstack([s.points for s in parts])
+    offsets = np.cumsum([0, *(len(s.points) for s in parts[:-1])])
+    triangles = np.vstack([s.triangles + offset for s, offset in zip(parts, offsets, strict=True)])
+    volume = sum(s.volume for s in parts)
+    closed = all(s.closed for s in parts)
+    nearly_closed = all(s.nearly_closed for s in parts)
+    if len(parts) > 1 and not closed:
+        closed = edges(weld(points, triangles))[0]
+        nearly_closed = closed or nearly_closed or edges(weld_near(points, triangles))[0]
+        volume = signed_volume(points, triangles)
     return Shape(
         np.min([s.low for s in parts], axis=0),
         np.max([s.high for s in parts], axis=0),
-        sum(s.volume for s in parts),
-        all(s.closed for s in parts),
-        all(s.nearly_closed for s in parts),
-        np.vstack([s.points for s in parts]),
+        volume,
+        closed,
+        nearly_closed,
+        points,
+        triangles,
         sum(s.area for s in parts),
     )
 

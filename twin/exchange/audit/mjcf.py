@@ -301,14 +301,26 @@ def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> N
 
 
 def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) -> None:
-    """Report actuators whose force is at its limit at a keyframe with zero velocity."""
+    """Report actuators whose force is at its limit at a keyframe with zero velocity.
+
+    If even the right force would be above the limit, the motor is too weak, which is a warning; else the control is
+    wrong.
+    """
     mujoco.mj_fwdVelocity(m, d)
     mujoco.mj_fwdActuation(m, d)
+    needed = _holding(m, d)
     for a in range(m.nu):
         if not m.actuator_forcelimited[a]:
             continue
         bound = float(np.abs(m.actuator_forcerange[a]).max())
-        if abs(d.actuator_force[a]) >= bound:
+        if abs(needed[a]) > bound:
+            text = (
+                f"keyframe '{name}': actuator '{m.actuator(a).name}' cannot hold the robot: it needs "
+                f"{abs(needed[a]):.4g} N or N m, its maximum effort is {bound:g}."
+            )
+            where = m.actuator(a).name
+            ledger.add("mjcf.effort", "warning", text, where, size=Measured(needed[a], bound))
+        elif abs(d.actuator_force[a]) >= bound:
             text = f"keyframe '{name}': actuator '{m.actuator(a).name}' is at its maximum effort, {bound:g} N or N m."
             ledger.wrong(
                 "mjcf.keyframe",
@@ -317,3 +329,24 @@ def _check_push(m: mujoco.MjModel, d: mujoco.MjData, name: str, ledger: Ledger) 
                 size=Measured(d.actuator_force[a], bound),
                 suggestion="set the actuator's control in the keyframe to the value of its joint",
             )
+
+
+def _holding(m: mujoco.MjModel, d: mujoco.MjData) -> Array:
+    """Return the forces (nu,) in N or N m with which the actuators hold the robot at rest, with closed loops.
+
+    The forces of the actuators and of the equality constraints balance gravity, in the least-squares sense. Loops hold
+    what they can: the efforts are the smallest ones.
+    """
+    columns = np.zeros((m.nv, m.nu))
+    for a in range(m.nu):
+        for k in range(int(d.moment_rownnz[a])):
+            at = int(d.moment_rowadr[a]) + k
+            columns[int(d.moment_colind[at]), a] = d.actuator_moment.ravel()[at]
+    held = [k for k in range(d.nefc) if d.efc_type[k] == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
+    loops = np.zeros((m.nv, len(held)))
+    for i, k in enumerate(held):
+        row, force = np.zeros(m.nv), np.zeros(d.nefc)
+        force[k] = 1.0
+        mujoco.mj_mulJacTVec(m, d, row, force)
+        loops[:, i] = row
+    return np.linalg.lstsq(np.hstack([columns, loops]), d.qfrc_bias - d.qfrc_passive, rcond=None)[0][: m.nu]

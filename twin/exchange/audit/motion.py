@@ -36,9 +36,10 @@ class Shape:
     Attributes:
         low, high: corners (3,) of the bounding box in m.
         volume: signed volume in m3; valid only if all meshes are closed.
-        closed: whether all meshes are closed.
-        nearly_closed: whether all meshes are closed if points that rounding may have separated are merged.
+        closed: whether all meshes are closed, or close each other: formats divide a link into meshes differently.
+        nearly_closed: the same, if points that rounding may have separated are merged.
         points: vertices (n, 3) of the triangles in m.
+        triangles: (m, 3) indices of points.
         area: surface area in m2.
     """
 
@@ -48,6 +49,7 @@ class Shape:
     closed: bool
     nearly_closed: bool
     points: Array
+    triangles: Array
     area: float
 
 
