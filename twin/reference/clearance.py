@@ -26,7 +26,7 @@ class Clearance:
     """Minimum clearances at the samples of a motion.
 
     Attributes:
-        distance: (k,) in m, minimum clearance between bodies that no joint connects; 0 if two collide.
+        distance: (k,) in m, minimum clearance between bodies that are not jointed (see `apart`); 0 if two collide.
         pair: (k,) names of the two nearest bodies.
         contacts: (sample, part, part) of each collision between non-mating parts of jointed bodies.
     """
@@ -109,7 +109,7 @@ def clearance(
 
 
 def apart(mechanism: Mechanism) -> list[tuple[Shape, Shape]]:
-    """Return all pairs of shapes whose bodies no joint connects."""
+    """Return all pairs of shapes whose bodies no joint connects, directly or over bodies without shape."""
     whole = [Shape(b.name, b.name, b.meshes) for b in mechanism.bodies if b.meshes]
     jointed = _jointed(mechanism)
     return [(a, b) for a, b in combinations(whole, 2) if frozenset((a.body, b.body)) not in jointed]
