@@ -46,16 +46,10 @@ def desk(browser, server, robot):
 # -- the desk ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.alone
-def test_the_first_picture_comes_soon_and_the_page_says_what_it_is(browser, server, robot):
-    figures = []
-    while len(figures) < 6 and min(figures, default=9.0) >= 3.0:  # the machine may be busy with something else
-        with shown(browser, server.url) as page:
-            figures.append(page("twin.app.firstPicture") / 1000)
-            page.until("twin.app.model.state.duration > 0", "the plan")
-    print(f"first picture of the robot after {min(figures):.2f} s")
-    assert min(figures) < 3.0
+def test_the_first_picture_comes_and_the_page_says_what_it_is(browser, server, robot):
     with shown(browser, server.url) as page:
+        print(f"first picture of the robot after {page('twin.app.firstPicture') / 1000:.2f} s")
+        page.until("twin.app.model.state.duration > 0", "the plan")
         assert page.page.locator("h1").first.inner_text() == robot.cad.description.title
         assert "No headset found" in page.id("xr").inner_text()
         assert page.id("enter").is_disabled()

@@ -170,20 +170,14 @@ def test_a_phone_has_the_window_of_tools_too(page, arms):
         page.page.set_viewport_size(before)
 
 
-@pytest.mark.alone
 def test_the_organs_are_streamed_beside_the_hands(page, arms):
-    """Frames with organs arrive while an instrument presses the liver; benchmarks/organs_page.py draws them as well."""
+    """Frames with organs arrive while an instrument presses the liver; benchmarks/organs_page.py has the rate."""
     page.draws(False)  # a software renderer takes more than a processor, and as many frames as it pleases
     page.page.keyboard.down("q")
     page.until("twin.app.model.console.hands.left.follows", "the hand moves")
-    time.sleep(0.5)
-    count = "(() => { const f = twin.app.line.frames; return [f, performance.now()]; })()"
-    a, t = page(count)
-    time.sleep(4)
-    b, u = page(count)
+    assert page("twin.app.model.scene.fields.length") >= 1
+    before = page("twin.app.line.frames")
+    page.until(f"twin.app.line.frames >= {before + 80}", "80 frames")
+    assert page("twin.app.model.console.hands.left.follows"), "the hand is led all the while"
     page.page.keyboard.up("q")
-    fields = page("twin.app.model.scene.fields.length")
-    assert fields >= 1
-    print(f"{1000 * (b - a) / (u - t):.0f} frames/s with {fields} organs")
-    assert 1000 * (b - a) / (u - t) >= 20, "a busy machine; alone it is 50 Hz or more"
     assert page.errors == []

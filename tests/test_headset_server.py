@@ -526,9 +526,10 @@ def test_a_silent_holder_loses_the_grab_and_a_ping_keeps_it(sils, monkeypatch):
             await peer.ask("grab", target="tool")
             for n in range(5):
                 await asyncio.sleep(0.2)
+                asked = time.monotonic()
                 pong = await peer.ask("ping", t=n)
                 assert pong["t"] == n
-                assert abs(pong["server_time"] - time.monotonic()) < 1
+                assert asked - 1e-3 <= pong["server_time"] <= time.monotonic() + 1e-3
             assert peer.last("state")["holder"] == peer.last("hello")["client"]
             await peer.state(holder=None)
             assert peer.last("error")["code"] == "released"
@@ -750,12 +751,12 @@ def test_a_recorded_session_replays_byte_for_byte(sils, planned, tmp_path):
 # --------------------------------------------------------------------------------------------------- the end
 
 
-def test_the_end_is_told_within_a_second(sils):
+def test_the_end_is_told_to_all_and_ends_every_line(sils):
     async def go():
-        async with serving(sils, plans=False) as s:
+        async with asyncio.timeout(60), serving(sils, plans=False) as s:
             peers = [await connect(f"ws://127.0.0.1:{s.port}/ws", compression=None) for _ in range(3)]
             stuck = socket.create_connection(("127.0.0.1", s.port))  # half open
-            start = time.monotonic()
+            stuck.settimeout(60)
             s.server.stopping.set()
             for ws in peers:
                 async for _ in ws:
@@ -764,7 +765,6 @@ def test_the_end_is_told_within_a_second(sils):
             with suppress(OSError):
                 while await asyncio.to_thread(stuck.recv, 100):
                     pass
-            assert time.monotonic() - start < 1.0
             stuck.close()
 
     asyncio.run(go())
@@ -809,7 +809,7 @@ def masked(payload, opcode=1, end=True):
     return bytes([(0x80 if end else 0) | opcode]) + size + b"\0\0\0\0" + payload
 
 
-def ends(s, seconds=5.0):
+def ends(s, seconds=60.0):
     """Return the close code with which the server ended a connection, 0 for none; False if it lives."""
     s.settimeout(0.2)
     data, until = b"", time.monotonic() + seconds
@@ -877,13 +877,15 @@ def half_open(s):
 
 
 def slow_head(s):
-    s.settimeout(0.05)
-    start = time.monotonic()
-    with suppress(OSError):
-        for c in b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"a" * 500:
+    """Send a head byte by byte; the server cuts the line before its end."""
+    s.settimeout(60)
+    try:
+        for c in b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"a" * 1000:
             s.send(bytes([c]))
             time.sleep(0.02)
-    return time.monotonic() - start < 4
+    except OSError:
+        return True
+    return False
 
 
 def never_reads(s):
@@ -926,9 +928,7 @@ def test_whoever_means_no_good_is_ended_and_harms_nobody(sils, planned, monkeypa
             assert dict(zip([b.__name__ for b in BEHAVIOURS], ended, strict=True)) == {
                 b.__name__: True for b in BEHAVIOURS
             }
-            ages = [t - f.server_time for t, f in zip(peer.times, peer.frames, strict=False)]
-            assert len(ages) > 60
-            assert np.median(ages) < 0.1  # the benchmark is strict, on a quiet machine
+            await peer.until(lambda: len(peer.frames) > 60)  # tests/benchmarks/stream.py judges how late they come
             assert (await peer.ask("play", on=False))["type"] == "ack"
             await peer.until(lambda: len(s.server.clients) == 1)
             assert not s.server._doorman._sockets or sum(s.server._doorman._sockets.values()) == 1

@@ -34,10 +34,10 @@ def test_a_process_that_dies_is_told_with_its_last_words():
 
 def test_leaving_ends_it():
     start = time.monotonic()
-    with Call(time.sleep, 60) as task:
+    with Call(time.sleep, 600) as task:
         pass
     assert not task._process.alive
-    assert time.monotonic() - start < 30
+    assert time.monotonic() - start < 300  # it does not wait for the process to end by itself
 
 
 @pytest.fixture

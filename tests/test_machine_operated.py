@@ -71,7 +71,7 @@ def test_a_killed_machine_is_noticed(scene):
         begin = time.monotonic()
         child.close()
         while not link.problem:
-            assert time.monotonic() - begin < 2
+            assert time.monotonic() - begin < 60
             time.sleep(0.01)
         assert link.state is None
         with pytest.raises(DeviceError, match="raven_left: the machine is not ready: states from"):
@@ -83,7 +83,7 @@ def test_a_killed_machine_is_noticed(scene):
 def test_a_machine_ends_with_the_program_that_started_it():
     child = ChildMachine("raven_left")
     child._process.line.close()  # as when the program is killed
-    end = time.monotonic() + 5
+    end = time.monotonic() + 60
     while child.alive:
         assert time.monotonic() < end
         time.sleep(0.02)

@@ -546,7 +546,7 @@ class Sender:
 
 
 def soon(condition):
-    end = time.monotonic() + 5
+    end = time.monotonic() + 60
     while not (found := condition()):
         assert time.monotonic() < end
         time.sleep(0.002)

@@ -88,7 +88,7 @@ class Peer:
         await self.say(type, id=id, **fields)
         return await self.until(lambda: next((d for d in self.documents if d.get("id") == id), None))
 
-    async def until(self, what, seconds=8.0):
+    async def until(self, what, seconds=60.0):
         """Call `what` until its result is true, and return the result; fail after a time limit in s."""
         end = time.monotonic() + seconds
         while not (found := what()):

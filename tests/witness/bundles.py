@@ -1,8 +1,8 @@
 """What the witnesses read, and what it must show.
 
-Each robot is exported once, with every protocol in every format, and its truth is worked out beside it: poses of every
-link in double precision by the reference model, at times that the tracks name as keys. Truth is planned here from the
-protocol and never looks at what was exported, but for these times.
+Each robot is exported once, with the protocols of `made.motions` in every format, and its truth is worked out beside
+it: poses of every link in double precision by the reference model, at times that the tracks name as keys. Truth is
+planned here from the protocol and never looks at what was exported, but for these times.
 
 Both are kept in twin-out/witness/<robot>-<hash of the sources> for all test processes, and for the next run.
 """
@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from made.motions import motions
 from twin.core.assets import files
 
 ROOT = Path(__file__).parents[2]
@@ -146,7 +147,7 @@ def _key(robot: str) -> str:
     described = files(robot)
     sources = [*(ROOT / "twin").rglob("*.py"), Path(__file__)]
     sources += [p for f in (described.description.parent, ROOT / "trajectories" / robot) for p in f.rglob("*.*")]
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(repr(motions()).encode())
     for path in sorted(set(sources)):
         if path.is_file() and path.suffix != ".pyc":
             digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
@@ -159,7 +160,7 @@ def _make(robot: str, folder: Path) -> None:
 
     start = time.monotonic()
     loaded = twin.load(robot)
-    protocols: Sequence[str] = tuple(loaded.files.protocols())
+    protocols: Sequence[str] = tuple(p for r, p in motions() if r == robot)
     twin.api.export(loaded, folder=folder / "export", formats=FORMATS, protocols=protocols)
     truth = folder / "truth"
     truth.mkdir()

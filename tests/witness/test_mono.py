@@ -10,6 +10,7 @@ import json
 import numpy as np
 import pytest
 
+from made.lanes import nightly
 from unity import mono
 
 pytestmark = pytest.mark.witness
@@ -181,7 +182,7 @@ MUTATIONS = {
 """Name: file of the runtime, text that is there once, what takes its place."""
 
 
-@pytest.mark.parametrize("name", MUTATIONS)
+@pytest.mark.parametrize("name", nightly(MUTATIONS, every=4))
 def test_a_mistake_turns_tests_red(build, tmp_path, name):
     said = build.mutant(tmp_path / "mutant", *MUTATIONS[name])
     assert said == "", f"the mutant does not compile, so it shows nothing: {said}"

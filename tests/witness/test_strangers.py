@@ -21,7 +21,7 @@ pytestmark = pytest.mark.witness
 
 ROBOTS = twin.names()
 CASES = motions()
-SECONDS = float(os.environ.get("TWIN_STRANGERS_SECONDS", "10"))
+SECONDS = float(os.environ.get("TWIN_STRANGERS_SECONDS", "3"))
 NEWTON_SECONDS = float(os.environ.get("TWIN_NEWTON_SECONDS", "1"))
 """s of motion along which Newton is driven; 0 takes it to its end."""
 STARTED, HELD, PLAYED = 1e-6, 100e-6, 1e-6
