@@ -22,6 +22,7 @@ test: .venv/.synced-dev
 
 # Only the files that have such tests are read: a process needs half a minute to collect all.
 SLOW = $$(grep -lE 'pytest\.mark\.(slow|wheel|nightly)|from made\.lanes import' tests/test_*.py)
+PAGES ?= browser and not alone and not nightly
 BROWSER = $$(grep -l 'pytest\.mark\.browser' tests/test_*.py)
 ALONE = $$(grep -l 'pytest\.mark\.alone' tests/test_*.py)
 
@@ -42,8 +43,8 @@ AGAIN = { [ $$? -eq 1 ] && echo "== the tests that failed are run once more, wit
 	$(RUN) pytest --last-failed --last-failed-no-failures none
 
 test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
-	$(RUN) pytest -n auto $(SHARED) -m "browser and not alone" $(BROWSER) --durations 25 || \
-	$(AGAIN) -m "browser and not alone" $(BROWSER); }
+	$(RUN) pytest -n auto $(SHARED) -m "$(PAGES)" $(BROWSER) --durations 25 || \
+	$(AGAIN) -m "$(PAGES)" $(BROWSER); }
 
 test-alone: .venv/.synced-dev  ## what measures a rate or a time, of pages too; nothing else may run
 	$(RUN) pytest -m alone $(ALONE) || \

@@ -9,6 +9,7 @@ import pytest
 
 from made import headset_page as headset
 from made.console_page import PAD, console, joints, let_go, rest, tips
+from made.lanes import nightly
 
 pytestmark = pytest.mark.browser
 SCENE = "vsrs"
@@ -54,7 +55,7 @@ def moves(page, arms, what, do, undo=lambda: None):
     assert moved() == {arms[what]}
 
 
-@pytest.mark.parametrize(("what", "keys"), [("right", "l"), ("left", "d"), ("camera", "cd")])
+@pytest.mark.parametrize(("what", "keys"), nightly([("camera", "cd"), ("right", "l"), ("left", "d")], every=3))
 def test_keys_lead_every_arm(page, arms, what, keys):
     for key in keys:
         page.page.keyboard.down(key)
@@ -66,7 +67,9 @@ def test_keys_lead_every_arm(page, arms, what, keys):
     moves(page, arms, what, lambda: None, lift)
 
 
-@pytest.mark.parametrize(("what", "button"), [("right", "left"), ("left", "left"), ("camera", "right")])
+@pytest.mark.parametrize(
+    ("what", "button"), nightly([("left", "left"), ("right", "left"), ("camera", "right")], every=3)
+)
 def test_the_mouse_leads_every_arm(page, arms, what, button):
     mouse, k = page.page.mouse, 0
     x, y, _ = tips(page)["right" if what == "camera" else what]
@@ -84,7 +87,7 @@ def test_the_mouse_leads_every_arm(page, arms, what, button):
 
 @pytest.mark.parametrize(
     ("what", "axes", "bumper"),
-    [("right", [0, 0, -0.9, 0], 0), ("left", [-0.9, 0, 0, 0], 0), ("camera", [0.9, 0, 0, 0], 1)],
+    nightly([("right", [0, 0, -0.9, 0], 0), ("left", [-0.9, 0, 0, 0], 0), ("camera", [0.9, 0, 0, 0], 1)], every=3),
 )
 def test_a_gamepad_leads_every_arm(page, arms, what, axes, bumper):
     page(f"window.pad.connected = true; window.pad.buttons[5] = {{pressed: {bumper} > 0, value: {bumper}}}")
