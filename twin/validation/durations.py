@@ -26,7 +26,7 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Auxiliary, Free, Limits, Protocol, Solver
 from twin.planning.trajectory import PhaseCurve, PhaseSpan, Trajectory
-from twin.validation.result import PhaseSummary, Residual, RowKind
+from twin.validation.result import PhaseSummary, Residual
 from twin.validation.rows import Clock, row
 
 DURATION = 1e-5
@@ -138,8 +138,8 @@ def durations(
             continue
         judged.append((span, timed))
         facts[span.name] = _fact(span, timed, name)
-        findings += _findings(trajectory, span, timed, name)
-    return _rows(trajectory, judged, failed, others), facts, findings
+        findings += _findings(span, timed, name)
+    return _rows(judged, failed, others), facts, findings
 
 
 def _limits(mechanism: Mechanism, protocol: Protocol, span: PhaseSpan) -> _Limits:
@@ -303,7 +303,9 @@ def _at(grid: Array, s: Array, dt: float) -> tuple[Array, Array]:
 
 
 def _fact(span: PhaseSpan, timed: _Timed, name: str) -> str:
-    slower = f", slowed down by {100 * (timed.slower - 1):.3g} % between grid points" if timed.slower > 1 else ""
+    slower = (
+        f", slowed down by {100 * (timed.slower - 1):.2g} % between grid points" if timed.slower > 1 + DURATION else ""
+    )
     averaged = f", averaged over {span.smoothing:.3g} s" if span.smoothing else ""
     return (
         f"{span.solver} {span.optimal:.6f} s, {name} {timed.shortest:.6f} s{slower}{averaged}; planned: "
@@ -312,7 +314,7 @@ def _fact(span: PhaseSpan, timed: _Timed, name: str) -> str:
     )
 
 
-def _findings(trajectory: Trajectory, span: PhaseSpan, timed: _Timed, name: str) -> Iterator[Finding]:
+def _findings(span: PhaseSpan, timed: _Timed, name: str) -> Iterator[Finding]:
     when = f"phase '{span.name}'"
     if timed.off > OFF:
         what = f"samples of phase '{span.name}' leave its path, as a fraction of its length"
@@ -336,7 +338,6 @@ def _findings(trajectory: Trajectory, span: PhaseSpan, timed: _Timed, name: str)
 
 
 def _rows(
-    trajectory: Trajectory,
     judged: list[tuple[PhaseSpan, _Timed]],
     failed: list[str],
     others: Mapping[Solver, tuple[Solver, Fastest]],
@@ -347,15 +348,14 @@ def _rows(
         blank = Residual("P-T", "duration", "phases", "", nan, nan, None, 0.0, "", note=note or "given by samples")
         return [blank]
     by = dict.fromkeys(others[span.solver][0] for span, _ in judged if span.solver is not None)
-    note = "; ".join(filter(None, (f"relative, by {' and '.join(by)}", note)))
     ends = np.array([span.t1 for span, _ in judged])
     clock = Clock(ends, tuple(PhaseSummary(span.name, span.type, span.t0, span.t1) for span, _ in judged))
-    values: dict[tuple[RowKind, str], tuple[list[float], float]] = {
-        ("duration", "phases"): ([t.duration for _, t in judged], DURATION),
-        ("limit", "speed"): ([max(0.0, t.speed - 1) for _, t in judged], OVER),
-        ("limit", "acceleration"): ([max(0.0, t.acceleration - 1) for _, t in judged], OVER),
-    }
-    return [
-        row("P-T", quantity, name, "", np.array(found), tolerance, clock, note=note)
-        for (quantity, name), (found, tolerance) in values.items()
-    ]
+    unchecked = f"; {note}" if note else ""
+    off = np.array([t.duration for _, t in judged])
+    said = f"relative deviation from the shortest duration by {' and '.join(by)}, slowed down and rounded up{unchecked}"
+    rows = [row("P-T", "duration", "phases", "", off, DURATION, clock, note=said)]
+    for rate, loads in (("speed", [t.speed for _, t in judged]), ("acceleration", [t.acceleration for _, t in judged])):
+        over = np.maximum(np.array(loads) - 1, 0.0)
+        said = f"relative excess at the grid points; at most {100 * max(loads):.1f} % of a limit{unchecked}"
+        rows.append(row("P-T", "limit", rate, "", over, OVER, clock, note=said))
+    return rows

@@ -57,6 +57,7 @@ class CheckedPlan(Planned):
 
     def tables(self) -> Iterator[Table]:
         """Yield the rows on the timing, then the tables of every plan."""
+        judges = dict.fromkeys(OTHERS[p.solver][0] for p in self.trajectory.phases if p.solver is not None)
         rows = [
             (
                 r.quantity,
@@ -65,9 +66,9 @@ class CheckedPlan(Planned):
                 "" if r.tolerance is None else quantity(r.tolerance, r.unit),
                 r.phase,
                 state(r),
-                r.note,
             )
             for r in self.rows
         ]
-        yield Table(("timing", "of", "worst", "tolerance", "phase", "", ""), rows)
+        heading = f"by {' and '.join(judges)}" if judges else "timing"
+        yield Table((heading, "of", "worst", "tolerance", "phase", ""), rows)
         yield from super().tables()

@@ -18,7 +18,7 @@ PAIRS = {
     "B-C": ("mechanism against USD read back", "B–C"),
     "C": ("USD read back by itself", "C"),
     "B-D": ("mechanism against baked motion", "B–D"),
-    "P-T": ("plan against a second solver", "P–T"),
+    "P-T": ("plan by two solvers", "P–T"),
 }
 """(Long, short) title of each pair of models, in the order of display; pairs that are not listed come last."""
 
