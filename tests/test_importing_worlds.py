@@ -217,3 +217,15 @@ def test_a_mocap_body_and_what_holds_the_robot_to_it_are_left_out(tmp_path):
         ("import.mocap", "hand"),
         ("import.equality", "grip"),
     }
+
+
+def test_a_skin_is_for_display_and_left_out(tmp_path):
+    path = tmp_path / "skin.xml"
+    path.write_text(
+        """<mujoco><worldbody><body name="arm"><joint name="j" axis="0 1 0"/><geom size=".1"/></body></worldbody>
+        <deformable><skin name="s" vertex="0 0 0 1 0 0 0 1 0" face="0 1 2"><bone body="arm" bindpos="0 0 0"
+        bindquat="1 0 0 0" vertid="0 1 2" vertweight="1 1 1"/></skin></deformable></mujoco>"""
+    )
+    found = read(path, guarded=False)
+    assert [j.name for j in found.mechanism.joints] == ["j"]
+    assert any(f.code == "import.skin" and f.severity == "warning" for f in found.findings)

@@ -102,9 +102,10 @@ class _Mjcf:
 
     def read(self) -> Imported:
         m = self.m
-        for count, what in ((m.nflex, "a flexible body"), (m.nskin, "a skin")):
-            if count:
-                raise SourceError(f"{self.path}: the model has {what}, but only rigid bodies are supported")
+        if m.nflex:
+            raise SourceError(f"{self.path}: the model has a flexible body, but only rigid bodies are supported")
+        if m.nskin:  # for display only: a surface that bends with the bodies
+            self.findings.warn("skin", f"{m.nskin} skins are not imported: only rigid bodies are shown.", "skin")
         names = Names("body", (self._name("BODY", i) for i in range(m.nbody)), self.findings)
         self.bodies = [names[self._name("BODY", i)] for i in range(m.nbody)]
         joint_names = Names("joint", (self._name("JOINT", i) for i in range(m.njnt)), self.findings)
