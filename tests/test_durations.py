@@ -69,6 +69,20 @@ def test_a_plan_by_toppra_is_judged_by_the_passes():
     assert all("passes" in text for text in facts.values())
 
 
+@pytest.mark.parametrize(("tip", "turn"), [(1.0, 10.0), (0.005, 0.02)], ids=["averaged", "also slowed down"])
+def test_a_plan_within_jerk_limits_is_not_accused(tip, turn):
+    robot = twin.load("sils")
+    protocol = robot.protocol("table2_printed")
+    limits = {kind: replace(of, tip_jerk=tip, rotation_jerk=turn) for kind, of in protocol.limits.items()}
+    protocol = replace(protocol, limits=limits)
+    trajectory = twin.plan(robot, protocol)
+    assert all(span.smoothing > 0 for span in trajectory.phases)
+    assert any(span.for_jerk > 1 for span in trajectory.phases) == (tip < 0.1)
+    rows, _, findings = retimed(trajectory, robot.mechanism, protocol)
+    assert not findings
+    assert worst(rows) < 1e-6
+
+
 # -- seeded defects ---------------------------------------------------------------------------------------
 
 

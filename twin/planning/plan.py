@@ -177,6 +177,7 @@ def assemble(
                 solver=leg.timing.solver,
                 knots=leg.timing.knots,
                 smoothing=leg.timing.smoothing,
+                for_jerk=leg.timing.for_jerk,
                 curve=leg.curve,
             )
         )

@@ -63,6 +63,7 @@ class Timing:
         knots: number of grid points, evenly spaced; 0 if no solver was used.
         solver: the solver: "passes" (our own) or "toppra" (the package); None if the timing was given.
         smoothing: length in s of the averaging window that keeps the jerk limit, a part of the duration.
+        for_jerk: factor by which the motion was also slowed down, because no window alone kept the jerk limit.
     """
 
     t: Array
@@ -75,6 +76,7 @@ class Timing:
     knots: int
     solver: Solver | None
     smoothing: float = 0.0
+    for_jerk: float = 1.0
 
 
 _INSIDE = 5
@@ -152,25 +154,30 @@ def time_path(
         raise TimingError(f"a sample exceeds its limit by {100 * (max(v, a) - 1):.2g} % even after slowing down")
 
     window = 0
+    slowest = slower
     samples, excess = paced(window, slower)
     if excess > 1:
-        samples, window = _averaged(paced, slower, optimal / dt)
+        samples, window, slowest = _averaged(paced, slower, optimal / dt)
     t, s, sd, sdd = samples
     overshoot = max(speed, acceleration) - 1
-    return Timing(t, s, sd, sdd, float(t[-1]), optimal, overshoot, knots, solver, smoothing=window * dt)
+    for_jerk = slowest / slower
+    return Timing(t, s, sd, sdd, float(t[-1]), optimal, overshoot, knots, solver, window * dt, for_jerk)
 
 
-def _averaged(paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float) -> tuple[Samples, int]:
-    """Return samples averaged over the shortest window within the jerk limit, and the number of samples in this window.
+def _averaged(
+    paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float
+) -> tuple[Samples, int, float]:
+    """Return samples averaged over the shortest window within the jerk limit, the window in samples, and the slowdown.
 
-    If no window suffices, the motion is slowed down as well.
+    If no window suffices, the motion is slowed down further; the slowdown is `slower` times the factor for this.
     """
     while slower < _SLOWEST:
         low, high, least, longest = 0, 1, np.inf, int(2 * slower * steps)
         while low < longest:
             samples, excess = paced(high, slower)
             if excess <= 1:
-                return _shortest(paced, slower, low, (high, samples, excess))
+                samples, window = _shortest(paced, slower, low, (high, samples, excess))
+                return samples, window, slower
             # The jerk is roughly inversely proportional to the window.
             further = max(2 * high, int(high * min(excess, _GROWTH)))
             low, high, least = high, min(further, longest), min(least, excess)

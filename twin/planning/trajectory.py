@@ -236,6 +236,7 @@ class PhaseSpan:
         solver: solver of the timing: "passes" (our own) or "toppra" (the package); None if the timing was given.
         knots: number of grid points of the solver, evenly spaced over the path; 0 if the timing was given.
         smoothing: length in s of the averaging window that keeps the jerk limit, a part of the duration.
+        for_jerk: factor by which the phase was also slowed down, because no window alone kept the jerk limit.
         curve: the path; None if the timing was given.
         rounds: rounds of the search for the path of a free phase; None without a search.
     """
@@ -256,6 +257,7 @@ class PhaseSpan:
     solver: Solver | None
     knots: int
     smoothing: float
+    for_jerk: float
     curve: PhaseCurve | None = field(default=None, repr=False, compare=False)
     rounds: Rounds | None = None
 

@@ -8,7 +8,8 @@ the slowdown. It imports none of the modules that time a plan (contract in pypro
 The shortest duration on the grid is slowed down by max(1, v, sqrt(a)), where v and a are its largest speed and
 acceleration, divided by their limits, at five points of each grid interval: coordinates are limited one by one by the
 solver, but velocity and acceleration of the moved frame are limited as vectors. The plan must then last this duration,
-rounded up to a multiple of its sampling time.
+rounded up to a multiple of its sampling time. What a jerk limit adds, an averaging window and a slowdown, is
+taken as the plan states it: the solvers know no jerk.
 """
 
 from __future__ import annotations
@@ -187,7 +188,7 @@ def _timed(trajectory: Trajectory, span: PhaseSpan, curve: PhaseCurve, limits: _
     rates = _rates(grid, at_grid, limits, steps * dt, fastest)
     shortest = float(np.sum(2 * np.diff(grid) / (rates[1:] + rates[:-1])))
     speed, acceleration = _between(dense, every, grid, rates, limits)
-    slower = max(1.0, speed, float(np.sqrt(acceleration)))
+    slower = max(1.0, speed, float(np.sqrt(acceleration))) * span.for_jerk
     # The sampled duration, without averaging, is the needed duration, rounded up to a multiple of dt.
     lasts = steps - round(span.smoothing / dt)
     needed = shortest * slower / dt
