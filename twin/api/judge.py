@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.api.robot import Progress, Robot, silent
-from twin.core.errors import TwinError, unknown
+from twin.core.errors import AssemblyError, TwinError, unknown
 from twin.core.units import UM
 
 if TYPE_CHECKING:
+    from twin.planning.link_motion import LinkMotion
     from twin.planning.protocol import Protocol, Solver
     from twin.planning.trajectory import Trajectory
     from twin.validation.explain.result import Explanation
@@ -121,8 +122,19 @@ def validate(
     assert robot.files is not None  # the robot has CAD
     with contextlib.nullcontext(stage) if stage is not None else robot.source.fresh_stage() as root:
         sides = (kin, robot.cad, chosen, trajectory, root, used)
-        report = judge(Case(*sides, robot.path_kinematics(), baked), progress)
+        report = judge(Case(*sides, robot.path_kinematics(), baked, _motion(robot, trajectory)), progress)
     return report if said is None else replace(report, commands=commands(robot.files, kin, said, tolerances))
+
+
+def _motion(robot: Robot, trajectory: Trajectory) -> LinkMotion | None:
+    """Return the motion that drives a stage; None if the loops of the CAD cannot be closed."""
+    from twin.planning.trajectory import key_times
+    from twin.validation.motion import KEY_RATE
+
+    try:
+        return robot.link_motion(trajectory, key_times(trajectory.duration, KEY_RATE))
+    except AssemblyError:
+        return None
 
 
 def explain(

@@ -44,7 +44,7 @@ def build(
             installed package, whose data are read-only.
         OutputError: the folder cannot be written; it stays unchanged.
     """
-    from twin.exchange.write.usd import bake, write_usd
+    from twin.exchange.write.usd import bake, baked_times, write_usd
 
     if robot.files is None:
         raise TwinError(f"{robot.name} was loaded from a USD stage: there is no CAD to build from")
@@ -63,12 +63,13 @@ def build(
         for i, name in enumerate(chosen):
             progress(f"bake {name}", i / len(chosen))
             try:
-                bound, trajectory = robot.bound(robot.protocol(name)).mechanism, plan(robot, name)
+                bound, trajectory = robot.bound(robot.protocol(name)), plan(robot, name)
             except ProtocolError:
                 if protocols is None and robot.unwritten:  # `twin plan` shows the reason
                     continue
                 raise
-            bake(robot.mechanism, bound, trajectory, work)
+            motion = bound.link_motion(trajectory, baked_times(trajectory))
+            bake(robot.mechanism, bound.mechanism, trajectory.protocol, motion, work)
         written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
         first = root.relative_to(work)
     return [folder / first, *(folder / p for p in written if p != first)]

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from twin.kinematics.closed_loops import LoopSolver
     from twin.kinematics.compiled import ExtraJoint
     from twin.model.mechanism import Mechanism
+    from twin.planning.link_motion import LinkMotion
     from twin.planning.protocol import Protocol, Solver
-    from twin.planning.trajectory import Keep, PathKinematics
+    from twin.planning.trajectory import Keep, PathKinematics, Trajectory
     from twin.reference import ReferenceModel
     from twin.reference.dynamics import Dynamics
 
@@ -218,6 +219,19 @@ class Robot:
         from twin.kinematics.closed_loops import LoopSolver
 
         return LoopSolver(self.mechanism)
+
+    def link_motion(self, trajectory: Trajectory, times: Array) -> LinkMotion:
+        """Return joint values and poses of all bodies at times (k,) in s, by equations and compiled loops.
+
+        The robot must have the trocar positions of the protocol of the trajectory, see `bound`. This motion drives
+        stages and clips; see `planning.link_motion`.
+
+        Raises:
+            AssemblyError: the loops of the mechanism cannot be closed.
+        """
+        from twin.planning.link_motion import link_motion
+
+        return link_motion(self.loops, trajectory, times, None if self.unwritten else self._kinematics.inverse_many)
 
     @property
     def unwritten(self) -> bool:

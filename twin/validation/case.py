@@ -9,6 +9,7 @@ from typing import Literal
 
 from twin.cad.build import CadModel
 from twin.kinematics import Kinematics
+from twin.planning.link_motion import LinkMotion
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PathKinematics, Trajectory
 from twin.reference import ReferenceModel
@@ -33,6 +34,8 @@ class Case:
             reused.
         baked_for_it: whether the stage's motion was baked from this trajectory. If true, a difference between this
             motion and the mechanism is a disagreement, otherwise a warning.
+        motion: motion of all links at the times of a baked motion, by equations and compiled loops; it is baked and
+            judged. None: the motion of the reference model is baked, and only writing and reading are judged.
     """
 
     kinematics: Kinematics | None
@@ -43,6 +46,7 @@ class Case:
     tolerances: Tolerances
     paths: PathKinematics | None = None
     baked_for_it: bool = False
+    motion: LinkMotion | None = None
 
     @cached_property
     def model(self) -> ReferenceModel:

@@ -59,7 +59,7 @@ def judge(
     mechanism, trajectory = case.cad.mechanism, case.trajectory
     known = known or Known()
     out = known.comparison or Comparison()
-    looked = samples(trajectory)
+    looked = samples(trajectory, case.motion)
     # The baked motion and the clearances do not depend on the equations: another process computes them in parallel.
     # Without meshes there are no clearances, and the start of a process takes longer than the rest.
     needed = "motion" in parts and known.measured is None
@@ -223,6 +223,8 @@ def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison) ->
         rows, findings = rows + more, findings + found
     out.residuals += rows
     out.findings += findings
+    driver = looked.driver or "reference model (Pinocchio), because equations and compiled loops give no motion"
+    out.facts["baked motion"] = {"driven by": driver, "judged by": "reference model (Pinocchio)"}
     out.findings += apart(measured.mates)
     if measured.clearance is not None:
         out.facts["clearance"], contacts = clearance_facts(measured.clearance, looked.sparse, phases)

@@ -18,6 +18,7 @@ from twin.core.quantity import mm
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
+from twin.planning.link_motion import LinkMotion
 from twin.planning.trajectory import Trajectory, key_times
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, clearance
@@ -53,6 +54,8 @@ class Samples:
         middle, Ts_middle, q_middle: times in the middle between two keys, with poses and joint values as above.
         sparse, Ts_sparse, q_sparse: times at which clearances are measured, with poses and joint values as above.
         followed: whether the joint values define the motion; otherwise the tool poses define the motion.
+        links: {body: T_base_body (k, 4, 4)} at `keys`, to be baked; None: those of the reference model.
+        driver: what determined `links`, as text.
     """
 
     name: str
@@ -66,8 +69,10 @@ class Samples:
     Ts_sparse: Array
     q_sparse: Array
     followed: bool = False
+    links: Mapping[str, Array] | None = None
+    driver: str = ""
 
-    def links(self, model: ReferenceModel, Ts: Array, q: Array) -> dict[str, Array]:
+    def reference_links(self, model: ReferenceModel, Ts: Array, q: Array) -> dict[str, Array]:
         """Return T_base_body (k, 4, 4) of every body at tool poses Ts or, if `followed`, at joint values q."""
         run = model.run(q) if self.followed else model.run_poses(Ts, near=q)
         return model.link_poses(run.x)
@@ -111,8 +116,12 @@ class Written:
     missing: tuple[str, ...] = ()
 
 
-def samples(trajectory: Trajectory) -> Samples:
-    """Return the checked times of a trajectory, with poses and joint values, for `measure`."""
+def samples(trajectory: Trajectory, motion: LinkMotion | None = None) -> Samples:
+    """Return the checked times of a trajectory, with poses and joint values, for `measure`.
+
+    `motion` at `key_times(trajectory.duration, KEY_RATE)` is baked and then judged by the reference model; None: the
+    motion of the reference model is baked.
+    """
     keys = key_times(trajectory.duration, KEY_RATE)
     middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE]
     sparse = np.linspace(0.0, trajectory.duration, max(2, int(trajectory.duration * CLEARANCE_RATE) + 1))
@@ -120,11 +129,15 @@ def samples(trajectory: Trajectory) -> Samples:
     def at(times: Array) -> tuple[Array, Array, Array]:
         return times, trajectory.poses(times), trajectory.joints(times)
 
-    return Samples(trajectory.protocol, *at(keys), *at(middle), *at(sparse), trajectory.followed)
+    if motion is None:
+        return Samples(trajectory.protocol, *at(keys), *at(middle), *at(sparse), trajectory.followed)
+    followed = trajectory.followed or motion.by_plan
+    at_keys = keys, trajectory.poses(keys), motion.q
+    return Samples(trajectory.protocol, *at_keys, *at(middle), *at(sparse), followed, motion.links, motion.driver)
 
 
 def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None) -> Measured:
-    """Bake the mechanism's motion, read it back, and measure clearances between parts.
+    """Bake a motion, read it back, compare it with the mechanism, and measure clearances between parts.
 
     `written` is a stage with an existing baked motion, which is also compared with the mechanism; or None.
 
@@ -132,14 +145,15 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
         AssemblyError: the mechanism cannot be assembled at one of the tool poses.
     """
     model = ReferenceModel(mechanism)
-    links = samples.links(model, samples.Ts_keys, samples.q_keys)
+    links = samples.reference_links(model, samples.Ts_keys, samples.q_keys)
     with Scratch() as folder:
         home = model.home()
         bare = replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
         write_stage(bare, Path(folder), home.link_poses, home.q_full)
-        files = write_motion(bare, Path(folder), Motion(samples.name, samples.keys, links))
+        baked = links if samples.links is None else samples.links
+        files = write_motion(bare, Path(folder), Motion(samples.name, samples.keys, baked))
         times, back = read_motion(files.root)
-    between = samples.links(model, samples.Ts_middle, samples.q_middle)
+    between = samples.reference_links(model, samples.Ts_middle, samples.q_middle)
     position = rotation = np.zeros(len(samples.keys))
     apart = np.zeros(len(samples.middle))
     if len(times) == len(samples.keys):
@@ -149,7 +163,7 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
             apart = np.maximum(apart, np.linalg.norm(blend - Ts[:, :3, 3], axis=1))
     found = None
     if any(b.meshes for b in mechanism.bodies):
-        found = clearance(mechanism, samples.links(model, samples.Ts_sparse, samples.q_sparse))
+        found = clearance(mechanism, samples.reference_links(model, samples.Ts_sparse, samples.q_sparse))
     return Measured(
         times, position, rotation, apart, found, written_motion(written, samples.keys, links), tuple(mates(mechanism))
     )
@@ -220,9 +234,10 @@ def baked_rows(
     if len(measured.times) != len(samples.keys) or np.abs(measured.times - samples.keys).max() > 1e-9:
         return [], [disagreement("baked.times", "", "the baked time codes differ from the requested time codes")]
     name = "links at their time codes"
+    by = samples.driver
     rows = [
-        row("B-D", "baked", name, "m", measured.position, tolerances.baked_position, keys),
-        row("B-D", "baked", name, "rad", measured.rotation, tolerances.baked_rotation, keys),
+        row("B-D", "baked", name, "m", measured.position, tolerances.baked_position, keys, note=by),
+        row("B-D", "baked", name, "rad", measured.rotation, tolerances.baked_rotation, keys, note=by),
     ]
     findings = [
         r.finding(_DIFFERS, "a baked link pose differs from the mechanism", "motion layer", when=f"t = {r.t:.2f} s")

@@ -26,8 +26,9 @@ from twin.core.errors import TwinError
 from twin.core.findings import SEVERITIES, Finding
 from twin.core.findings import error as unchecked
 from twin.core.spatial import Array
-from twin.exchange.write.usd import bake, write_usd
+from twin.exchange.write.usd import bake, baked_times, write_usd
 from twin.model.mechanism import Mechanism
+from twin.planning.link_motion import LinkMotion
 from twin.planning.plan import plan
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
@@ -94,8 +95,14 @@ class Bench:
         """
         folder.mkdir(parents=True, exist_ok=True)
         root = write_usd(mechanism, (), folder)[0]
-        bake(mechanism, bound, self.trajectory, folder)
+        bake(mechanism, bound, self.trajectory.protocol, self.motion, folder)
         return root
+
+    @cached_property
+    def motion(self) -> LinkMotion:
+        """Motion of the correct robot at the times of a baked motion."""
+        bound = self.robot.bound(self.chosen)
+        return bound.link_motion(self.trajectory, baked_times(self.trajectory))
 
     # -- the correct robot -------------------------------------------------------------------------------
 

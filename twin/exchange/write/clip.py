@@ -20,6 +20,7 @@ from twin.core.units import DEG, UM
 from twin.model.body import Body
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
+from twin.planning.link_motion import LinkMotion, link_motion
 from twin.planning.trajectory import key_times
 
 if TYPE_CHECKING:
@@ -131,27 +132,26 @@ def make_clip(
     title: str = "",
     budget: Budget | None = None,
     assumed: tuple[str, ...] = (),
+    moved: Callable[[Array], LinkMotion] | None = None,
 ) -> Clip:
     """Return the clip of a planned motion, at the lowest key rate of `RATES` whose errors are within the budget.
 
     If the errors exceed the budget at every rate, the highest rate is used. `mechanism` has the trocar positions of the
     protocol. If `title` is "", the title is the name of the protocol. `assumed` contains one text "name: reason" for
-    each assumed number of the protocol.
+    each assumed number of the protocol. `moved` returns the motion at times (k,) in s; None: the joint values of the
+    trajectory drive the compiled loops of the mechanism.
 
     Raises:
-        AssemblyError: the mechanism cannot reach the tool poses.
+        AssemblyError: the loops of the mechanism cannot be closed.
     """
-    from twin.reference import ReferenceModel
-
+    moved = moved or _by_plan(mechanism, trajectory)
     budget = budget or Budget()
-    model = ReferenceModel(mechanism)
     reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
     bad = ""  # link with the largest error at the previous rate; tested first, because it usually exceeds the budget
     for grid in _GRIDS:
         times = key_times(trajectory.duration, grid)
-        run = trajectory.on(model, times)
-        links = rounded(model.link_poses(run.x))
-        values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
+        motion = moved(times)
+        links = rounded(motion.links)
         for rate in (r for r in RATES if _first_grid(r) == grid):
             keys = key_rows(len(times), grid // rate)
             if bad and rate != RATES[-1]:
@@ -165,7 +165,7 @@ def make_clip(
                     title or trajectory.protocol,
                     times[keys],
                     {n: T[keys] for n, T in links.items()},
-                    rounded({n: v[keys] for n, v in values.items()}),
+                    rounded({n: v[keys] for n, v in motion.joints.items()}),
                     tuple(trajectory.joint_names),
                     tuple((p.name, float(p.t0), float(p.t1)) for p in trajectory.phases),
                     float(rate),
@@ -180,6 +180,14 @@ def make_clip(
                 )
             bad = found.position_at[0]
     raise AssertionError("no sample rate is suitable for the highest key rate")
+
+
+def _by_plan(mechanism: Mechanism, trajectory: Trajectory) -> Callable[[Array], LinkMotion]:
+    """Return the function `moved` of `make_clip` for a trajectory without equations."""
+    from twin.kinematics.closed_loops import LoopSolver
+
+    loops = LoopSolver(mechanism)
+    return lambda times: link_motion(loops, trajectory, times, None)
 
 
 def _first_grid(rate: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -139,10 +140,11 @@ def order(
             text = f"protocol {protocol.name} is left out, because the mechanism cannot follow it: {error}"
             findings.append(warning("export.not_planned", protocol.name, text))
             continue
-        bound = robot.bound(protocol).mechanism
+        bound = robot.bound(protocol)
         progress(f"keys of {protocol.name}", (i + 0.5) / len(loaded))
-        clip = make_clip(bound, planned, protocol.title, budget, _assumed(protocol.parameters()))
-        scenes.append(Scene(clip, bound))
+        moved = partial(bound.link_motion, planned)
+        clip = make_clip(bound.mechanism, planned, protocol.title, budget, _assumed(protocol.parameters()), moved)
+        scenes.append(Scene(clip, bound.mechanism))
     numbers = [*cad.mechanism.parameters, *cad.dimensions]
     if has_equations:
         numbers += robot.kinematics().formula.parameters

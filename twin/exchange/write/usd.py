@@ -16,15 +16,17 @@ from pxr import Gf, Sdf, Usd, UsdPhysics
 
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, StageError
+from twin.core.spatial import Array
 from twin.exchange.write.clip import rounded
 from twin.model.mechanism import Mechanism
+from twin.planning.trajectory import Trajectory, key_times
 from twin.reference.holding import GRAVITY, holding_efforts
 from twin.usd.read import made_from
 from twin.usd.write.layers import describe, new_layer, save
 
 if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
-    from twin.planning.trajectory import Trajectory
+    from twin.planning.link_motion import LinkMotion
 
 STEPS_PER_SECOND = 1000
 """Time steps per second of the physics scene.
@@ -64,22 +66,22 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
     return out
 
 
-def bake(mechanism: Mechanism, bound: Mechanism, trajectory: Trajectory, folder: Path) -> None:
-    """Add a planned trajectory to the stage of `mechanism` in `folder`, with samples every 1/60 s and at the end.
+def bake(mechanism: Mechanism, bound: Mechanism, protocol: str, motion: LinkMotion, folder: Path) -> None:
+    """Add the motion of a protocol to the stage of `mechanism` in `folder`; its times become time codes.
 
     `bound` is the mechanism with the trocar positions of the protocol.
     """
-    from twin.planning.trajectory import key_times
-    from twin.reference import ReferenceModel
     from twin.usd.write import Motion, write_motion
+
+    baked = Motion(protocol, motion.times, rounded(motion.links), rounded(motion.joints), bound.trocar_places)
+    write_motion(mechanism, folder, baked)
+
+
+def baked_times(trajectory: Trajectory) -> Array:
+    """Return the times (k,) in s of a baked motion: every 1/60 s, and the end."""
     from twin.usd.write.layers import TIME_CODES_PER_SECOND
 
-    times = key_times(trajectory.duration, TIME_CODES_PER_SECOND)
-    model = ReferenceModel(bound)
-    run = trajectory.on(model, times)
-    values = {n: run.q[:, i] for i, n in enumerate(trajectory.joint_names)} | run.q_passive
-    motion = Motion(trajectory.protocol, times, rounded(model.link_poses(run.x)), values, bound.trocar_places)
-    write_motion(mechanism, folder, motion)
+    return key_times(trajectory.duration, TIME_CODES_PER_SECOND)
 
 
 def write_simulated(name: str, folder: Path) -> Path:
