@@ -51,7 +51,8 @@ def test_several_robots_are_listed_and_one_is_chosen(capsys, tmp_path):
     with pytest.raises(SourceError, match=r"--root: there is no model 'rigth'\. Did you mean 'right'\?"):
         read(WORLDS / "two_arms.sdf", root="rigth")
     imported = read(WORLDS / "two_arms.sdf", root="left")
-    assert [j.name for j in imported.mechanism.joints] == ["lift"]
+    assert [j.name for j in imported.mechanism.joints] == ["base_mount", "lift"]
+    np.testing.assert_allclose(at(imported.mechanism, "base"), [0, 0.5, 0], atol=1e-12)
     props = {f.where: f.severity for f in imported.findings if f.code == "import.prop"}
     assert props == {"right": "warning", "ground_plane": "info"}
 
@@ -111,8 +112,9 @@ def test_an_include_that_is_missing_or_endless_is_an_error(tmp_path):
 def test_relative_poses_lead_through_joints_and_frames():
     m = read(WORLDS / "relative.sdf").mechanism
     # of the base: j1 is 0.5 above, turned by a quarter about y: its x points down, its z along x
-    np.testing.assert_allclose(at(m, "a"), [0, 0, 0.4], atol=1e-12)
-    np.testing.assert_allclose(at(m, "b"), [0.2, 0, 0.4], atol=1e-12)
+    np.testing.assert_allclose(at(m, "base"), [3, 2, 2], atol=1e-12)
+    np.testing.assert_allclose(at(m, "a"), [3, 2, 2.4], atol=1e-12)
+    np.testing.assert_allclose(at(m, "b"), [3.2, 2, 2.4], atol=1e-12)
     np.testing.assert_allclose((m.rest["a"] @ m.joint("j2").T_parent_joint)[:3, 2], [0, 0, -1], atol=1e-12)
     np.testing.assert_allclose((m.rest["base"] @ m.joint("j1").T_parent_joint)[:3, 2], [0, 1, 0], atol=1e-12)
     assert m.frame("eye").body == "b"

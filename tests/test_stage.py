@@ -142,8 +142,11 @@ def test_a_moved_base(tmp_path):
     T_world_base = spatial.pose(spatial.exp_so3([0.1, 0.2, 0.9]), [1.0, -2.0, 0.5])
     files = write_stage(made.four_bar(), tmp_path, {k: T_world_base @ T for k, T in poses.items()}, q)
     after = read_stage(files.root)
+    assert after.base == "world"
     for name, T in poses.items():
-        assert np.allclose(after.rest[name], T, rtol=0, atol=5e-7)
+        assert np.allclose(after.rest[name], T_world_base @ T, rtol=0, atol=5e-7)
+    mount = after.joint("root_joint")
+    assert (mount.type, mount.parent, mount.child) == ("fixed", "world", "base")
     assert check_stage(files.root) == []
 
 
@@ -273,7 +276,8 @@ def test_openusd_takes_the_base_for_fixed_wherever_the_robot_is_referenced(writt
     assert joint.body0.isEmpty
     assert joint.localPose0Position == Gf.Vec3f(1, 2, 3)
     after = read_stage(tmp_path / "scene.usda", root="/scene/robot")
-    assert after.base == "base"
+    assert after.base == "world"
+    assert np.allclose(after.rest["base"], spatial.pose(p=[1, 2, 3]), rtol=0, atol=1e-12)
     assert after.postures == made.four_bar().postures
 
 
@@ -440,8 +444,16 @@ def test_any_axis_is_turned_to_z(axis, euler, tmp_path):
     hinge.CreateLowerLimitAttr(-90.0)
     hinge.CreateUpperLimitAttr(45.0)
     after, notes = inspect_stage(foreign.save())
-    (joint,) = after.joints
-    assert (after.base, joint.parent, joint.child, joint.name) == ("base_link", "base_link", "arm", "hinge")
+    mount, joint = after.joints
+    assert (after.base, mount.type, mount.parent, mount.child, mount.name) == (
+        "world",
+        "fixed",
+        "world",
+        "base_link",
+        "fix",
+    )
+    assert np.allclose(after.rest["base_link"], spatial.pose(p=[1, 2, 3]), rtol=0, atol=1e-12)
+    assert (joint.parent, joint.child, joint.name) == ("base_link", "arm", "hinge")
     A = joint.relative(after.rest["base_link"], after.rest["arm"])
     assert np.allclose(A, spatial.pose(spatial.rotation_z(40 * DEG)), atol=1e-6)
     assert np.allclose(joint.T_parent_joint[:3, 2], np.eye(3)["XYZ".index(axis)])
@@ -523,9 +535,10 @@ def test_nested_transforms_and_joints_to_a_child_prim(tmp_path):
     foreign.joint(F, "fix", None, "group/base", (1, 0, 1))
     foreign.joint(R, "hinge", "group/base/port", "group/arm", axis="Z")
     after = read_stage(foreign.save())
-    (joint,) = after.joints
+    _, joint = after.joints
     assert np.allclose(joint.T_parent_joint[:3, 3], [1, 0, 0])
-    assert np.allclose(after.rest["arm"][:3, 3], [1, 0, 0])
+    assert np.allclose(after.rest["base"][:3, 3], [1, 0, 1])
+    assert np.allclose(after.rest["arm"][:3, 3], [2, 0, 1])
 
 
 def test_polygons_left_hands_and_equal_names(tmp_path):

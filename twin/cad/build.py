@@ -31,7 +31,7 @@ from twin.core.units import DEG, MM, SI, UM
 from twin.model.body import Body, Finish, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive, Joint
-from twin.model.mechanism import Coupling, Mechanism
+from twin.model.mechanism import EARTH, Coupling, Mechanism
 
 
 @dataclass(frozen=True)
@@ -160,6 +160,7 @@ def read_mechanism(
             for c in d.coupling
         ),
         trocars=(d.trocar,) if d.trocar else tuple(d.trocars),
+        gravity=d.gravity_m_s2 or EARTH,
         source=f"{description_path.name} {fingerprint(description_path, d, read)}",
     )
     gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)

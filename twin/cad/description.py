@@ -374,6 +374,9 @@ class Description(Table):
     ] = Field(default_factory=list)
     length: list[LengthSpec] = Field(default_factory=list)
     requirement: RequirementSpec | None = None
+    gravity_m_s2: Annotated[
+        Vector | None, Field(description="gravitational acceleration in the base frame; default (0, 0, -9.81)")
+    ] = None
     frame: dict[Identifier, NamedFrame]
     point: dict[Identifier, NamedPoint] = Field(default_factory=dict)
     posture: dict[Identifier, dict[str, float]] = Field(default_factory=dict)

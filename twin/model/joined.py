@@ -10,10 +10,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.model.body import Body, Frame
 from twin.model.joint import Joint
-from twin.model.mechanism import Mechanism
-
-WORLD = "world"
-"""Name of the body that carries all arms."""
+from twin.model.mechanism import WORLD, Mechanism
 
 
 def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:

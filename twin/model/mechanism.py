@@ -25,6 +25,12 @@ from twin.model.transmission import Actuator, Transmission, faults
 
 _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
 
+WORLD = "world"
+"""Name of the base of a robot whose first link hangs on a wall or a ceiling, or floats: the world itself."""
+
+EARTH = (0.0, 0.0, -9.81)
+"""Gravitational acceleration in m/s2 of a robot that states none."""
+
 
 @dataclass(frozen=True)
 class Coupling:
@@ -49,6 +55,10 @@ class Coupling:
 class Mechanism:
     """Bodies, joints and loops of one robot.
 
+    The base frame is the world frame, z up. The pose of a robot that stands elsewhere is a joint from a base named
+    `WORLD` to the robot's first link: a fixed joint for a mount on a wall or a ceiling, a free joint if the robot
+    floats.
+
     Attributes:
         name: identifier.
         base: name of the fixed body; its frame is the base frame.
@@ -61,6 +71,7 @@ class Mechanism:
             directly.
         couplings: belts, gears and cables between joints.
         trocars: names of the joints between the base and a trocar; a trocar has the name of its joint.
+        gravity: gravitational acceleration (x, y, z) in m/s2, in base.
         source: the file of the mechanism, for messages.
     """
 
@@ -78,6 +89,7 @@ class Mechanism:
     transmissions: tuple[Transmission, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     trocars: tuple[str, ...] = ()
+    gravity: tuple[float, float, float] = EARTH
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -417,6 +429,8 @@ def _check(m: Mechanism) -> None:
             fail(f"trocar: the parent of joint '{name}' must be the base '{m.base}'")
         if m.trocars.count(name) > 1:
             fail(f"trocar '{name}' is listed twice")
+    if len(m.gravity) != 3 or not np.all(np.isfinite(m.gravity)):
+        fail(f"gravity {m.gravity} is not three finite numbers in m/s2")
     for item in (*m.frames, *m.points):
         if item.body not in names:
             fail(f"'{item.name}': {unknown('body', item.body, names)}")

@@ -27,7 +27,6 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array, Index
 from twin.model.mechanism import Mechanism
 from twin.reference import given
-from twin.reference.holding import GRAVITY
 from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
@@ -56,7 +55,7 @@ class Dynamics:
     def __init__(
         self,
         mechanism: Mechanism | ReferenceModel,
-        gravity: ArrayLike = (0.0, 0.0, -GRAVITY),
+        gravity: ArrayLike | None = None,
         *,
         rotor: ArrayLike = 0.0,
         friction: ArrayLike = 0.0,
@@ -65,7 +64,7 @@ class Dynamics:
 
         Args:
             mechanism: the mechanism, or its independent model.
-            gravity: (3,) gravitational acceleration in base, m/s2.
+            gravity: (3,) gravitational acceleration in base, m/s2; None: that of the mechanism.
             rotor: (n,) rotor inertia at the joints in kg m2 or kg, in addition to the rotors of the actuators.
             friction: (n,) viscous friction at the joints, N m s/rad or N s/m.
 
@@ -76,7 +75,7 @@ class Dynamics:
         self.mechanism = m = self.model.mechanism
         self._tree = self.model.tree
         self._pin = pin.Model(self._tree.model)
-        self._pin.gravity.linear = np.asarray(gravity, float)
+        self._pin.gravity.linear = np.asarray(m.gravity if gravity is None else gravity, float)
         self._data = self._pin.createData()
         self._places = np.array([self._tree.configuration[j.name] for j in m.active], int)
         self._upper = np.triu(np.ones((self._pin.nv, self._pin.nv)), 1) + 0.5 * np.eye(self._pin.nv)

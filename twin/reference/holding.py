@@ -9,9 +9,6 @@ from twin.model.mechanism import Mechanism
 from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
-GRAVITY = 9.81
-"""Gravitational acceleration in m/s2, along -z of base."""
-
 _STEP = 1e-5
 """Step in m or rad of the central difference; by virtual work, the effort is the slope of the potential energy."""
 
@@ -19,7 +16,7 @@ _STEP = 1e-5
 def holding_efforts(model: ReferenceModel, state: Assembly) -> dict[str, float]:
     """Return {active joint: effort in N or N m}: the efforts that hold the mechanism at rest in a state.
 
-    Bodies without inertia are massless.
+    Gravity is that of the mechanism. Bodies without inertia are massless.
 
     Raises:
         AssemblyError: the loops cannot be closed at a small step from the state.
@@ -33,9 +30,11 @@ def holding_efforts(model: ReferenceModel, state: Assembly) -> dict[str, float]:
 
 
 def _energy(mechanism: Mechanism, link_poses: dict[str, Array]) -> float:
-    heights = (
-        b.inertia.mass * float(link_poses[b.name][2, :3] @ b.inertia.p_body_com + link_poses[b.name][2, 3])
-        for b in mechanism.bodies
-        if b.inertia is not None
-    )
-    return GRAVITY * sum(heights)
+    energy = 0.0
+    for body in mechanism.bodies:
+        if body.inertia is None:
+            continue
+        T = link_poses[body.name]
+        p_base_com = T[:3, :3] @ body.inertia.p_body_com + T[:3, 3]
+        energy -= body.inertia.mass * float(np.dot(mechanism.gravity, p_base_com))
+    return energy

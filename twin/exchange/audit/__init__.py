@@ -104,7 +104,7 @@ def _audited(
         for content in contents:
             content.known = declared or None
             check_names(content)
-            check_sense(content)
+            check_sense(content, _gravity(contents, content, mechanism))
         tell("compare", 0.9)
         refs = references(contents, truth)
         compare(contents, refs)
@@ -123,6 +123,13 @@ def _audited(
             hashes.append(str(proof.get("model_hash", "")))
         compare_hashes(contents, next(filter(None, hashes), ""))
     return contents, ledgers
+
+
+def _gravity(contents: Sequence[Content], content: Content, mechanism: Mechanism | None) -> list[np.ndarray]:
+    """Return the gravity (3,) in m/s2 of the mechanism and of the files in other formats than that of `content`."""
+    stated = [] if mechanism is None else [np.array(mechanism.gravity)]
+    others = [c.physics for c in contents if c.format != content.format and c.physics is not None]
+    return stated + [physics.gravity for physics in others if physics.gravity is not None]
 
 
 def key_times(path: str | Path) -> dict[str, np.ndarray]:

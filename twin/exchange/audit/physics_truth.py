@@ -12,9 +12,6 @@ from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Motor, Physic
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
-GRAVITY = 9.81
-"""Gravitational acceleration in m/s2, downwards."""
-
 
 def mechanism_physics(mechanism: Mechanism) -> Physics:
     """Return a mechanism in the common form of mechanism data; its loops need not be closed."""
@@ -22,7 +19,7 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
     out = Physics(
         tuple(b.name for b in m.bodies),
         {b.name: Mass(b.inertia.mass, b.inertia.p_body_com, b.inertia.I_com) for b in m.bodies if b.inertia},
-        gravity=np.array([0.0, 0.0, -GRAVITY]),
+        gravity=np.array(m.gravity),
         held=frozenset({m.base}),
         tool=m.tool,
         trocars=frozenset(m.trocars),

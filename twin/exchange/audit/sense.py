@@ -5,6 +5,8 @@ This check needs no second file. If two files of a bundle contradict each other,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from twin.exchange.audit.motion import Content, Shape
@@ -26,6 +28,9 @@ A centre of mass outside the box is possible, because the CAD may omit some part
 GRAVITY = (9.7, 9.9)
 """Range of gravity in m/s2 on earth; zero gravity is also allowed."""
 
+SAME_GRAVITY = 1e-3
+"""Maximum distance in m/s2 of two values of gravity that are the same, despite rounding to single precision."""
+
 SHEET = 1e-4
 """Thickness in m below which an open mesh is a sheet, drawn without its thickness."""
 
@@ -33,8 +38,12 @@ TRIANGLE = 1e-5
 """Maximum relative violation of the triangle inequality of principal inertias that counts as a rounding error."""
 
 
-def check_sense(content: Content) -> None:
-    """Report physically impossible data in a file."""
+def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
+    """Report physically impossible data in a file.
+
+    `gravity` are the values (3,) in m/s2 of the mechanism and of files in other formats. Gravity that does not point
+    down is wrong only if none of them is the same: some robots are meant for a slope, or drawn with another axis up.
+    """
     p, ledger = content.physics, content.ledger
     if p is None:
         return
@@ -47,7 +56,8 @@ def check_sense(content: Content) -> None:
         if joint.names:
             _check_drive(ledger, joint.names[-1], joint.drive)
     if p.gravity is not None:
-        _check_gravity(ledger, p.gravity)
+        meant = any(np.linalg.norm(p.gravity - other) < SAME_GRAVITY for other in gravity)
+        _check_gravity(ledger, p.gravity, meant)
     if p.masses or p.joints:
         wrong = [f for f in ledger.found[before:] if f.severity != "info"]
         ledger.row("masses, drives, gravity: physically possible", float(len(wrong)), "found", 0.0)
@@ -134,12 +144,16 @@ def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
             ledger.wrong("physics.drive_negative", text, joint, size=Measured(value, 0.0))
 
 
-def _check_gravity(ledger: Ledger, gravity: np.ndarray) -> None:
+def _check_gravity(ledger: Ledger, gravity: np.ndarray, meant: bool) -> None:
     size = float(np.linalg.norm(gravity))
     if size == 0.0:
         ledger.add("physics.gravity", "info", "gravity is zero.", "gravity")
         return
     shown = ", ".join(f"{g:g}" for g in gravity)
+    if meant:
+        if abs(gravity[2] + 9.81) > SAME_GRAVITY or size > 9.9:
+            ledger.add("physics.gravity", "info", f"gravity is ({shown}) m/s2, as stated elsewhere.", "gravity")
+        return
     if not gravity[2] < -0.999 * size:
         text = f"gravity is ({shown}) m/s2 in a world with z up, but must point down (-z)."
         ledger.wrong("physics.gravity", text, "gravity", suggestion="gravity along -z: (0, 0, -9.81)")

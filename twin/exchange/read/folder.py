@@ -25,7 +25,7 @@ from twin.exchange.read.templates import formula, protocol
 from twin.exchange.read.text import frame, one_line, rows, table, toml
 from twin.model.body import Body, Mesh
 from twin.model.joint import Joint
-from twin.model.mechanism import Mechanism
+from twin.model.mechanism import EARTH, Mechanism
 from twin.model.transmission import Actuator
 
 NOTES = "IMPORT.md"
@@ -127,6 +127,7 @@ def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
         *rows({"name": m.name, "title": m.name, "source": source, "default_protocol": "first", "base": m.base}),
         *rows({"tool": m.tool, "trocar": m.trocars[0] if len(m.trocars) == 1 else None}),
         *rows({"trocars": m.trocars if len(m.trocars) > 1 else None}),
+        *rows({"gravity_m_s2": m.gravity if m.gravity != EARTH else None}),
         *TOLERANCE,
     ]
     for body in m.bodies:

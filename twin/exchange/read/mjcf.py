@@ -23,7 +23,16 @@ from twin.core.spatial import Array
 from twin.exchange.read.mjcf_motors import fixed_tendon, read_motors
 from twin.exchange.read.mjcf_robots import chosen, tied_by
 from twin.exchange.read.mjcf_shapes import shown
-from twin.exchange.read.source import Findings, Imported, Names, along, assemble, possible, warning
+from twin.exchange.read.source import (
+    Findings,
+    Imported,
+    Names,
+    along,
+    assemble,
+    possible,
+    stated_gravity,
+    warning,
+)
 from twin.model.body import TOOL, Body, Frame
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive, Joint, JointType
@@ -155,10 +164,17 @@ class _Mjcf:
         )
         motors = self.motors
         moved = replace(out.mechanism, actuators=motors.actuators, transmissions=motors.transmissions)
+        moved = replace(moved, gravity=self._gravity())
         keys = self._keys(kept)
         driven = {self.joints[k] for k in self.drives}
         postures = {n: {j: q for j, q in key.items() if j in driven} for n, key in keys.items()}
         return replace(out, mechanism=replace(moved, postures=postures), keys=keys)
+
+    def _gravity(self) -> tuple[float, float, float]:
+        """Return the gravitational acceleration in m/s2; zero if the file disables gravity."""
+        if self.m.opt.disableflags & int(self.mujoco.mjtDisableBit.mjDSBL_GRAVITY):
+            return (0.0, 0.0, 0.0)
+        return stated_gravity(self.m.opt.gravity, self.findings)
 
     def _keys(self, kept: list[int]) -> dict[str, dict[str, float]]:
         """Return {key frame: {joint: value in m or rad}} for the joints with one coordinate."""

@@ -17,12 +17,22 @@ from twin.core.errors import MechanismError, SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.sdf_world import robot_of
 from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, shows_all, size
-from twin.exchange.read.source import Findings, Imported, Names, along, assemble, limits, possible, rpy
+from twin.exchange.read.source import (
+    Findings,
+    Imported,
+    Names,
+    along,
+    assemble,
+    limits,
+    possible,
+    rpy,
+    stated_gravity,
+)
 from twin.exchange.read.xml import Xml
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, JointType
-from twin.model.mechanism import Coupling, Mechanism
+from twin.model.mechanism import EARTH, WORLD, Coupling, Mechanism
 from twin.usd.read.names import identifier
 
 TYPES: dict[str, JointType] = {
@@ -81,14 +91,20 @@ class _Sdf:
             raise SourceError(f"{self.path}: the model has no <link>, so there is no mechanism")
         self.links, self.elements = links, {**links, **joints, **marks}
         self.poses: dict[str, Array] = {}
+        self.T_world_model = self._placed()
         body_names = Names("link", links, self.findings)
         joint_names = Names("joint", joints, self.findings)
         made = [self._joint(n, joint_names[n], e, body_names) for n, e in joints.items()]
         grounded = any(j.parent == "world" for j in made)
         if grounded and "world" in links:
             self.xml.fail("link 'world'", "the name 'world' is reserved for the world")
-        base = "world" if grounded else self._base(made, body_names)
-        bodies = [Body("world")] if grounded else []
+        if not grounded:
+            root = self._base(made, body_names)
+            mount = self._mount(root, body_names)
+            made = [*mount, *made]
+            grounded = bool(mount)
+        base = WORLD if grounded else root
+        bodies = [Body(WORLD)] if grounded else []
         for n, e in links.items():
             meshes = self._meshes(n, e)
             bodies.append(Body(body_names[n], tuple(meshes), self._inertia(n, e), shows_all(e, len(meshes))))
@@ -102,7 +118,36 @@ class _Sdf:
         made = self._drive(made, base, {c.joints[0] for c in couplings}, joint_names)
         self.findings += _left_out(self.model, self.xml)
         efforts = {joint_names[n]: e for n, e in self.efforts.items()}
-        return assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
+        out = assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
+        return replace(out, mechanism=replace(out.mechanism, gravity=self._gravity()))
+
+    def _placed(self) -> Array:
+        """Return T_world_model (4, 4), the pose of the model in the world."""
+        where = f"model '{self.model.get('name')}'"
+        pose = self.model.find("pose")
+        relative = (pose.get("relative_to") or "") if pose is not None else ""
+        if relative not in ("", "world"):
+            text = f"{where}: its pose relative to '{relative}' is not read; the model is placed at the origin."
+            self.findings.warn("pose", text, where)
+            return np.eye(4)
+        T_world_placed = self._pose(self.model, where)
+        return T_world_placed @ spatial.inverse(self._at(self.model.get("placement_frame") or ""))
+
+    def _gravity(self) -> tuple[float, float, float]:
+        """Return the gravity of the world in m/s2; that of the earth if the file states none."""
+        text = self.xml.root.findtext("world/gravity")
+        return stated_gravity(self.xml.numbers("world", "gravity", text, 3, EARTH), self.findings)
+
+    def _mount(self, root: str, names: Names) -> list[Joint]:
+        """Return the joint from the world to the link `root`, in a model without a joint to the world.
+
+        The list is empty if the link's frame is the frame of the world.
+        """
+        link = next(n for n in self.links if names[n] == root)
+        T_world_link = self.T_world_model @ self._at(link)
+        if np.allclose(T_world_link, np.eye(4), rtol=0.0, atol=1e-12):
+            return []
+        return [Joint(f"{root}_mount", "fixed", WORLD, root, T_world_link)]
 
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
         """Return the joints, with `active` set to True for the driven joints.
@@ -175,8 +220,10 @@ class _Sdf:
 
     def _at(self, name: str, seen: tuple[str, ...] = ()) -> Array:
         """Return T_model_x (4, 4) for x, the link, joint or frame with the given name."""
-        if name in ("__model__", "world", ""):
+        if name in ("__model__", ""):
             return np.eye(4)
+        if name == WORLD:
+            return spatial.inverse(self.T_world_model)
         if name in self.poses:
             return self.poses[name]
         if name not in self.elements:
@@ -222,7 +269,7 @@ class _Sdf:
         values: dict = {}
         if kind in ("revolute", "continuous", "prismatic"):
             T, values = self._axis(name, where, kind, joint, T)
-        T_parent = np.eye(4) if ends[0] == "world" else self._at(ends[0])
+        T_parent = self._at(ends[0])
         return Joint(
             new,
             TYPES[kind],
@@ -293,13 +340,9 @@ class _Sdf:
 def _left_out(model: Element, xml: Xml) -> Findings:
     found = Findings()
     if xml.root.find("world") is not None:
-        others = sorted({str(e.tag) for w in xml.root.findall("world") for e in w} - {"model"})
+        others = sorted({str(e.tag) for w in xml.root.findall("world") for e in w} - {"model", "gravity"})
         if others:
             found.note("unread", f"the elements {', '.join(others)} of the world are not read.", "world")
-    pose = model.find("pose")
-    if pose is not None and (pose.text or "").strip():
-        text = f"the model's pose in the world, {(pose.text or '').strip()[:60]}, is not imported."
-        found.note("unread", text, "model")
     _walk(model, "model", f"model '{model.get('name')}'", found)
     return found
 

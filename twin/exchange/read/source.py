@@ -17,7 +17,7 @@ from twin.core.spatial import Array
 from twin.model.body import Body, Frame
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
-from twin.model.mechanism import Coupling, Mechanism
+from twin.model.mechanism import EARTH, Coupling, Mechanism
 from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
 
@@ -134,6 +134,17 @@ def possible(inertia: Inertia, link: str, findings: Findings) -> Inertia | None:
         return inertia
     findings.warn("inertia", f"link '{link}': {'; '.join(bad)}: mass and inertia of the link are left out.", link)
     return None
+
+
+def stated_gravity(gravity: Array, findings: Findings) -> tuple[float, float, float]:
+    """Return a gravitational acceleration (3,) in m/s2, world z up; a note states one that is not the earth's."""
+    x, y, z = (float(g) + 0.0 for g in gravity)
+    if (x, y, z) != EARTH:
+        text = f"gravity is ({x:g}, {y:g}, {z:g}) m/s2."
+        if (x, y) != (0.0, 0.0) or z > 0.0:
+            text += " It does not point down, along -z of the world."
+        findings.note("gravity", text, "gravity")
+    return x, y, z
 
 
 def limits(

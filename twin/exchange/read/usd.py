@@ -7,9 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from twin.core.errors import SourceError, TwinError
 from twin.core.findings import Finding
-from twin.exchange.read.source import Findings, Imported, possible, tooled
+from twin.exchange.read.source import Findings, Imported, possible, stated_gravity, tooled
 
 _READ = (
     "PhysicsRigidBodyAPI",
@@ -49,7 +51,7 @@ def read_usd(path: Path, root: str | None) -> Imported:
         raise SourceError(f"{path}: {error}") from error
     findings = Findings(replace(f, severity="warning") if f.code == "stage.read.shape" else f for f in findings)
     bodies = (replace(b, inertia=b.inertia and possible(b.inertia, b.name, findings)) for b in mechanism.bodies)
-    mechanism = replace(mechanism, bodies=tuple(bodies))
+    mechanism = replace(mechanism, bodies=tuple(bodies), gravity=stated_gravity(np.array(mechanism.gravity), findings))
     findings += _left_out(path, root, {n for c in mechanism.couplings for n in c.joints})
     if not mechanism.active:
         moving = {j.name for j in mechanism.tree if len(j.free_axes) == 1}

@@ -34,7 +34,7 @@ from twin.exchange.write.xml import gains, numbers, srgb, write_xml, xml_text
 from twin.model.hull import flat
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
-from twin.model.mechanism import Mechanism
+from twin.model.mechanism import EARTH, WORLD, Mechanism
 from twin.usd.write.spanning import spanning
 
 PIN = 0.05
@@ -125,7 +125,9 @@ class _Writer:
             root.append(ET.Comment(f" {finding.message} "))
         ET.SubElement(root, "compiler", angle="radian", autolimits="true")
         root.append(ET.Comment(f" {STEPPING} "))
-        ET.SubElement(root, "option", OPTION)
+        option = ET.SubElement(root, "option", OPTION)
+        if mechanism.gravity != EARTH:
+            option.set("gravity", numbers(mechanism.gravity))
         asset = ET.SubElement(root, "asset")
         for look in dict.fromkeys(mechanism.materials.values()):
             finish = {"metallic": numbers([look.finish.metallic]), "roughness": numbers([look.finish.roughness])}
@@ -153,7 +155,7 @@ class _Writer:
         if joint is not None and self._floats(joint):
             T = self._relative(self.mechanism.base, joint.child)
         # MuJoCo's own fixed body has the name "world"; a base of that name is written as this body.
-        world = joint is None and name == "world"
+        world = joint is None and name == WORLD
         element = parent if world else ET.SubElement(parent, "body", {"name": name, **_place(T)})
         body = self.mechanism.body(name)
         if joint is not None:

@@ -26,7 +26,7 @@ from twin.model.body import Body, Material
 from twin.model.following import Following, following
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive, Joint
-from twin.model.mechanism import Mechanism
+from twin.model.mechanism import EARTH, Mechanism
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
@@ -95,6 +95,10 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
         text = f"{file}: URDF cannot hold coupling {coupling.name}: {terms} = {coupling.total:g}"
         found.append(warning("export.urdf_coupling", coupling.name, text))
     found += left_out(mechanism, file, "soft_limits", "max_acceleration", "max_jerk", "cone")
+    if mechanism.gravity != EARTH:
+        shown = ", ".join(f"{g:g}" for g in mechanism.gravity)
+        text = f"{file}: the format cannot hold gravity, which is ({shown}) m/s2; set it in the simulator"
+        found.append(info("export.left_out", "gravity", text))
     if mechanism.frames or mechanism.points:
         names = ", ".join(x.name for x in (*mechanism.frames, *mechanism.points))
         found.append(info("export.left_out", names, f"{file}: URDF cannot hold the frames and points {names}"))

@@ -12,15 +12,17 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pxr import Gf, Sdf, Usd, UsdPhysics
+import numpy as np
+from pxr import Sdf, Usd, UsdPhysics
 
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, StageError
 from twin.core.spatial import Array
 from twin.exchange.write.clip import rounded
-from twin.model.mechanism import Mechanism
+from twin.model.mechanism import EARTH, Mechanism
 from twin.planning.trajectory import Trajectory, key_times
-from twin.reference.holding import GRAVITY, holding_efforts
+from twin.reference.holding import holding_efforts
+from twin.usd import gf
 from twin.usd.read import made_from
 from twin.usd.write.layers import describe, new_layer, save
 
@@ -58,7 +60,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
     except AssemblyError:  # loops cannot be closed, or there are more drives than degrees of freedom
         efforts = {}
     files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
-    out = [files.root, files.physics, files.geometry, write_simulated(mechanism.name, folder)]
+    out = [files.root, files.physics, files.geometry, write_simulated(mechanism.name, folder, mechanism.gravity)]
     for clip in clips:
         motion = Motion(clip.name, clip.times, rounded(clip.links), clip.joints, clip.trocars)
         baked = write_motion(mechanism, folder, motion)
@@ -84,8 +86,10 @@ def baked_times(trajectory: Trajectory) -> Array:
     return key_times(trajectory.duration, TIME_CODES_PER_SECOND)
 
 
-def write_simulated(name: str, folder: Path) -> Path:
+def write_simulated(name: str, folder: Path, gravity: tuple[float, float, float] = EARTH) -> Path:
     """Write <name>_sim.usda, which adds a physics scene to the layer <name>.usda of the same folder.
+
+    `gravity` is the gravitational acceleration of the scene in m/s2, in the world.
 
     The physics scene is outside the default prim. Therefore another stage can reference the robot without getting a
     second physics scene.
@@ -95,17 +99,19 @@ def write_simulated(name: str, folder: Path) -> Path:
     layer.comment = (
         f"{name} in a physics scene with {STEPS_PER_SECOND} time steps per second, the rate tested with PhysX on a CPU."
     )
-    _add_scene(layer)
+    _add_scene(layer, gravity)
     # Set the sublayers last, when no stage is open: USD resolves them at once, but this layer has no path yet.
     layer.subLayerPaths = [f"./{name}.usda"]
     return save(layer, path)
 
 
-def _add_scene(layer: Sdf.Layer) -> None:
+def _add_scene(layer: Sdf.Layer, gravity: tuple[float, float, float]) -> None:
     stage = Usd.Stage.Open(layer)
     scene = UsdPhysics.Scene.Define(stage, "/physicsScene")
-    scene.CreateGravityDirectionAttr(Gf.Vec3f(0, 0, -1))
-    scene.CreateGravityMagnitudeAttr(GRAVITY)
+    size = float(np.linalg.norm(gravity))
+    direction = np.array(gravity) / size if size else np.array([0.0, 0.0, -1.0])
+    scene.CreateGravityDirectionAttr(gf.vec3f(direction))
+    scene.CreateGravityMagnitudeAttr(size)
     prim = scene.GetPrim()
     prim.AddAppliedSchema("PhysxSceneAPI")
     for name, kind, value in (

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.codegen import Kernel, Stage
+from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
-from twin.reference.holding import GRAVITY
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.motion import motion
 
@@ -64,13 +64,13 @@ class Physics:
             np.array([known.get(name, 0.0) for name in m.motor_names]),
             arm.friction.copy(),
             np.broadcast_to(np.asarray(coulomb, float), n).copy(),
-            np.array([0.0, 0.0, -GRAVITY]),
+            np.array(m.gravity, float),
             np.array(ends, float).T,
         )
 
     def changed(self, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0) -> Physics:
         """Return a copy: masses times `mass`, friction times `friction`, base tilted by `tilt` rad about its x axis."""
-        fall = GRAVITY * np.array([0.0, -np.sin(tilt), -np.cos(tilt)])
+        fall = spatial.exp_so3([-tilt, 0.0, 0.0]) @ self.fall
         scaled = {"viscous": friction * self.viscous, "coulomb": friction * self.coulomb}
         return replace(self, factors=mass * self.factors, fall=fall, **scaled)
 

@@ -21,7 +21,6 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
-from twin.reference.holding import GRAVITY
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.motion import motion
 from twin.simulation.machine.settings import Mode, Policy, Settings
@@ -126,7 +125,7 @@ def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], 
 def holding(mechanism: Mechanism) -> Callable[[Array], Array]:
     """Return the compiled function q (n,) -> joint efforts (n,) that balance gravity on a mechanism's masses."""
     e = motion(mechanism)
-    at = [(e.qd, 0), (e.factors, 1), (e.fall, ca.DM([0, 0, -GRAVITY]))]
+    at = [(e.qd, 0), (e.factors, 1), (e.fall, ca.DM(mechanism.gravity))]
     b = e.b
     for symbol, value in at:
         b = ca.substitute(b, symbol, value * ca.DM.ones(symbol.shape) if isinstance(value, int) else value)

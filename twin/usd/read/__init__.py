@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Tf, UsdGeom
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics
 
 from twin.core import spatial
 from twin.core.errors import MechanismError, StageError
@@ -25,15 +25,22 @@ from twin.core.findings import Finding, info
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.model.body import Body, Frame, Point
-from twin.model.mechanism import Coupling, Mechanism
+from twin.model.joint import Joint
+from twin.model.mechanism import EARTH, WORLD, Coupling, Mechanism
 from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes, shows_all
-from twin.usd.read.joints import WORLD, Selection, convert, select
+from twin.usd.read.joints import Selection, convert, select
 from twin.usd.read.motors import read_motors
 from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
 from twin.usd.scan import Scene, said
 
 __all__ = ["inspect_stage", "made_from", "read_motion", "read_stage", "with_tool"]
+
+_ALIGNED = 1e-9
+"""Maximum difference of a pose from the identity, in m or 1, at which a body counts as placed at the origin."""
+
+_ROUNDED = 1e-5
+"""Maximum difference of two poses, in m or 1, that counts as a rounding error of a joint's frames."""
 
 
 def made_from(path: str | Path) -> str:
@@ -55,12 +62,13 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     Every up axis and unit is converted to z up, metres and kilograms. Joint frames with axis X or Y are rotated so that
     z is the axis. Bodies may be nested. A joint side whose target is missing or not a body is attached to the
     world. Joints excluded from the articulation come last, so that they close the loops; in a stage written by twin,
-    the order of joints is unchanged. Rest poses are those at the default time, relative to the base; positions have
-    double precision, rotations the precision of the orient op.
+    the order of joints is unchanged. Rest poses are those at the default time; positions have double precision,
+    rotations the precision of the orient op. Gravity is that of the robot (`twin:gravity`), else of the physics scene.
 
-    The base is the first of these that exists: the body named by `twin:base`; the body fixed to the world; an added
-    body "world", if joints connect to the world; the articulation root; the only body that is never a child. `root` is
-    the prim path of the robot, if the stage has several robots.
+    The first body is the first of these that exists: the body named by `twin:base`; the body fixed to the world; the
+    articulation root; the only body that is never a child. If the frame of this body is the frame of the world, it is
+    the base. Otherwise, and if other joints connect to the world, the base is an added body "world". `root` is the prim
+    path of the robot, if the stage has several robots.
 
     Raises:
         StageError: the file is missing or not USD; it has no bodies or joints, several robots or an ambiguous base; a
@@ -104,17 +112,19 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     prims = [scene.bodies[p] for p in chosen.bodies]
     for prim in prims:
         bake_scale(scene, prim, notes)
-    made_up = [] if chosen.base else [("", WORLD)]
-    names = unique([*made_up, *((p, original_name(scene.bodies[p])) for p in chosen.bodies)])
-    joint_names = unique((j.path, j.prim.GetName()) for j in chosen.joints)
+    T_world_body = dict(zip(chosen.bodies, scene.poses(prims)[:, 0], strict=True))
+    mounted = bool(chosen.base) and not np.allclose(T_world_body[chosen.base], np.eye(4), rtol=0.0, atol=_ALIGNED)
+    base = "" if mounted else chosen.base
+    wanted = [(p, original_name(scene.bodies[p])) for p in chosen.bodies]
+    names = unique(wanted if base else [*wanted, ("", WORLD)])
+    joint_names = unique([*((j.path, j.prim.GetName()) for j in chosen.joints), ("", _mount_name(chosen))])
     mesh_names = unique(
         (str(p.GetPath()), original_name(p)) for body in prims for p in below(scene, body) if p.IsA(UsdGeom.Mesh)
     )
     _note_names(notes, {**names, **joint_names})
 
-    T_world_body = dict(zip(chosen.bodies, scene.poses(prims)[:, 0], strict=True))
-    T_world_base = T_world_body.get(chosen.base, np.eye(4))
-    bodies = [Body(names[""])] if not chosen.base else []
+    T_world_base = T_world_body.get(base, np.eye(4))
+    bodies = [] if base else [Body(names[""])]
     frames: list[Frame] = []
     points: list[Point] = []
     for body_path, prim in zip(chosen.bodies, prims, strict=True):
@@ -128,27 +138,78 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
                 points.append(Point(mark, name, T[:3, 3]))
     authored = _authored(scene, chosen)
     moved = {n for t in authored["transmissions"] for n in t.joints}
-    joints = tuple(
-        replace(joint, drive=None) if joint.name in moved else joint  # the drive is equivalent to the joint's motors
-        for joint in (
-            convert(scene, j, joint_names[j.path], names, chosen.base, T_world_base, notes) for j in chosen.joints
-        )
-    )
+    joints: list[Joint] = []
+    if mounted:
+        joints.append(_mount(scene, chosen, joint_names[""], names, T_world_body[chosen.base], notes))
+    for raw in chosen.joints:
+        joint = convert(scene, raw, joint_names[raw.path], names, base, T_world_base, notes)
+        if joint.name in moved:
+            joint = replace(joint, drive=None)  # the drive is equivalent to the joint's motors
+        if mounted and joint.name in authored["trocars"]:  # a trocar is a joint of the base
+            T_world_joint = T_world_body[chosen.base] @ joint.T_parent_joint
+            joint = replace(joint, parent=names[""], T_parent_joint=T_world_joint)
+        joints.append(joint)
     try:
         mechanism = Mechanism(
             name=identifier(_robot_name(scene, chosen, root)),
-            base=names[chosen.base],
+            base=names[base],
             bodies=tuple(bodies),
-            joints=joints,
+            joints=tuple(joints),
             frames=tuple(frames),
             points=tuple(points),
             rest=_rest(names, T_world_body, T_world_base),
+            gravity=_gravity(scene, prims[0].GetParent()),
             source=scene.path,
             **authored,
         )
     except MechanismError as error:
         raise StageError(f"{scene.path}: {error}") from error
     return mechanism, notes
+
+
+def _mount_name(chosen: Selection) -> str:
+    """Return the name of the joint between the added body "world" and the first body."""
+    if chosen.anchor is not None:
+        return chosen.anchor.prim.GetName()
+    return f"{chosen.base.rpartition('/')[2]}_mount"
+
+
+def _mount(
+    scene: Scene, chosen: Selection, name: str, names: dict[str, str], T_world_body: Array, notes: list[Finding]
+) -> Joint:
+    """Return the fixed joint from the world to the first body, which has the pose `T_world_body` (4, 4).
+
+    The frames of the stage's own joint are in single precision; they are used only if they contradict this pose.
+    """
+    at_pose = Joint(name, "fixed", names[""], names[chosen.base], T_world_body)
+    if chosen.anchor is None:
+        return at_pose
+    stated = convert(scene, chosen.anchor, name, names, "", np.eye(4), notes)
+    apart = stated.relative(np.eye(4), T_world_body)
+    if stated.parent != names[""]:
+        apart = stated.relative(T_world_body, np.eye(4))
+    return at_pose if np.allclose(apart, np.eye(4), rtol=0.0, atol=_ROUNDED) else stated
+
+
+def _gravity(scene: Scene, robot: Usd.Prim) -> tuple[float, float, float]:
+    """Return the gravitational acceleration in m/s2 in the world, z up: of the robot, else of the physics scene."""
+    own = robot.GetAttribute("twin:gravity").Get()
+    if own is not None:
+        return (float(own[0]), float(own[1]), float(own[2]))
+    stated = next((UsdPhysics.Scene(p) for p in scene.prims if p.IsA(UsdPhysics.Scene)), None)
+    if stated is None:
+        return EARTH
+    direction = np.array(stated.GetGravityDirectionAttr().Get(), float)
+    size = float(stated.GetGravityMagnitudeAttr().Get())
+    if not np.any(direction):  # in UsdPhysics, a zero vector means down, and a negative size means that of the earth
+        direction = scene.R_world_stage.T @ np.array([0.0, 0.0, -1.0])
+    down = scene.R_world_stage @ direction / np.linalg.norm(direction)
+    if size < 0.0 or not np.isfinite(size):
+        x, y, z = -EARTH[2] * down
+    else:
+        x, y, z = scene.meters * size * down
+    # both values have single precision: 9.81 is stored as 9.8100004
+    return float(f"{x:.7g}") + 0.0, float(f"{y:.7g}") + 0.0, float(f"{z:.7g}") + 0.0
 
 
 def _shape(name: Sdf.ValueTypeName) -> tuple:

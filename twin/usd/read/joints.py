@@ -17,21 +17,19 @@ from twin.model.joint import Drive, Joint
 from twin.usd import gf
 from twin.usd.scan import End, RawJoint, Scene
 
-WORLD = "world"
-"""Name of the body that is added if joints connect the robot to the world, but no body is fixed to the world."""
-
 
 @dataclass(frozen=True)
 class Selection:
     """Bodies and joints of the selected robot of a stage.
 
     Bodies are prim paths in the order of the stage; the base "" is the world itself. Joints that close loops are last;
-    the joint that only fixes the base is omitted.
+    the joint that only fixes the base to the world is not among them, but is `anchor`.
     """
 
     base: str
     bodies: list[str]
     joints: list[RawJoint]
+    anchor: RawJoint | None = None
 
 
 def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
@@ -82,7 +80,7 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     joints = [j for j in joints if j is not anchor]
     if not scene.is_stated_base(base):  # else the joints have the order of the description: the last ones close loops
         joints = sorted(joints, key=lambda j: j.excluded)
-    return Selection(base, members, joints)
+    return Selection(base, members, joints, anchor)
 
 
 def convert(

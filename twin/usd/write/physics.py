@@ -23,7 +23,7 @@ from twin.core.units import DEG
 from twin.model.following import Following, following
 from twin.model.inertia import Inertia
 from twin.model.joint import FREE_AXES, Drive, Joint
-from twin.model.mechanism import Coupling, Mechanism
+from twin.model.mechanism import EARTH, Coupling, Mechanism
 from twin.model.transmission import Actuator, joint_gains
 from twin.usd import gf
 from twin.usd.scan import DIRECTIONS, TURNS
@@ -145,6 +145,8 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
     _attribute(root, "twin:tool", Sdf.ValueTypeNames.Token, mechanism.tool)
     # Only the file name, because a path would depend on the machine.
     _attribute(root, "twin:source", Sdf.ValueTypeNames.String, Path(mechanism.source).name)
+    if mechanism.gravity != EARTH:  # the robot's layers have no physics scene
+        _attribute(root, "twin:gravity", Sdf.ValueTypeNames.Double3, Gf.Vec3d(*mechanism.gravity))
     if len(mechanism.trocars) == 1:
         _attribute(root, "twin:trocar", Sdf.ValueTypeNames.Token, mechanism.trocars[0])
     elif mechanism.trocars:
