@@ -237,8 +237,8 @@ def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str
 
 def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:
     """Return (times (k,) in s, {link: poses (k, 4, 4)}) of the motion; without motion, only the rest pose at time 0."""
-    for clip in bundle.order.clips:
-        return clip.times, clip.links
+    for scene in bundle.order.scenes:
+        return scene.clip.times, scene.judged
     return np.zeros(1), {n: T[None] for n, T in home_poses(bundle.order.mechanism).items()}
 
 

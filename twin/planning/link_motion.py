@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -55,6 +55,15 @@ class LinkMotion:
         first = BY_PLAN if self.by_plan else BY_EQUATIONS
         return f"driven joints: {first}; other joints: {LOOPS}"
 
+    def on(self, model: Any, trajectory: Trajectory) -> Any:
+        """Return the `Run` of a `ReferenceModel` at the same times, to judge this motion.
+
+        The reference model is solved for the planned poses or, if `by_plan`, for the joint values.
+        """
+        if self.by_plan:
+            return model.run(self.q)
+        return model.run_poses(trajectory.poses(self.times), near=self.q)
+
 
 def link_motion(
     loops: LoopSolver, trajectory: Trajectory, times: Array, inverse: Callable[[Array], Array] | None
@@ -94,7 +103,9 @@ def link_motion(
     joints = {joint.name: q[:, i] for i, joint in enumerate(mechanism.active)}
     for joint in mechanism.joints:
         if joint.name not in joints and len(joint.free_axes) == 1:
-            joints[joint.name] = joint.coordinate(links[joint.parent], links[joint.child])
+            values = joint.coordinate(links[joint.parent], links[joint.child])
+            unwrap = joint.is_angle and joint.limits is None  # a pose does not determine the number of full turns
+            joints[joint.name] = np.unwrap(values) if unwrap else values
     return LinkMotion(times, q, joints, links, by_plan)
 
 

@@ -170,7 +170,8 @@ def write_bundle(
             written[name] = {f for f in _tree(work) - before if not f.endswith(".schema.json")}
         (work / "README.txt").write_text(readme.text(order, formats, findings), encoding="utf-8")
         progress("audit", 0.0)
-        judged = audit(work, truth={c.name: (c.times, c.links) for c in order.clips}, mechanism=order.mechanism)
+        truth = {s.clip.name: (s.clip.times, s.judged) for s in order.scenes}
+        judged = audit(work, truth=truth, mechanism=order.mechanism)
         checks, missed = _budgets(order)
         checks += [c.as_dict() for c in judged.checks]
         findings += [*missed, *judged.findings, *_unjudged(written, {c.file for c in judged.checks})]

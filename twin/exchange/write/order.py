@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from twin.core.errors import ProtocolError, TwinError
 from twin.core.findings import Finding, warning
 from twin.core.foreign.once import Read
 from twin.core.provenance import Parameter
+from twin.core.spatial import Array
 from twin.exchange.write.clip import Budget, Clip, make_clip
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
@@ -39,10 +40,18 @@ Robot = Any
 
 @dataclass(frozen=True)
 class Scene:
-    """A clip, and the mechanism with the trocar positions of the clip's protocol."""
+    """A clip, and what judges it.
+
+    Attributes:
+        clip: the motion to write.
+        mechanism: the mechanism with the trocar positions of the clip's protocol.
+        judged: {link: T_world_link (k, 4, 4)} at the times of the clip by the reference model, which did not make the
+            clip. For the motion of a stage, those of the stage.
+    """
 
     clip: Clip
     mechanism: Mechanism
+    judged: Mapping[str, Array]
 
 
 @dataclass(frozen=True)
@@ -144,7 +153,9 @@ def order(
         progress(f"keys of {protocol.name}", (i + 0.5) / len(loaded))
         moved = partial(bound.link_motion, planned)
         clip = make_clip(bound.mechanism, planned, protocol.title, budget, _assumed(protocol.parameters()), moved)
-        scenes.append(Scene(clip, bound.mechanism))
+        model = bound.reference()
+        run = bound.link_motion(planned, clip.times).on(model, planned)
+        scenes.append(Scene(clip, bound.mechanism, model.link_poses(run.x)))
     numbers = [*cad.mechanism.parameters, *cad.dimensions]
     if has_equations:
         numbers += robot.kinematics().formula.parameters
@@ -187,7 +198,7 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
     layers = sorted({Path(x.realPath) for x in opened.GetUsedLayers() if x.realPath})
     return Order(
         mechanism,
-        () if clip is None else (Scene(clip, mechanism),),
+        () if clip is None else (Scene(clip, mechanism, clip.links),),
         () if clip is None else (clip.name,),
         tuple((p.name, _sha256(p)) for p in layers if p.is_file()),
         _assumed(mechanism.parameters),
