@@ -15,6 +15,7 @@ from twin.analysis.mutation import units
 from twin.core import spatial
 from twin.core.errors import DescriptionError, ProtocolError
 from twin.core.findings import verdict
+from twin.planning.given import between
 from twin.planning.plan import plan
 from twin.planning.playable import write_samples
 from twin.planning.protocol import load_protocol
@@ -218,3 +219,50 @@ def test_samples_are_in_the_folder_of_their_protocol(made, tmp_path):
     copy = tmp_path / "copy" / file.name
     copy.write_text(text, encoding="utf-8")
     assert len(load_protocol(copy, folder=file.parent).phases) == 2
+
+
+@pytest.mark.parametrize("kind", ["dwell", "steps", "uneven", "smooth"])
+def test_the_motion_stays_between_its_samples(kind):
+    """125 drawn tables of each kind; a spline left 0 .. 6 deg by up to 17 deg where a joint moves after a dwell."""
+    rng = np.random.default_rng(3)
+    for _ in range(125):
+        t, q = drawn_table(kind, rng)
+        curve = between(t, q)
+        assert np.abs(curve(t) - q).max() < 1e-12
+        fine = np.linspace(t[0], t[-1], 4001)
+        at = np.clip(np.searchsorted(t, fine, side="right"), 1, len(t) - 1)
+        low = np.minimum(q[at - 1], q[at])
+        high = np.maximum(q[at - 1], q[at])
+        step = np.abs(np.diff(q, axis=0)).max(axis=0)
+        seen = curve(fine)
+        assert (np.maximum(low - seen, seen - high) <= 0.0105 * step + 1e-12).all()
+
+
+def drawn_table(kind, rng):
+    """Return times (k,) in s and joint values (k, 2) in rad of a drawn table."""
+    count = int(rng.integers(4, 40))
+    t = np.arange(count) / rng.uniform(1, 100)
+    if kind == "uneven":
+        t = np.cumsum(10 ** rng.uniform(-3, 0.5, count))
+    q = np.cumsum(rng.normal(size=(count, 2)), axis=0)
+    if kind == "dwell":
+        q = np.repeat(q, rng.integers(1, 6, count), axis=0)
+        t = np.arange(len(q)) / rng.uniform(1, 100)
+    if kind == "steps":
+        q = np.round(q)
+    if kind == "smooth":
+        q = np.column_stack([np.sin(t / t[-1] * rng.uniform(1, 7)), np.cos(t / t[-1] * rng.uniform(1, 7))])
+    return t - t[0], q
+
+
+def test_smooth_samples_are_followed_by_a_spline():
+    t = np.linspace(0, 2, 201)
+    q = np.column_stack([1 - np.cos(np.pi * t)])
+    fine = np.linspace(0, 2, 1777)
+    assert np.abs(between(t, q)(fine)[:, 0] - (1 - np.cos(np.pi * fine))).max() < 1e-8
+
+
+def test_a_joint_that_moves_after_a_dwell_stays_in_its_range():
+    """The table of a user: 0, 0, 6, 6 deg at 0, 1, 1.1, 3 s."""
+    motion = between(np.array([0, 1, 1.1, 3]), np.array([[0.0], [0], [6], [6]]))(np.linspace(0, 3, 3001))
+    assert -1e-12 <= motion.min() <= motion.max() <= 6 + 1e-12

@@ -1,8 +1,9 @@
 """A phase whose joint values are given by samples over time; all rates are differences of samples.
 
-Between the given samples, joint values are interpolated by cubic splines. Rates are central differences, so that the
-check of the trajectory tests what the samples contain. A phase begins and ends at rest: before the first and after
-the last sample, the motion is continued by its mirror image in time.
+Between the given samples, joint values are interpolated by cubic splines. A spline overshoots where the samples change
+suddenly, so that a joint would leave the range of its samples; the slopes of such a joint are limited. Rates are
+central differences, so that the check of the trajectory tests what the samples contain. A phase begins and ends at
+rest: before the first and after the last sample, the motion is continued by its mirror image in time.
 """
 
 from __future__ import annotations
@@ -24,6 +25,12 @@ from twin.planning.trajectory import Carrier
 
 _COARSE = 0.02
 """Time step in s with which the mechanism is moved from the start to the end of the phase."""
+
+_OVERSHOOT = 0.01
+"""Largest overshoot of a joint's spline beyond two successive samples, as a fraction of the joint's largest step."""
+
+_LOOKS = 19
+"""Number of places between two samples at which the overshoot is measured."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +94,6 @@ def given(
     Raises:
         ProtocolError: the first sample is not at the start of the phase, or the loops open.
     """
-    from scipy.interpolate import CubicSpline
-
     columns = [names.index(j) for j in phase.joints]
     for j, column, first in zip(phase.joints, columns, phase.q[0], strict=True):
         angle = j in phase.angle_joints
@@ -100,11 +105,11 @@ def given(
                 f"{q[column] / factor:.6g} {unit}, a difference of {off / factor:.3g} {unit} (tolerance "
                 f"{tolerance / factor:g} {unit}): change the samples, or where the phase begins"
             )
-    spline = CubicSpline(phase.t, phase.q, bc_type="clamped")
+    curve = between(phase.t, phase.q)
 
     def values(t: Array) -> Array:
         out = np.repeat(q[None], len(t), axis=0)
-        out[:, columns] = spline(t)
+        out[:, columns] = curve(t)
         return out
 
     def carry(rows: Array) -> tuple[Array, Array]:
@@ -120,6 +125,38 @@ def given(
     T = Ts[-1] @ path.T_tool_frame
     made = replace(made, angles1=angles_of(Ts[-1, :3, :3], path.order, path.angles1), tip1=T[:3, 3])
     return made, rows[-1], X[-1]
+
+
+def between(t: Array, q: Array) -> Callable[[Array], Array]:
+    """Return a curve, with slope zero at both ends, through samples q (k, n) at times t (k,) in s.
+
+    The curve is a function of times (j,) that returns (j, n): per joint, a cubic spline if it exceeds no two successive
+    samples by more than `_OVERSHOOT`; else a cubic Hermite spline with slopes limited as by Hyman (SIAM J. Sci. Stat.
+    Comput. 4, 1983), which stays between successive samples.
+    """
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+    spline = CubicSpline(t, q, bc_type="clamped")
+    low = np.minimum(q[:-1], q[1:])
+    high = np.maximum(q[:-1], q[1:])
+    excess = np.zeros(q.shape[1])
+    for part in np.linspace(0.0, 1.0, _LOOKS + 2)[1:-1]:
+        seen = spline(t[:-1] + part * np.diff(t))
+        excess = np.maximum(excess, np.maximum(low - seen, seen - high).max(axis=0))
+    steps = np.diff(q, axis=0)
+    overshoots = excess > _OVERSHOOT * np.abs(steps).max(axis=0)
+    if not overshoots.any():
+        return spline
+    slopes = spline(t, 1)
+    secants = steps / np.diff(t)[:, None]
+    before = secants[:-1]
+    after = secants[1:]
+    most = 3 * np.minimum(np.abs(before), np.abs(after))
+    inner = np.clip(slopes[1:-1], -most, most)
+    same_way = (before * after > 0) & (inner * after > 0)
+    limited = np.zeros_like(slopes)
+    limited[1:-1] = np.where(same_way, inner, 0.0)
+    return CubicHermiteSpline(t, q, np.where(overshoots, limited, slopes))
 
 
 def _rates(steps: Array, dt: float) -> tuple[Array, Array]:
