@@ -6,10 +6,11 @@ slide, so that the efforts that hold it depend on the mount. MuJoCo computes the
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
-from tests.made.importing_same import made
+from made.importing_same import made
 from twin.cad.build import read_mechanism
 from twin.core import spatial
 from twin.exchange.audit import audit
@@ -17,7 +18,7 @@ from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
 from twin.exchange.write.mjcf import write_mjcf
-from twin.exchange.write.urdf import urdf_findings
+from twin.exchange.write.urdf import urdf_findings, write_urdf
 from twin.exchange.write.usd import write_usd
 from twin.reference import ReferenceModel
 from twin.reference.dynamics import Dynamics
@@ -279,3 +280,64 @@ def test_a_lift_of_a_stage_with_y_up_rises(tmp_path):
     raised = model.solve(np.array([0.2])).link_poses["a"]
     np.testing.assert_allclose(raised[:3, 3], [0, 0, 0.7], atol=1e-9)
     assert holding_efforts(model, model.home())["lift"] == pytest.approx(MASS * 9.81)
+
+
+# --- floating bases ---------------------------------------------------------------------------------
+
+
+def floating_urdf(T, path):
+    urdf(T, path)
+    path.write_text(path.read_text().replace('name="stand" type="fixed"', 'name="base_free" type="floating"'))
+
+
+def floating_mjcf(T, path):
+    mjcf(T, path)
+    path.write_text(path.read_text().replace('<body name="arm"', '<freejoint name="base_free"/><body name="arm"'))
+
+
+def floating_sdf(T, path):
+    sdf(T, path)
+    path.write_text(path.read_text().replace("<static>true</static>", ""))
+
+
+def floating_usd(T, path):
+    usd(T, path, up="Y")
+    stage = Usd.Stage.Open(str(path))
+    stage.RemovePrim("/m/stand")
+    stage.GetRootLayer().Save()
+
+
+FLOATING = {"m.urdf": floating_urdf, "m.xml": floating_mjcf, "m.sdf": floating_sdf, "m.usda": floating_usd}
+
+
+@pytest.mark.parametrize("file", FLOATING)
+def test_a_floating_base_is_read_from_every_format_and_written_to_every_format(file, tmp_path):
+    T = mount("oblique")
+    FLOATING[file](T, tmp_path / file)
+    imported = close(read(tmp_path / file, guarded=False))
+    m = imported.mechanism
+    free = m.joint("base_free")
+    assert (free.type, free.parent, free.child) == ("free", "world", "base")
+    assert "import.free" in {f.code for f in imported.findings}
+    np.testing.assert_allclose(m.rest["base"], T, rtol=0, atol=1e-9)
+    out = tmp_path / "out"
+    write_urdf(m, out)
+    write_mjcf(m, out)
+    write_usd(m, (), out)
+    compiled = mujoco.MjModel.from_xml_path(str(out / "m.xml"))
+    assert compiled.joint("base_free").type[0] == mujoco.mjtJoint.mjJNT_FREE
+    np.testing.assert_allclose(compiled.joint("base_free").qpos0[:3], T[:3, 3], rtol=0, atol=1e-9)
+    tree = pin.buildModelFromUrdf(str(out / "m.urdf"))
+    assert tree.nv == 7
+    stage = Usd.Stage.Open(str(out / "m.usda"))
+    found = UsdPhysics.UsdPhysicsLoadStageFromPrimRange(stage, ["/"])
+    assert UsdPhysics.ObjectType.FixedJoint not in found
+    enabled = [j.primPath.name for j in found[UsdPhysics.ObjectType.RevoluteJoint][1] if j.jointEnabled]
+    assert enabled == ["hinge"]
+    assert not UsdPhysics.Joint(stage.GetPrimAtPath("/m/joints/base_free")).GetJointEnabledAttr().Get()
+    for again in (read(out / "m.urdf"), read(out / "m.xml", guarded=False), read(out / "m.usda", guarded=False)):
+        other = again.mechanism
+        assert (other.base, other.joint("base_free").type) == ("world", "free")
+        np.testing.assert_allclose(other.rest["base"], T, rtol=0, atol=1e-7)
+    report = audit(out, mechanism=m)
+    assert [f.message for f in report.findings if f.severity != "info"] == []

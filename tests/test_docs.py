@@ -13,11 +13,14 @@ import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pxr import Sdf
 
 from made import mechanisms, transmissions, two_trocars
 from twin.cli import main
+from twin.model.joined import joined
+from twin.model.mechanism import WORLD
 from twin.reference import ReferenceModel
 from twin.usd.write import write_stage
 
@@ -279,6 +282,11 @@ def test_stages_hold_what_the_mapping_names(mapped, used, tmp_path):
     arm = transmissions.raven()  # ... nor motors apart from its joints
     model = ReferenceModel(arm)
     write_stage(arm, tmp_path / "motors", model.home().link_poses, model.home().q_full)
+    afloat = joined({"slider": (slider, np.eye(4))})  # ... nor a floating base, nor the gravity of the moon
+    joints = tuple(replace(j, type="free") if j.parent == WORLD else j for j in afloat.joints)
+    afloat = replace(afloat, name="afloat", joints=joints, gravity=(0.0, 0.0, -1.62))
+    model = ReferenceModel(afloat)
+    write_stage(afloat, tmp_path / "afloat", model.home().link_poses, model.home().q_full)
     more = Used(tmp_path.rglob("*.usd[ac]"))
     assert len(mapped) > 100
     assert {word for word in mapped if word not in used and word not in more} == set()

@@ -51,7 +51,7 @@ def test_several_robots_are_listed_and_one_is_chosen(capsys, tmp_path):
     with pytest.raises(SourceError, match=r"--root: there is no model 'rigth'\. Did you mean 'right'\?"):
         read(WORLDS / "two_arms.sdf", root="rigth")
     imported = read(WORLDS / "two_arms.sdf", root="left")
-    assert [j.name for j in imported.mechanism.joints] == ["base_mount", "lift"]
+    assert [j.name for j in imported.mechanism.joints] == ["base_free", "lift"]
     np.testing.assert_allclose(at(imported.mechanism, "base"), [0, 0.5, 0], atol=1e-12)
     props = {f.where: f.severity for f in imported.findings if f.code == "import.prop"}
     assert props == {"right": "warning", "ground_plane": "info"}
@@ -59,7 +59,7 @@ def test_several_robots_are_listed_and_one_is_chosen(capsys, tmp_path):
 
 def test_what_is_no_robot_is_left_out_and_told():
     imported = read(WORLDS / "props.sdf")
-    assert [j.name for j in imported.mechanism.joints] == ["shoulder"]
+    assert [j.name for j in imported.mechanism.joints] == ["base_free", "shoulder"]
     assert {f.where for f in imported.findings if f.code == "import.prop"} == {"table", "can"}
     assert len([f for f in imported.findings if f.code == "import.include"]) == 2
 
@@ -68,6 +68,7 @@ def test_nested_models_stand_where_their_frames_say():
     m = read(WORLDS / "nested.sdf").mechanism
     joints = {j.name: j for j in m.joints}
     assert {n: (j.parent, j.child) for n, j in joints.items()} == {
+        "base_free": ("world", "base"),
         "shoulder": ("base", "upper"),
         "wrist": ("upper", "hand_palm"),
         "hand_close": ("hand_palm", "hand_finger"),

@@ -65,7 +65,7 @@ class RawJoint:
         limits: (lower, upper) in units of the stage (degrees for angles); None if unlimited.
         unit: factor that converts limits, states and targets of the stage to degrees (angles) or metres.
         excluded: whether the joint is excluded from the articulation, because it closes a loop.
-        enabled: False for a disabled joint.
+        enabled: False for a disabled joint, except a free joint that twin wrote, which constrains nothing.
         problem: why no joint type matches; "" if a type matches.
 
     """
@@ -152,6 +152,10 @@ class Scene:
                 codes.update(UsdGeom.Xformable(prim).GetTimeSamples())
         return np.array(sorted(codes), float)
 
+    def is_kinematic(self, body: str) -> bool:
+        """Return whether no force moves the body at a prim path: it stays in the world without a joint."""
+        return bool(UsdPhysics.RigidBodyAPI(self.bodies[body]).GetKinematicEnabledAttr().Get())
+
     def is_stated_base(self, body: str) -> bool:
         """Return whether the attribute `twin:base` of the robot names the body at the prim path `body`."""
         prim = self.bodies.get(body)
@@ -231,7 +235,7 @@ class Scene:
             limits,
             1.0 if kind == "revolute" else self.meters,
             bool(joint.GetExcludeFromArticulationAttr().Get()),
-            joint.GetJointEnabledAttr().Get() is not False,
+            joint.GetJointEnabledAttr().Get() is not False or bool(prim.GetAttribute("twin:free").Get()),
             problem,
         )
 

@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from twin.exchange.audit import poses
 from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Motor, Physics, along
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.usd_joints import AXES, SIX, is_locked, joint_ends
+from twin.exchange.audit.usd_joints import AXES, SIX, is_locked, is_stated, joint_ends
 
 
 def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> Physics:
@@ -27,9 +27,9 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
             out.masses[prim.GetName()] = mass
         if not _shows_all(prim, set(names)):
             out.partly |= {prim.GetName()}
-    held = set()
+    held = {p.GetName() for p in bodies if UsdPhysics.RigidBodyAPI(p).GetKinematicEnabledAttr().Get()}
     for prim in stage.Traverse():
-        if prim.IsA(UsdPhysics.Joint) and UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is not False:
+        if prim.IsA(UsdPhysics.Joint) and is_stated(prim):
             joint = _joint(prim, names, meters, kilograms)
             if joint is None:
                 continue

@@ -33,13 +33,21 @@ def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> 
     """
     count = len(next(iter(placed.values()))) if placed else 0
     for prim in stage.Traverse():
-        if not prim.IsA(UsdPhysics.Joint) or UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is False:
+        if not prim.IsA(UsdPhysics.Joint) or not is_stated(prim):
             continue
         ends = [_frame(stage, *end, placed, world, count) for end in joint_ends(prim, world.meters)]
         if ends[0] is None or ends[1] is None:
             continue  # the stage checker reports a missing target
         apart = (poses.inverse(ends[0]) @ ends[1])[:, :3, 3]
         yield str(prim.GetPath()), np.linalg.norm(apart[:, _locked(prim)], axis=1)
+
+
+def is_stated(prim: Usd.Prim) -> bool:
+    """Return whether a joint belongs to the robot: it is enabled, or is the free joint of a floating base.
+
+    A free joint is disabled, because it constrains nothing.
+    """
+    return UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is not False or bool(prim.GetAttribute("twin:free").Get())
 
 
 def joint_ends(prim: Usd.Prim, meters: float) -> list[tuple[list[str], Array]]:

@@ -100,7 +100,7 @@ class _Sdf:
             self.xml.fail("link 'world'", "the name 'world' is reserved for the world")
         if not grounded:
             root = self._base(made, body_names)
-            mount = self._mount(root, body_names)
+            mount = self._mount(root, body_names, set(joint_names.values()))
             made = [*mount, *made]
             grounded = bool(mount)
         base = WORLD if grounded else root
@@ -138,16 +138,24 @@ class _Sdf:
         text = self.xml.root.findtext("world/gravity")
         return stated_gravity(self.xml.numbers("world", "gravity", text, 3, EARTH), self.findings)
 
-    def _mount(self, root: str, names: Names) -> list[Joint]:
+    def _mount(self, root: str, names: Names, taken: set[str]) -> list[Joint]:
         """Return the joint from the world to the link `root`, in a model without a joint to the world.
 
-        The list is empty if the link's frame is the frame of the world.
+        The model floats, unless it is static. The list is empty for a static model whose link `root` is at the origin
+        of the world. `taken` are the names of the other joints.
         """
         link = next(n for n in self.links if names[n] == root)
         T_world_link = self.T_world_model @ self._at(link)
-        if np.allclose(T_world_link, np.eye(4), rtol=0.0, atol=1e-12):
+        static = (self.model.findtext("static") or "").strip() in ("true", "1")
+        if static and np.allclose(T_world_link, np.eye(4), rtol=0.0, atol=1e-12):
             return []
-        return [Joint(f"{root}_mount", "fixed", WORLD, root, T_world_link)]
+        name = f"{root}_mount" if static else f"{root}_free"
+        while name in taken:
+            name += "_1"
+        if not static:
+            text = f"no joint fixes link '{root}' to the world: the robot floats, by joint '{name}'."
+            self.findings.warn("free", text, root)
+        return [Joint(name, "fixed" if static else "free", WORLD, root, T_world_link)]
 
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
         """Return the joints, with `active` set to True for the driven joints.

@@ -71,6 +71,10 @@ class Names:
     def __contains__(self, name: str) -> bool:
         return name in self._known
 
+    def values(self) -> Iterable[str]:
+        """Return the identifiers."""
+        return self._known.values()
+
     def items(self) -> Iterable[tuple[str, str]]:
         """Return the pairs (name in the file, identifier)."""
         return self._known.items()

@@ -52,6 +52,10 @@ def read_usd(path: Path, root: str | None) -> Imported:
     findings = Findings(replace(f, severity="warning") if f.code == "stage.read.shape" else f for f in findings)
     bodies = (replace(b, inertia=b.inertia and possible(b.inertia, b.name, findings)) for b in mechanism.bodies)
     mechanism = replace(mechanism, bodies=tuple(bodies), gravity=stated_gravity(np.array(mechanism.gravity), findings))
+    for joint in mechanism.joints:
+        if joint.type == "free" and joint.parent == mechanism.base:
+            text = f"no joint fixes body '{joint.child}' to the world: the robot floats, by joint '{joint.name}'."
+            findings.warn("free", text, joint.child)
     findings += _left_out(path, root, {n for c in mechanism.couplings for n in c.joints})
     if not mechanism.active:
         moving = {j.name for j in mechanism.tree if len(j.free_axes) == 1}

@@ -89,6 +89,10 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
             continue
         ways.setdefault(a, {})[b] = joint.path
         ways.setdefault(b, {})[a] = joint.path
+    for body in scene.bodies:
+        if scene.is_kinematic(body):
+            ways.setdefault("", {})[body] = ""
+            ways.setdefault(body, {})[""] = ""
     joined = {e.body for j in joints for e in j.ends}
     held = _reached(ways, "") if "" in ways else None
     for body in scene.bodies:

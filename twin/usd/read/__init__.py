@@ -67,8 +67,9 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
 
     The first body is the first of these that exists: the body named by `twin:base`; the body fixed to the world; the
     articulation root; the only body that is never a child. If the frame of this body is the frame of the world, it is
-    the base. Otherwise, and if other joints connect to the world, the base is an added body "world". `root` is the prim
-    path of the robot, if the stage has several robots.
+    the base. Otherwise, and if other joints connect to the world, the base is an added body "world". If no joint
+    connects the robot to the world, it floats: a free joint connects its first body to an added body "world". `root` is
+    the prim path of the robot, if the stage has several robots.
 
     Raises:
         StageError: the file is missing or not USD; it has no bodies or joints, several robots or an ambiguous base; a
@@ -113,7 +114,10 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     for prim in prims:
         bake_scale(scene, prim, notes)
     T_world_body = dict(zip(chosen.bodies, scene.poses(prims)[:, 0], strict=True))
-    mounted = bool(chosen.base) and not np.allclose(T_world_body[chosen.base], np.eye(4), rtol=0.0, atol=_ALIGNED)
+    floats = chosen.floats
+    mounted = floats or (
+        bool(chosen.base) and not np.allclose(T_world_body[chosen.base], np.eye(4), rtol=0.0, atol=_ALIGNED)
+    )
     base = "" if mounted else chosen.base
     wanted = [(p, original_name(scene.bodies[p])) for p in chosen.bodies]
     names = unique(wanted if base else [*wanted, ("", WORLD)])
@@ -140,7 +144,8 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     moved = {n for t in authored["transmissions"] for n in t.joints}
     joints: list[Joint] = []
     if mounted:
-        joints.append(_mount(scene, chosen, joint_names[""], names, T_world_body[chosen.base], notes))
+        mount = _mount(scene, chosen, joint_names[""], names, T_world_body[chosen.base], notes)
+        joints.append(replace(mount, type="free") if floats else mount)
     for raw in chosen.joints:
         joint = convert(scene, raw, joint_names[raw.path], names, base, T_world_base, notes)
         if joint.name in moved:
@@ -171,13 +176,13 @@ def _mount_name(chosen: Selection) -> str:
     """Return the name of the joint between the added body "world" and the first body."""
     if chosen.anchor is not None:
         return chosen.anchor.prim.GetName()
-    return f"{chosen.base.rpartition('/')[2]}_mount"
+    return f"{chosen.base.rpartition('/')[2]}_{'free' if chosen.floats else 'mount'}"
 
 
 def _mount(
     scene: Scene, chosen: Selection, name: str, names: dict[str, str], T_world_body: Array, notes: list[Finding]
 ) -> Joint:
-    """Return the fixed joint from the world to the first body, which has the pose `T_world_body` (4, 4).
+    """Return the joint from the world to the first body, which has the pose `T_world_body` (4, 4).
 
     The frames of the stage's own joint are in single precision; they are used only if they contradict this pose.
     """

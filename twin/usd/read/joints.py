@@ -23,13 +23,15 @@ class Selection:
     """Bodies and joints of the selected robot of a stage.
 
     Bodies are prim paths in the order of the stage; the base "" is the world itself. Joints that close loops are last;
-    the joint that only fixes the base to the world is not among them, but is `anchor`.
+    the joint that only fixes the base to the world is not among them, but is `anchor`. `floats`: no joint connects the
+    robot to the world, and its base can move.
     """
 
     base: str
     bodies: list[str]
     joints: list[RawJoint]
     anchor: RawJoint | None = None
+    floats: bool = False
 
 
 def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
@@ -80,7 +82,8 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     joints = [j for j in joints if j is not anchor]
     if not scene.is_stated_base(base):  # else the joints have the order of the description: the last ones close loops
         joints = sorted(joints, key=lambda j: j.excluded)
-    return Selection(base, members, joints, anchor)
+    held = anchor is not None or scene.is_stated_base(base) or (base and scene.is_kinematic(base))
+    return Selection(base, members, joints, anchor, floats=bool(base) and not held)
 
 
 def convert(

@@ -113,7 +113,11 @@ def write_physics(
         UsdPhysics.MeshCollisionAPI.Apply(prim).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
     UsdGeom.Scope.Define(stage, f"/{mechanism.name}/joints")
     layer.GetPrimAtPath(root.GetPath()).specifier = Sdf.SpecifierOver  # defining the scope changed its parent to def
-    _write_anchor(stage, mechanism, link_poses[mechanism.base])
+    if _floats(mechanism):
+        base = stage.OverridePrim(f"/{mechanism.name}/{mechanism.base}")
+        UsdPhysics.RigidBodyAPI(base).CreateKinematicEnabledAttr(True)  # stays in place without a joint
+    else:
+        _write_anchor(stage, mechanism, link_poses[mechanism.base])
     joints = spanning(mechanism)
     loops = {j.name for j in joints.cut}
     # Tree joints are written outwards: Newton rejects a tree joint whose parent is the outer body.
@@ -200,6 +204,12 @@ def write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:
     mass.CreatePrincipalAxesAttr(gf.quatf(axes))
 
 
+def _floats(mechanism: Mechanism) -> bool:
+    """Return whether only free joints connect the base to the robot, so that nothing fixes the robot to the world."""
+    beside = [j for j in mechanism.joints if mechanism.base in (j.parent, j.child)]
+    return all(j.type == "free" for j in beside)
+
+
 def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -> None:
     """Fix the base to the robot's root prim.
 
@@ -233,6 +243,10 @@ def _write_joint(
     out.CreateCollisionEnabledAttr(False)
     if closes_loop:
         out.CreateExcludeFromArticulationAttr(True)
+    if joint.type == "free":
+        # It constrains nothing, and no engine has such a joint in an articulation: engines skip a disabled joint.
+        out.CreateJointEnabledAttr(False)
+        _attribute(prim, "twin:free", Sdf.ValueTypeNames.Bool, True)
     if joint.type in ("revolute", "prismatic", "spherical"):
         out.CreateAxisAttr(UsdPhysics.Tokens.z)
     if joint.type == "cylindrical":
