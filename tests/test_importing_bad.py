@@ -40,7 +40,7 @@ BAD = {
     "error_not_step.step": "is not a STEP file: it does not begin with ISO-10303-21",
     "error_one_body.step": "the file has one body, 'block': a mechanism requires an assembly with a node for each bod",
     "error_axis_zero.urdf": "joint 'q1': axis: the axis has length 0",
-    "error_box_negative.urdf": "link 'base': a size of the box is -0.1, but must be positive",
+    "error_box_negative.urdf": "link 'base': a size of the box is -0.1, but must not be negative",
     "error_entities.urdf": "the file declares a document type or entities; expand the entities first",
     "error_inertia_incomplete.urdf": "link 'upper': ixx is missing",
     "error_limits_swapped.urdf": "joint 'q1': the lower limit -1 is not below the upper limit -2",

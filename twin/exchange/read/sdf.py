@@ -16,7 +16,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.sdf_world import robot_of
-from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, shows_all, size
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, shows_all, sized
 from twin.exchange.read.source import (
     Findings,
     Imported,
@@ -82,6 +82,8 @@ class _Sdf:
     def __init__(self, path: Path, root: str | None) -> None:
         self.xml, self.path = Xml(path, "sdf"), path
         self.findings = Findings()
+        for text in self.xml.repaired:
+            self.findings.warn("xml", text, path.name)
         self.efforts: dict[str, float] = {}
         self.model = robot_of(self.xml, root, self.findings)
 
@@ -332,7 +334,7 @@ class _Sdf:
                 scale = self.xml.numbers(where, "mesh scale", shape.findtext("scale"), 3, (1, 1, 1))
                 solid = mesh_file((shape.findtext("uri") or "").strip(), self.path.parent, scale, name, self.findings)
             elif shape.tag in SIZES:
-                solid = primitive(shape.tag, size(self.xml, where, shape.tag, shape.findtext))
+                solid = sized(self.xml, where, shape.tag, shape.findtext, self.findings)
             else:
                 self.findings.warn("shape", f"{where}: a <{shape.tag}> is not shown.", name)
             if solid is not None:

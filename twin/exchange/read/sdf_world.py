@@ -102,8 +102,8 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
         if (value := include.findtext(key) or include.get(key) or "") not in ("", "false", "0"):
             xml.fail(f"include {uri}", f"{key} = '{value}' is not supported: expand the model (gz sdf -p)")
     file = _file(uri, xml.path.parent)
-    if file is None:
-        return None
+    if file is None or (file.samefile(xml.path) and _package(uri) not in ("", xml.path.resolve().parent.name)):
+        return None  # the file that was found is the including one, although another model is named
     taken.append(file)
     if len(taken) > INCLUDES:
         over(file, "SDF", "number of included files so far", len(taken), INCLUDES)
@@ -134,6 +134,12 @@ def _file(uri: str, beside: Path) -> Path | None:
     if uri.startswith(("http://", "https://")):
         uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded; search a local copy instead
     return next((f for n in (f"{uri}/model.sdf", f"{uri}.sdf", uri) if (f := find(n, beside)) is not None), None)
+
+
+def _package(uri: str) -> str:
+    """Return the name of the model in a `model://` or `package://` address; "" for other addresses."""
+    scheme, mark, rest = uri.partition("://")
+    return rest.strip("/").partition("/")[0] if mark and scheme in ("model", "package") else ""
 
 
 def _flatten(xml: Xml, model: Element) -> None:

@@ -49,18 +49,26 @@ def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
     return np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int32)
 
 
-def size(xml: Xml, where: str, kind: str, text: Callable[[str], str | None]) -> list[float]:
-    """Return the sizes in m of a box, cylinder or sphere. `text` is a function from an attribute's name to its text.
+def sized(
+    xml: Xml, where: str, kind: str, text: Callable[[str], str | None], findings: Findings
+) -> tuple[Array, np.ndarray] | None:
+    """Return the surface of a box, cylinder or sphere as in `primitive`. `text` returns the text of an attribute.
+
+    If a size is 0, the shape has no volume: return None and add a warning to `findings`.
 
     Raises:
-        SourceError: a size is missing or not positive.
+        SourceError: a size is missing or negative.
     """
-    size = [
-        float(s) for k in SIZES[kind] for s in xml.numbers(where, f"{kind} {k}", text(k), 3 if k == "size" else 1, None)
-    ]
-    if min(size) <= 0:
-        xml.fail(where, f"a size of the {kind} is {min(size):g}, but must be positive")
-    return size
+    size = []
+    for key in SIZES[kind]:
+        count = 3 if key == "size" else 1
+        size += [float(s) for s in xml.numbers(where, f"{kind} {key}", text(key), count, None)]
+    if min(size) < 0:
+        xml.fail(where, f"a size of the {kind} is {min(size):g}, but must not be negative")
+    if min(size) == 0:
+        findings.warn("shape", f"{where}: a {kind} of size 0 is left out.", where)
+        return None
+    return primitive(kind, size)
 
 
 def shows_all(link: Element, read: int) -> bool:
@@ -101,7 +109,8 @@ def find(uri: str, beside: Path) -> Path | None:
     if mark and scheme != "file" and "/" in names[0]:
         names.append(names[0].partition("/")[2])
     places = [beside, *list(beside.resolve().parents)[:4]]
-    candidates = [p / n for p in places for n in names if n]
+    # The whole name in all places first: without the name of the package, a file of another package may be found.
+    candidates = [p / n for n in names if n for p in places]
     if scheme == "file" or not mark:
         candidates.insert(0, Path(rest))
     return next((c for c in candidates if c.is_file()), None)

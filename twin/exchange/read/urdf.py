@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.closures import Closures, read_closures
-from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, primitive, shows_all, size
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, shows_all, sized
 from twin.exchange.read.source import Findings, Imported, Names, along, assemble, limits, named_apart, possible, rpy
 from twin.exchange.read.xml import Xml
 from twin.model.body import Body, Frame, Mesh
@@ -41,7 +41,7 @@ _UNUSED = ("calibration", "joint_properties")
 """Elements of a joint that have no effect on the mechanism."""
 
 _KNOWN = {
-    "robot": {"link", "joint", "material", "transmission", "gazebo"},
+    "robot": {"link", "joint", "material", "transmission", "gazebo", "ros2_control"},
     "joint": {"origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "safety_controller", *_UNUSED},
     "link": {"visual", "collision", "inertial"},
 }
@@ -68,6 +68,8 @@ class _Urdf:
 
     def read(self) -> Imported:
         root, found = self.xml.root, self.findings
+        for text in self.xml.repaired:
+            found.warn("xml", text, self.path.name)
         self._strange(root, "robot", "robot")
         links = self._named(root, "link")
         joints = self._named(root, "joint")
@@ -231,16 +233,52 @@ class _Urdf:
                 if kind not in ("revolute", "continuous", "prismatic") and not str(kind).startswith("UJOINT"):
                     raise SourceError(f"{self.closure_file}: name_mot: joint '{motor}' is {kind} and cannot be driven")
             return set(self.closures.motors)
-        told = {str(j.get("name")) for t in root.findall("transmission") for j in t.findall("joint")}
-        for name in told:
-            if name not in joints:
-                self.xml.fail("transmission", unknown("joint", name, joints))
+        told = self._commanded(root, joints) or self._transmitted(root, joints)
         moving = {
             n
             for n, j in joints.items()
             if j.get("type") in ("revolute", "continuous", "prismatic") and j.find("mimic") is None
         }
         return told or moving
+
+    def _transmitted(self, root: Element, joints: dict[str, Element]) -> set[str]:
+        """Return the joints that transmissions move; transmissions of fixed joints are left out with a warning."""
+        out = set()
+        for transmission in root.findall("transmission"):
+            for joint in transmission.findall("joint"):
+                name = str(joint.get("name"))
+                if name not in joints:
+                    self.xml.fail("transmission", unknown("joint", name, joints))
+                if joints[name].get("type") == "fixed":
+                    label = str(transmission.get("name"))
+                    text = f"transmission '{label}': joint '{name}' is fixed, so the transmission moves nothing."
+                    self.findings.warn("gear", text, label)
+                    continue
+                out.add(name)
+        return out
+
+    def _commanded(self, root: Element, joints: dict[str, Element]) -> set[str]:
+        """Return the joints that have a command interface in a <ros2_control>; all other joints are then passive."""
+        out = set()
+        for system in root.findall("ros2_control"):
+            for joint in system.findall("joint"):
+                name = str(joint.get("name"))
+                if joint.find("command_interface") is None or joint.find("mimic") is not None:
+                    continue
+                if name not in joints:
+                    self.xml.fail("ros2_control", unknown("joint", name, joints))
+                if joints[name].get("type") in ("revolute", "continuous", "prismatic"):
+                    out.add(name)
+        return {name for name in out if joints[name].find("mimic") is None}
+
+    def _ratio(self, where: str, element: Element) -> float:
+        """Return a mechanicalReduction; a text that is no number counts as 1, with a warning."""
+        try:
+            return self.xml.number(where, element.tag, element.text, 1.0)
+        except SourceError:
+            shown = " ".join(str(element.text).split())[:80]
+            self.findings.warn("gear", f"{where}: mechanicalReduction '{shown}' is not a number; 1 is used.", where)
+            return 1.0
 
     def _geared(
         self, root: Element, joints: dict[str, Element], driven: set[str], names: Names
@@ -250,7 +288,7 @@ class _Urdf:
         for t in root.findall("transmission"):
             name, told = str(t.get("name")), [str(j.get("name")) for j in t.findall("joint")]
             where = f"transmission '{name}'"
-            ratios = [self.xml.number(where, r.tag, r.text, 1.0) for r in t.iter("mechanicalReduction")]
+            ratios = [self._ratio(where, r) for r in t.iter("mechanicalReduction")]
             offsets = [self.xml.number(where, o.tag, o.text, 0.0) for o in t.iter("offset")]
             if any(offsets):
                 text = f"{where}: the offset is not imported; motor and joint get the same zero position."
@@ -259,6 +297,8 @@ class _Urdf:
             if single and told[0] in driven - set(found) - set(self.retyped):
                 if ratios[0] != 1 and TYPES.get(str(joints[told[0]].get("type"))) in ("revolute", "prismatic"):
                     found[told[0]] = t, ratios[0]
+            elif told and all(joints[n].get("type") == "fixed" for n in told if n in joints):
+                continue  # `_transmitted` has warned
             elif len(told) > 1 or any(r != 1 for r in ratios):
                 what = (
                     f"mechanicalReduction {', '.join(f'{r:g}' for r in ratios)}"
@@ -452,6 +492,17 @@ class _Visuals:
         r, g, b, a = self.xml.numbers(where, "color rgba", color.get("rgba"), 4, GREY)
         return (float(r), float(g), float(b), float(a))
 
+    def _scale(self, mesh: Element, where: str) -> Array:
+        """Return the scale (3,) of a mesh; of more numbers, the first three, with a warning."""
+        text = mesh.get("scale")
+        words = (text or "").split()
+        if len(words) > 3:
+            self.findings.warn(
+                "shape", f"{where}: of the mesh scale '{text}', the first three numbers are used.", where
+            )
+            text = " ".join(words[:3])
+        return self.xml.numbers(where, "mesh scale", text, 3, (1, 1, 1))
+
     def meshes(self, name: str, link: Element) -> list[Mesh]:
         """Return the visual shapes of a link or, without visual shapes, its collision shapes."""
         where, out = f"link '{name}'", []
@@ -464,10 +515,10 @@ class _Visuals:
             if shape is None:
                 self.xml.fail(where, f"a <{element.tag}> has no shape in a <geometry>")
             if shape.tag == "mesh":
-                scale = self.xml.numbers(where, "mesh scale", shape.get("scale"), 3, (1, 1, 1))
+                scale = self._scale(shape, where)
                 solid = mesh_file(shape.get("filename", ""), self.path.parent, scale, name, self.findings)
             elif shape.tag in SIZES:
-                solid = primitive(shape.tag, size(self.xml, where, shape.tag, shape.get))
+                solid = sized(self.xml, where, shape.tag, shape.get, self.findings)
             else:
                 self.xml.fail(where, unknown("shape", str(shape.tag), (*SIZES, "mesh")))
             if solid is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -10,26 +11,58 @@ from xml.etree import ElementTree
 import numpy as np
 
 from twin.core.errors import SourceError
+from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.text import DoctypeError, parse_xml
 from twin.core.spatial import Array
 
+_XACRO = re.compile(r"\$\{|\$\(")
+"""Beginnings of expressions that only xacro replaces."""
+
 
 class Xml:
-    """An XML file. Errors of its methods name the file, the element (`where`) and the value (`what`)."""
+    """An XML file. Errors of its methods name the file, the element (`where`) and the value (`what`).
+
+    Attributes:
+        root: the root element.
+        repaired: one sentence for each fault of the text that was repaired to read it.
+    """
 
     def __init__(self, path: Path, root: str) -> None:
         self.path = path
+        self.repaired: tuple[str, ...] = ()
         try:
-            self.root = parse_xml(path)
+            try:
+                self.root = parse_xml(path)
+            except ElementTree.ParseError as error:
+                data, self.repaired = _repaired(read_bytes(path, "XML"))
+                if not self.repaired:
+                    raise error
+                self.root = parse_xml(path, data)
         except DoctypeError as error:
             raise SourceError(f"{path}: {error}") from error
         except OSError as error:
             raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             raise SourceError(f"{path}: the file is not XML: {error}") from error
+        self._no_xacro()
         if self.root.tag != root:
             hint = "Expand a xacro first; a file of another format needs the suffix of its format."
             raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")
+
+    def _no_xacro(self) -> None:
+        """Raise `SourceError` if the file is a xacro: without its macros, parts of the robot would be missing."""
+        for element in self.root.iter():
+            namespace, _, tag = str(element.tag).rpartition("}")
+            if "xacro" in namespace:
+                found = f"<xacro:{tag}>"
+            elif values := [v for v in element.attrib.values() if _XACRO.search(v)]:
+                found = f"'{values[0][:80]}' in <{tag}>"
+            else:
+                continue
+            raise SourceError(
+                f"{self.path}: this is a xacro, not a URDF: it has {found}. Expand it first, for example with "
+                f"`xacro {self.path.name} > robot.urdf`"
+            )
 
     def fail(self, where: str, message: str) -> NoReturn:
         """Raise `SourceError` with the file and the element in its message."""
@@ -88,3 +121,30 @@ class Xml:
             key = f"i{'xyz'[i]}{'xyz'[j]}"
             out[i, j] = out[j, i] = self.number(where, key, text(key), None if default is None else default[i, j])
         return out
+
+
+_PREFIX = re.compile(rb"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")
+_ROOT = re.compile(rb"<[A-Za-z_][\w.:-]*")
+
+
+def _repaired(data: bytes) -> tuple[bytes, tuple[str, ...]]:
+    """Return XML without two common faults, and one sentence for each fault: (data, ()) if it has none of them.
+
+    The faults: text before the XML declaration, and prefixes without a declared namespace.
+    """
+    found = []
+    start = data.find(b"<?xml")
+    if start > 0 and not data[:start].lstrip(b"\xef\xbb\xbf").startswith(b"<"):
+        data = data[start:]
+        found.append(f"the file has {start} bytes before its XML declaration; they are ignored.")
+    markup = re.sub(rb"<!--.*?-->|<!\[CDATA\[.*?\]\]>|\"[^\"]*\"|'[^']*'", b"", data, flags=re.DOTALL)
+    tags = b" ".join(re.findall(rb"<[^>]*>", markup))
+    prefixes = {p for p in _PREFIX.findall(tags) if not p.startswith(b"xml")}
+    missing = sorted(p for p in prefixes if b"xmlns:" + p not in data)
+    first = _ROOT.search(data)
+    if missing and first:
+        declared = b"".join(b' xmlns:%s="undeclared:%s"' % (p, p) for p in missing)
+        data = data[: first.end()] + declared + data[first.end() :]
+        names = ", ".join(p.decode() for p in missing)
+        found.append(f"the namespaces of these prefixes are not declared: {names}; elements with them are not read.")
+    return data, tuple(found)
