@@ -272,7 +272,7 @@ class _Urdf:
         return {name for name in out if joints[name].find("mimic") is None}
 
     def _ratio(self, where: str, element: Element) -> float:
-        """Return a mechanicalReduction; a text that is no number counts as 1, with a warning."""
+        """Return a mechanicalReduction; a text that is not a number counts as 1, with a warning."""
         try:
             return self.xml.number(where, element.tag, element.text, 1.0)
         except SourceError:
