@@ -24,7 +24,7 @@ def steps():
     for block in BLOCK.finditer(PAGE):
         kind, text = block.groups()
         before = PAGE[: block.start()].rstrip().splitlines()[-1]
-        named = re.search(r"File `([^`]+)`:$", before)
+        named = re.search(r"file `([^`]+)`:$", before)
         if named:
             yield "file", named[1], text
         elif kind == "console":
@@ -61,7 +61,7 @@ def test_the_page_from_top_to_bottom(tmp_path):
     done = []
     for kind, what, content in steps():
         if kind == "file":
-            assert (tmp_path / what).is_file(), "the page replaces a file of the example"
+            assert not (tmp_path / what).exists(), "the page has removed the file of the example, which has no mistake"
             (tmp_path / what).write_text(content, encoding="utf-8")
             continue
         done.append(what)
