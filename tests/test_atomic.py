@@ -275,7 +275,7 @@ def test_temporary_folder_of_a_killed_process_goes_and_others_stay(tmp_path, mon
 
 def test_a_temporary_folder_can_be_written_like_any_other():
     """It is locked already, by the process that would lock it."""
-    signal.signal(signal.SIGALRM, signal.default_int_handler)  # rather than to wait for ever
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)  # rather than to wait for ever
     signal.alarm(20)
     try:
         with Scratch() as name:
@@ -283,6 +283,7 @@ def test_a_temporary_folder_can_be_written_like_any_other():
             assert (Path(name) / "one").read_text() == "1"
     finally:
         signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.mark.parametrize("name", ["../outside", "link/outside", "/tmp/outside"])

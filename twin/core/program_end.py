@@ -122,7 +122,7 @@ def _pressed(stop: KeyboardInterrupt) -> bool:
 def _timed() -> Iterator[None]:
     """Raise a `_LateError` in the main thread after the allowed time."""
     main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getitimer(signal.ITIMER_REAL)[0] or signal.getsignal(signal.SIGALRM) != signal.SIG_DFL:
+    if not main or signal.getitimer(signal.ITIMER_REAL)[0]:
         yield
         return
     seconds = _allowed()
@@ -133,13 +133,13 @@ def _timed() -> Iterator[None]:
             "ten times as long"
         )
 
-    signal.signal(signal.SIGALRM, late)
+    before = signal.signal(signal.SIGALRM, late)
     signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL if before is None else before)
 
 
 def _allowed() -> float:
