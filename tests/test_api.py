@@ -138,6 +138,7 @@ def test_every_public_member_of_robot_is_called_twice_here_or_below():
     called |= {"name", "tool_note", "with_formula", "with_mechanism", "with_parameters"}
     called |= {"with_transmission"}  # tests/test_raven_motion.py
     called |= {"with_timing"}  # tests/test_durations.py
+    called |= {"link_motion"}  # tests/test_stage_motion.py
     members = set(vars(twin.Robot)) - {f.name for f in dataclasses.fields(twin.Robot)}
     assert {n for n in members if not n.startswith("_")} == called - {"names", "plan"}
 

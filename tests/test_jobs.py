@@ -26,7 +26,7 @@ def test_an_error_of_ours_is_raised_here():
 
 
 def test_a_process_that_dies_is_told_with_its_last_words():
-    with Call(os._exit, 3) as task, pytest.raises(TwinError, match="has ended"):
+    with Call(os._exit, 3) as task, pytest.raises(TwinError, match="the worker process ended with exit code 3"):
         task.result()
     with Call(np.linalg.inv, "no matrix") as task, pytest.raises(TwinError, match="LinAlgError"):
         task.result()

@@ -97,6 +97,7 @@ def test_a_motion_by_wrong_equations_disagrees_with_the_mechanism():
     trajectory = twin.plan(sils, SHORT)
     motion = sils.link_motion(trajectory, key_times(trajectory.duration, KEY_RATE))
     assert not motion.by_plan
+    assert np.array_equal(sils.link_motion(trajectory, motion.times).q, motion.q)
     phases = summaries(trajectory)
 
     def judged(motion):

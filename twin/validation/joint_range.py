@@ -143,8 +143,17 @@ def _of_inverse(
         Ts = model.collect(states).Ts_base_tool
         true = run.Ts_base_tool[other]
         offset[other] = np.where(possible, np.linalg.norm(Ts[:, :3, 3] - true[:, :3, 3], axis=1), np.inf)
-        turn[other] = np.where(possible, np.linalg.norm(rotation_vectors(true, Ts), axis=1), np.inf)
+        turned = np.linalg.norm(rotation_vectors(true, Ts), axis=1)
+        if not _reads_orientation(kin, true):
+            turned[:] = 0.0  # in another working mode, a position has another orientation
+        turn[other] = np.where(possible, turned, np.inf)
     return offset, turn, own
+
+
+def _reads_orientation(kin: Kinematics, Ts: Array) -> bool:
+    """Return whether the inverse equations depend on the orientation of tool poses (k, 4, 4)."""
+    rates = kin.inverse_jacobian_many(Ts=Ts)[:, :, 3:]
+    return bool(np.nanmax(np.abs(rates), initial=0.0) > 0)
 
 
 def _of_forward(kin: Kinematics, drawn: JointRange) -> tuple[Array, Array]:

@@ -320,20 +320,7 @@ def _parts(joint: Joint, name: str) -> bool:
 def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
     p = view.physics
     still = p.still(known)
-    for link, shape in view.shapes.items():
-        if link in known:
-            closed = shape.closed if shape.closed == shape.nearly_closed else None
-            view.say(f"link '{link}'", {"surface": shape.points, "closed": closed})
-    for link, shares in view.colors.items():
-        if link in known:
-            view.say(f"link '{link}'", {"colours": shares})
-    for link, m in p.masses.items():
-        if link in known:
-            inertial = {"mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
-            view.say(f"link '{link}'", inertial if link in p.assumed else {"weighed": True} | inertial)
-    if view.format in ("urdf", "mjcf", "usda", "usd", "usdc") and p.masses:
-        for link in known & set(p.links) - set(p.masses) - (still or frozenset()) - {WORLD}:
-            view.say(f"link '{link}'", {"weighed": False})
+    _state_links(view, known, still)
     found = set()
     nameless = 0
     for joint in p.reduced(known):
@@ -418,6 +405,25 @@ def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[s
         ratios = {n: float(r) for n, r in zip(joints, row[:-1], strict=True) if abs(r) > _ZERO}
         out[next(iter(ratios))] = ratios, float(row[-1])
     return out
+
+
+def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> None:
+    """State shapes, colours and masses of the links that are `known`; `still` are those that cannot move."""
+    p = view.physics
+    for link, shape in view.shapes.items():
+        if link in known:
+            closed = shape.closed if shape.closed == shape.nearly_closed else None
+            view.say(f"link '{link}'", {"surface": shape.points, "closed": closed})
+    for link, shares in view.colors.items():
+        if link in known:
+            view.say(f"link '{link}'", {"colours": shares})
+    for link, m in p.masses.items():
+        if link in known:
+            inertial = {"mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
+            view.say(f"link '{link}'", inertial if link in p.assumed else {"weighed": True} | inertial)
+    if view.format in ("urdf", "mjcf", "usda", "usd", "usdc") and p.masses:
+        for link in known & set(p.links) - set(p.masses) - (still or frozenset()) - {WORLD}:
+            view.say(f"link '{link}'", {"weighed": False})
 
 
 def _state_joint(view: View, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
