@@ -27,7 +27,7 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}
 
-NO_LIMIT = 100.0
+NO_LIMIT = 1000.0
 """Limit in m from which a slide counts as unlimited. URDF requires a limit, even for a slide without limits."""
 
 NO_BOUND = 1e6

@@ -94,7 +94,7 @@ class _Sdf:
         self.links, self.elements = links, {**links, **joints, **marks}
         self.poses: dict[str, Array] = {}
         self.T_world_model = self._placed()
-        body_names = Names("link", links, self.findings)
+        body_names = Names("link", links, self.findings, reserved=(WORLD,))
         joint_names = Names("joint", joints, self.findings)
         made = [self._joint(n, joint_names[n], e, body_names) for n, e in joints.items()]
         grounded = any(j.parent == "world" for j in made)

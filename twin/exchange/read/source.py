@@ -56,11 +56,13 @@ class Imported:
 
 
 class Names:
-    """Identifiers for all names of one kind (such as joints) in a file. A finding reports each changed name."""
+    """Identifiers for all names of one kind (such as joints) in a file. A finding reports each changed name.
 
-    def __init__(self, kind: str, names: Iterable[str], findings: Findings) -> None:
-        names = list(names)
-        self._known = unique((n, n) for n in names)
+    No name gets one of the identifiers `reserved`.
+    """
+
+    def __init__(self, kind: str, names: Iterable[str], findings: Findings, reserved: Iterable[str] = ()) -> None:
+        self._known = unique(((n, n) for n in names), reserved)
         for old, new in self._known.items():
             if old != new:
                 findings.note("renamed", f"{kind} '{old}' is renamed to '{new}'.", old)

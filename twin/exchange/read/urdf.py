@@ -24,7 +24,7 @@ from twin.exchange.read.xml import Xml
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, JointType
-from twin.model.mechanism import Coupling
+from twin.model.mechanism import WORLD, Coupling
 from twin.model.transmission import Actuator, Transmission
 from twin.usd.read.names import identifier
 
@@ -77,7 +77,9 @@ class _Urdf:
         self.retyped = self._retyped(joints)
         base = self._base(links, ends)
         self.marks = self._marks(links, joints, ends, base)
-        body_names = Names("link", (n for n in links if n not in self.marks), found)
+        # Only the base can be the world: in an MJCF, a body of this name is the world itself.
+        reserved = () if base == WORLD else (WORLD,)
+        body_names = Names("link", (n for n in links if n not in self.marks), found, reserved)
         joint_names = Names("joint", (m for n in joints for m in self._parts(n)), found)
         self.home = {n: (body_names[n], np.eye(4)) for n in links if n not in self.marks}
         for _ in self.marks:  # a named frame may be fixed to another named frame

@@ -114,13 +114,9 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     for prim in prims:
         bake_scale(scene, prim, notes)
     T_world_body = dict(zip(chosen.bodies, scene.poses(prims)[:, 0], strict=True))
-    floats = chosen.floats
-    mounted = floats or (
-        bool(chosen.base) and not np.allclose(T_world_body[chosen.base], np.eye(4), rtol=0.0, atol=_ALIGNED)
-    )
-    base = "" if mounted else chosen.base
-    wanted = [(p, original_name(scene.bodies[p])) for p in chosen.bodies]
-    names = unique(wanted if base else [*wanted, ("", WORLD)])
+    at_origin = np.allclose(T_world_body.get(chosen.base, np.eye(4)), np.eye(4), rtol=0.0, atol=_ALIGNED)
+    base = "" if chosen.floats or not at_origin else chosen.base
+    names = _body_names(scene, chosen, base)
     joint_names = unique([*((j.path, j.prim.GetName()) for j in chosen.joints), ("", _mount_name(chosen))])
     mesh_names = unique(
         (str(p.GetPath()), original_name(p)) for body in prims for p in below(scene, body) if p.IsA(UsdGeom.Mesh)
@@ -141,25 +137,13 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
             else:
                 points.append(Point(mark, name, T[:3, 3]))
     authored = _authored(scene, chosen)
-    moved = {n for t in authored["transmissions"] for n in t.joints}
-    joints: list[Joint] = []
-    if mounted:
-        mount = _mount(scene, chosen, joint_names[""], names, T_world_body[chosen.base], notes)
-        joints.append(replace(mount, type="free") if floats else mount)
-    for raw in chosen.joints:
-        joint = convert(scene, raw, joint_names[raw.path], names, base, T_world_base, notes)
-        if joint.name in moved:
-            joint = replace(joint, drive=None)  # the drive is equivalent to the joint's motors
-        if mounted and joint.name in authored["trocars"]:  # a trocar is a joint of the base
-            T_world_joint = T_world_body[chosen.base] @ joint.T_parent_joint
-            joint = replace(joint, parent=names[""], T_parent_joint=T_world_joint)
-        joints.append(joint)
+    joints = _joints(scene, chosen, base, names, joint_names, T_world_body, authored, notes)
     try:
         mechanism = Mechanism(
             name=identifier(_robot_name(scene, chosen, root)),
             base=names[base],
             bodies=tuple(bodies),
-            joints=tuple(joints),
+            joints=joints,
             frames=tuple(frames),
             points=tuple(points),
             rest=_rest(names, T_world_body, T_world_base),
@@ -170,6 +154,47 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     except MechanismError as error:
         raise StageError(f"{scene.path}: {error}") from error
     return mechanism, notes
+
+
+def _body_names(scene: Scene, chosen: Selection, base: str) -> dict[str, str]:
+    """Return {prim path: name} of the bodies; the added body "world" has the path "".
+
+    Only the base can have the name "world": in an MJCF, a body of this name is the world itself.
+    """
+    wanted = [(path, original_name(scene.bodies[path])) for path in chosen.bodies]
+    if not base:
+        return unique(wanted, reserved=(WORLD,)) | {"": WORLD}
+    is_world = identifier(original_name(scene.bodies[base])) == WORLD
+    return unique(wanted, reserved=() if is_world else (WORLD,))
+
+
+def _joints(
+    scene: Scene,
+    chosen: Selection,
+    base: str,
+    names: dict[str, str],
+    joint_names: dict[str, str],
+    T_world_body: dict[str, Array],
+    authored: dict[str, Any],
+    notes: list[Finding],
+) -> tuple[Joint, ...]:
+    """Return the joints, first the one between an added body "world" and the first body of the stage."""
+    out: list[Joint] = []
+    mounted = chosen.base != base
+    if mounted:
+        mount = _mount(scene, chosen, joint_names[""], names, T_world_body[chosen.base], notes)
+        out.append(replace(mount, type="free") if chosen.floats else mount)
+    geared = {name for transmission in authored["transmissions"] for name in transmission.joints}
+    T_world_base = T_world_body.get(base, np.eye(4))
+    for raw in chosen.joints:
+        joint = convert(scene, raw, joint_names[raw.path], names, base, T_world_base, notes)
+        if joint.name in geared:
+            joint = replace(joint, drive=None)  # the drive is equivalent to the joint's motors
+        if mounted and joint.name in authored["trocars"]:  # a trocar is a joint of the base
+            T_world_joint = T_world_body[chosen.base] @ joint.T_parent_joint
+            joint = replace(joint, parent=names[""], T_parent_joint=T_world_joint)
+        out.append(joint)
+    return tuple(out)
 
 
 def _mount_name(chosen: Selection) -> str:

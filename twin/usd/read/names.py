@@ -17,13 +17,14 @@ def identifier(name: str) -> str:
     return name if name[:1].isalpha() else f"n{'_' if name else ''}{name}"
 
 
-def unique(wanted: Iterable[tuple[str, str]]) -> dict[str, str]:
+def unique(wanted: Iterable[tuple[str, str]], reserved: Iterable[str] = ()) -> dict[str, str]:
     """Return a unique identifier for each key; equal identifiers are numbered in the given order (arm, arm_2, ...).
 
-    `wanted` has (key, name) of each object; all keys, such as prim paths, must be different.
+    `wanted` has (key, name) of each object; all keys, such as prim paths, must be different. No object gets one of the
+    identifiers `reserved`.
     """
     out: dict[str, str] = {}
-    taken: set[str] = set()
+    taken = set(reserved)
     for key, name in wanted:
         base = free = identifier(name)
         i = 1
