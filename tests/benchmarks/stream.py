@@ -183,9 +183,10 @@ def hostile(port: int, seconds: float) -> None:
 
 
 def used(pid: int) -> tuple[float, float]:
-    """Return the s of processor time and the MB that a process has used."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    """Return the s of processor time and the MB that a command of twin has used; `pid` is the supervising process."""
+    command = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0]
+    fields = Path(f"/proc/{command}/stat").read_text().rpartition(")")[2].split()
+    pages = int(Path(f"/proc/{command}/statm").read_text().split()[1])
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
