@@ -10,6 +10,7 @@ import pytest
 
 from twin import api
 from twin.core.errors import ProtocolError
+from twin.core.program_end import ProgramEndError
 from twin.validation.explain.explain import explain, known
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.repair import Search
@@ -193,7 +194,7 @@ def test_a_stage_or_a_track_beside_a_formula_does_not_run_it(tmp_path):
     robot = api.load(folder)
     api.build(robot, protocols=())
     assert api.load(folder / "usd/hexapod.usda").mechanism.joints
-    with pytest.raises(SystemExit, match="this ran"):
+    with pytest.raises(ProgramEndError, match="this ran"):
         robot.kinematics()
 
 

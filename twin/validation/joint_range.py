@@ -139,14 +139,20 @@ def _of_inverse(
     offset = np.where(answered, 0.0, np.nan)
     turn = offset.copy()
     if len(other):
-        states, possible = Closing(model, np.ones(q.shape[1])).states(q[other])
-        Ts = model.collect(states).Ts_base_tool
         true = run.Ts_base_tool[other]
-        offset[other] = np.where(possible, np.linalg.norm(Ts[:, :3, 3] - true[:, :3, 3], axis=1), np.inf)
-        turned = np.linalg.norm(rotation_vectors(true, Ts), axis=1)
-        if not _reads_orientation(kin, true):
-            turned[:] = 0.0  # in another working mode, a position has another orientation
-        turn[other] = np.where(possible, turned, np.inf)
+        offset[other] = turn[other] = np.inf
+        # Full turns change no pose, but a walk from the rest poses may reach only one of the values.
+        within = np.where(kin.revolute, (q + np.pi) % (2 * np.pi) - np.pi, q)
+        for values in (q[other], within[other], run.q[other] + difference[other]):
+            states, possible = Closing(model, np.ones(q.shape[1])).states(values)
+            Ts = model.collect(states).Ts_base_tool
+            moved = np.linalg.norm(Ts[:, :3, 3] - true[:, :3, 3], axis=1)
+            turned = np.linalg.norm(rotation_vectors(true, Ts), axis=1)
+            if not _reads_orientation(kin, true):
+                turned[:] = 0.0  # in another working mode, a position has another orientation
+            nearer = possible & (moved + turned < offset[other] + turn[other])
+            offset[other[nearer]] = moved[nearer]
+            turn[other[nearer]] = turned[nearer]
     return offset, turn, own
 
 

@@ -223,7 +223,10 @@ def _over_range(
     States at which the inverse gives another solution of the same pose are left out: its rows differ, but are right.
     """
     extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
-    kin = compile_formula(formula, variants, parameters, extra_joints)
+    try:
+        kin = compile_formula(formula, variants, parameters, extra_joints)
+    except TwinError:  # a symbol without a value, which is explained row by row
+        return None
     used = Tolerances() if tolerance is None else Tolerances().widened(tolerance.length)
     found = range_errors(kin, model, used)
     wrong = np.flatnonzero(found.wrong(used))
