@@ -127,7 +127,11 @@ def test_scenes_with_placed_nodes_are_flattened(tmp_path):
     [
         ("brick.stl", None, "a mesh file does not state its unit; give unit = 'mm' (or m, cm, mm, um, in)"),
         ("brick.stl", "inch", "unit 'inch' is not known; use one of m, cm, mm, um, in"),
-        ("brick.dae", "mm", "suffix '.dae' is not supported; use STEP or one of .stl, .obj, .glb, .gltf, .3mf, .ply"),
+        (
+            "brick.x3d",
+            "mm",
+            "suffix '.x3d' is not supported; use STEP or one of .stl, .obj, .glb, .gltf, .3mf, .ply",
+        ),
         ("brick", "mm", "suffix '' is not supported; use STEP or one of"),
         ("none.stl", "mm", "the mesh file does not exist"),
         ("empty.obj", "mm", "the file has no triangles"),

@@ -178,6 +178,38 @@ def glb_whose_nodes_are_shared(folder: Path) -> Path:
     return _glb(folder, "shared.glb", {"scenes": [{"nodes": [0]}], "nodes": nodes})
 
 
+def _dae(folder: Path, nodes: str) -> Path:
+    """Write a URDF with a Collada mesh: a triangle in node n0, and more nodes; the scene shows node n0."""
+    source = '<source id="p"><float_array id="a" count="9">0 0 0 1 0 0 0 1 0</float_array><technique_common>'
+    source += '<accessor source="#a" count="3" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>'
+    source += '<param name="Z" type="float"/></accessor></technique_common></source>'
+    mesh = '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices><triangles count="1">'
+    mesh += '<input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>'
+    geometry = f'<library_geometries><geometry id="g"><mesh>{source}{mesh}</mesh></geometry></library_geometries>'
+    scene = '<library_visual_scenes><visual_scene id="s"><node><instance_node url="#n0"/></node></visual_scene>'
+    scene += '</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene>'
+    head = '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
+    _write(folder / "m.dae", f"{head}{geometry}<library_nodes>{nodes}</library_nodes>{scene}</COLLADA>")
+    return _robot_of(folder, "m.dae")
+
+
+@bomb(NEW, "numbers in all instances")
+def dae_whose_nodes_multiply(folder: Path) -> Path:
+    rows = [f'<node id="n{i}">{f"""<node><instance_node url="#n{i + 1}"/></node>""" * 20}</node>' for i in range(8)]
+    return _dae(folder, "".join(rows) + '<node id="n8"><instance_geometry url="#g"/></node>')
+
+
+@bomb(NEW, "depth of the nodes")
+def dae_chain_of_nodes_that_no_scene_shows(folder: Path) -> Path:
+    rows = [f'<node id="n{i}"><instance_node url="#n{i + 1}"/></node>' for i in range(1, 9000)]
+    return _dae(folder, "".join(rows) + '<node id="n0"/>')
+
+
+@bomb(NEW, "depth of the elements")
+def dae_nested_100_000_deep(folder: Path) -> Path:
+    return _dae(folder, "<node>" * 100_000 + "</node>" * 100_000)
+
+
 @bomb(NEW, "numbers")
 def glb_whose_accessors_state_4_000_000_000_zeros(folder: Path) -> Path:
     accessors = [{"componentType": 5126, "count": 4_000_000_000, "type": "VEC3"}]

@@ -1,7 +1,8 @@
 """Triangle meshes: read files with a declared unit, find open surfaces, and compute mass properties.
 
-Mesh files (except 3MF) do not state a unit, so the description must declare the unit; for 3MF, the stated and the
-declared unit must be equal. A part with an implausible size is reported as a finding.
+Most mesh files do not state a unit, so the description must declare the unit; for 3MF, the stated and the declared unit
+must be equal. A Collada file is read in the unit and with the up axis that it states. A part with an implausible size
+is reported as a finding.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from twin.cad.collada import read_collada
 from twin.cad.threemf import UNITS, read_3mf
 from twin.core.errors import BudgetError, CadError
 from twin.core.findings import Finding, warning
@@ -22,7 +24,7 @@ from twin.core.units import LENGTH, MM
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
 
-SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply")
+SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply", ".dae")
 
 _PLAUSIBLE = (0.5 * MM, 20.0)
 """Minimum and maximum plausible size of a robot part in m; for another size, the declared unit is probably wrong."""
@@ -33,12 +35,14 @@ _UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 def load_mesh(
     path: Path,
     unit: str | None,
-    up: Literal["z", "y"] = "z",
+    up: Literal["z", "y"] | None = "z",
     color: Sequence[float] = (0.6, 0.6, 0.6),
 ) -> tuple[Mesh, list[Finding]]:
-    """Read an STL, OBJ, GLB, 3MF or PLY file, converted to m and z up.
+    """Read an STL, OBJ, GLB, 3MF, PLY or Collada file, converted to m and z up.
 
-    `unit` is a key of `LENGTH`; `up` is the axis that points up in the file; `color` is linear RGB, or RGB and alpha.
+    `unit` is a key of `LENGTH`; `up` is the axis that points up in the file, None: the axis of the format (y for
+    glTF, else z). A Collada file states both, so `unit` and `up` have no effect on it. `color` is linear RGB, or RGB
+    and alpha.
 
     Raises:
         CadError: the unit is missing, or the file is missing, unreadable or empty.
@@ -55,9 +59,17 @@ def load_mesh(
     if not path.is_file():
         raise CadError(f"{path}: the mesh file does not exist")
     stated = None
+    size = LENGTH[unit]
+    suffix = path.suffix.lower()
+    if up is None:
+        up = "y" if suffix in (".glb", ".gltf") else "z"
     try:
         admit(path)
-        if path.suffix.lower() == ".3mf":
+        if suffix == ".dae":
+            vertices, triangles, _ = read_collada(path)
+            up = "z"
+            size = 1.0
+        elif suffix == ".3mf":
             vertices, triangles, stated = read_3mf(path)
         else:
             loaded = trimesh.load_scene(path, skip_materials=True).to_mesh()
@@ -70,7 +82,7 @@ def load_mesh(
         raise CadError(f"{path}: the file has no triangles")
     if stated is not None and UNITS[stated] != LENGTH[unit]:
         raise CadError(f"{path}: unit '{unit}' is declared, but the file states {stated}; declare the unit of the file")
-    vertices, triangles = weld(vertices * LENGTH[unit] @ _UP[up].T, triangles)
+    vertices, triangles = weld(vertices * size @ _UP[up].T, triangles)
     findings = []
     extent = float(np.ptp(vertices, axis=0).max())
     if not _PLAUSIBLE[0] <= extent <= _PLAUSIBLE[1]:

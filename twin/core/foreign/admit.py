@@ -15,7 +15,16 @@ from twin.core.foreign.guard import pass_together, run
 from twin.core.foreign.text import check_depth, count_json
 
 _USD = (".usd", ".usda", ".usdc", ".usdz")
-_OTHER = {".csv": "CSV", ".obj": "OBJ", ".stl": "STL", ".step": "STEP", ".stp": "STEP", ".urdf": "XML", ".sdf": "XML"}
+_OTHER = {
+    ".csv": "CSV",
+    ".dae": "DAE",
+    ".obj": "OBJ",
+    ".stl": "STL",
+    ".step": "STEP",
+    ".stp": "STEP",
+    ".urdf": "XML",
+    ".sdf": "XML",
+}
 
 _MOST_TEXT = 50_000_000
 """Maximum size in bytes of a text layer whose depth is checked; for a larger layer, only the limits of the parser

@@ -19,8 +19,8 @@ class Budget:
         bytes: maximum size of the file.
         unpacked: maximum bytes of all files of an archive together.
         depth: maximum nesting of the parts of the file.
-        count: maximum number of parts of the file: elements of XML, objects and lists of JSON, nodes of glTF, prims of
-            USD, rows of PLY.
+        count: maximum number of parts of the file: elements of XML and Collada, objects and lists of JSON, nodes of
+            glTF, prims of USD, rows of PLY.
         numbers: maximum number of values or vertices; the triangles of a part that is used n times are counted n times.
         seconds, seconds_per_mb: maximum processor time of the native parser in s, and its increase per MB of the file.
         memory, memory_per_byte: maximum memory of the native parser in bytes, and its increase per byte of the file.
@@ -48,6 +48,7 @@ BUDGETS = {
     "STL": Budget(200 * MB),
     "PLY": Budget(100 * MB, count=5_000_000),
     "3MF": Budget(50 * MB, unpacked=100 * MB, depth=30, count=1_000_000, numbers=5_000_000),
+    "DAE": Budget(60 * MB, depth=100, count=300_000, numbers=30_000_000),
     "GLTF": Budget(200 * MB, depth=200, count=10_000, numbers=50_000_000),
     "USDZ": Budget(1000 * MB, unpacked=1000 * MB, count=10_000),
     "USD": Budget(
@@ -75,6 +76,7 @@ _WAYS = {
     "OBJ": "reduce the mesh, or save it as binary STL",
     "3MF": "reduce the mesh, or save it as binary STL",
     "PLY": "reduce the mesh, or save it as binary STL",
+    "DAE": "reduce the mesh, or save it as binary STL",
     "GLTF": "simplify the meshes, or merge nodes",
     "USD": "remove the parts that do not belong to the robot",
     "MJCF": "remove the parts that do not belong to the robot",

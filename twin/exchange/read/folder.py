@@ -16,6 +16,7 @@ import numpy as np
 from twin.core import assets
 from twin.core.errors import OutputError
 from twin.core.findings import Finding, by_severity
+from twin.core.foreign.budget import BUDGETS, over
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.core.version import __version__
@@ -67,7 +68,7 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
         (folder / "meshes").mkdir()
         for body in mechanism.bodies:
             for mesh in body.meshes:
-                _obj(folder / f"meshes/{mesh.name}.obj", mesh, mechanism.rest[body.name])
+                _write_mesh(folder / "meshes" / _mesh_file(mesh), mesh, mechanism.rest[body.name])
         (folder / f"{name}.toml").write_text(describe(mechanism, source.name, imported.assumed), "utf-8")
         return mechanism
 
@@ -191,7 +192,7 @@ def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
         ]
     for mesh in body.meshes:
         color = mesh.color_rgba if mesh.color_rgba[3] != 1 else mesh.color_rgba[:3]
-        lines += table(f"[[body.{body.name}.meshes]]", file=f"meshes/{mesh.name}.obj", unit="m", color=color)
+        lines += table(f"[[body.{body.name}.meshes]]", file=f"meshes/{_mesh_file(mesh)}", unit="m", color=color)
     return lines
 
 
@@ -221,8 +222,35 @@ def _actuator(a: Actuator, provenance: Mapping[str, str]) -> list[str]:
     return table("[[actuator]]", name=a.name, kind=a.kind, **values, **provenance)
 
 
-def _obj(path: Path, mesh: Mesh, T: Array) -> None:
+_OBJ_BYTES = (50, 30)
+"""Maximum bytes of a row of an OBJ for a vertex, and for a triangle."""
+
+_STL_BYTES = (84, 50)
+"""Bytes of the head of a binary STL, and of each of its triangles."""
+
+
+def _mesh_file(mesh: Mesh) -> str:
+    """Return the name of the file of a mesh: an OBJ, or a binary STL if the OBJ could be too large to be read back."""
+    vertex, triangle = _OBJ_BYTES
+    size = vertex * len(mesh.vertices) + triangle * len(mesh.triangles)
+    return f"{mesh.name}.obj" if size <= BUDGETS["OBJ"].bytes else f"{mesh.name}.stl"
+
+
+def _write_mesh(path: Path, mesh: Mesh, T: Array) -> None:
+    """Write a mesh whose body has the pose T (4, 4), in the frame of the base.
+
+    Raises:
+        BudgetError: the file would be too large to be read back.
+    """
     points = mesh.vertices @ T[:3, :3].T + T[:3, 3]
+    if path.suffix == ".stl":
+        size = _STL_BYTES[0] + _STL_BYTES[1] * len(mesh.triangles)
+        if size > BUDGETS["STL"].bytes:
+            over(path, "STL", "bytes", size, BUDGETS["STL"].bytes)
+        solid = np.zeros(len(mesh.triangles), np.dtype([("numbers", "<f4", (4, 3)), ("rest", "<u2")]))
+        solid["numbers"][:, 1:] = points[mesh.triangles]  # the first row, the normal, is computed by readers
+        path.write_bytes(bytes(80) + len(solid).to_bytes(4, "little") + solid.tobytes())
+        return
     rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points.tolist()]
     rows += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]
     path.write_text("\n".join(rows) + "\n", "ascii")

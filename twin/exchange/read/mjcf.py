@@ -123,6 +123,8 @@ class _Mjcf:
         self.motors = read_motors(m, kept, self.joints, self._name, self.findings)
         self.drives = dict(self._actuators())
         self.drives |= dict.fromkeys(self.motors.joints)
+        if not m.nu:
+            self.drives = dict.fromkeys(self._all_driven(kept))
         extra: list[Body] = []
         joints: list[Joint] = []
         for i in kept[1:]:
@@ -185,6 +187,29 @@ class _Mjcf:
             out[label] = {self.joints[k]: float(m.key_qpos[i, m.jnt_qposadr[k]]) for k in self._single(kept)}
             self.findings.note("key", f"key frame '{self._name('KEY', i)}' becomes posture '{label}'.", label)
         return out
+
+    def _all_driven(self, kept: list[int]) -> list[int]:
+        """Return the joints that are driven in a file without actuators: all that have one coordinate and follow none.
+
+        If equalities close loops, no joint is driven: the file does not say which of the joints of a loop could be.
+        """
+        m, eq = self.m, self.mujoco.mjtEq
+        followers: set[int] = set()
+        for i in range(m.neq):
+            kind = eq(int(m.eq_type[i]))
+            if not m.eq_active0[i]:
+                continue
+            if kind in (eq.mjEQ_CONNECT, eq.mjEQ_WELD) and tied_by(m, i) <= set(kept):
+                return []
+            if kind == eq.mjEQ_JOINT:
+                followers.add(int(m.eq_obj1id[i]))
+            if kind == eq.mjEQ_TENDON:
+                followers |= set(list(fixed_tendon(m, int(m.eq_obj1id[i])))[:1])
+        driven = [k for k in self._single(kept) if k not in followers]
+        if driven:
+            text = f"the file has no actuators: {len(driven)} joints are imported as driven."
+            self.findings.warn("driven", text, self.path.name)
+        return driven
 
     def _single(self, kept: list[int]) -> list[int]:
         """Return the numbers of the joints with one coordinate between the bodies of the robot."""

@@ -16,7 +16,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.sdf_world import robot_of
-from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, shows_all, sized
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, served, shows_all, sized
 from twin.exchange.read.source import (
     Findings,
     Imported,
@@ -323,8 +323,18 @@ class _Sdf:
         return possible(Inertia(mass, T[:3, 3], T[:3, :3] @ tensor @ T[:3, :3].T), name, self.findings)
 
     def _meshes(self, name: str, link: Element) -> list[Mesh]:
+        """Return the visual shapes of a link; if there are none, or none can be read, its collision shapes."""
+        visuals, collisions = link.findall("visual"), link.findall("collision")
+        out = self._shapes(name, visuals or collisions)
+        if visuals and collisions and not out:
+            out = self._shapes(name, collisions)
+            served(out, name, self.findings)
+        return out
+
+    def _shapes(self, name: str, elements: list[Element]) -> list[Mesh]:
+        """Return the shapes that can be read of the <visual> or <collision> elements of a link."""
         where, out = f"link '{name}'", []
-        for element in link.findall("visual") or link.findall("collision"):
+        for element in elements:
             geometry = element.find("geometry")
             if geometry is None or not len(geometry):
                 self.xml.fail(where, f"a <{element.tag}> has no shape in a <geometry>")

@@ -98,6 +98,13 @@ def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array
     return Mesh(name, points, np.asarray(triangles, np.int32), (linear(r), linear(g), linear(b), a))
 
 
+def served(shapes: Sequence[Mesh], link: str, findings: Findings) -> None:
+    """Add a warning to `findings`: the collision shapes of a link serve, because none of its visual shapes was read."""
+    if shapes:
+        text = f"link '{link}': none of its visual shapes can be read: {len(shapes)} of its collision shapes serve."
+        findings.warn("collision", text, link)
+
+
 def find(uri: str, beside: Path) -> Path | None:
     """Return the file at a path or a `package://`, `model://` or `file://` address; None if the file does not exist.
 
@@ -117,7 +124,7 @@ def find(uri: str, beside: Path) -> Path | None:
 
 
 def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Findings) -> tuple[Array, np.ndarray] | None:
-    """Return (vertices (n, 3) in m, triangles (m, 3)) of a mesh file.
+    """Return (vertices (n, 3) in m, z up, triangles (m, 3)) of a mesh file: glTF is y up, Collada states its axis.
 
     If the file cannot be read, return None and add a warning that names the file to `findings`.
     """
@@ -127,7 +134,7 @@ def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Finding
         findings.warn("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without this mesh.", uri)
         return None
     try:
-        mesh, _ = load_mesh(path, "m")
+        mesh, _ = load_mesh(path, "m", None)
     except CadError as error:
         findings.warn("mesh", f"link '{link}': {error}: the link is shown without this mesh.", uri)
         return None

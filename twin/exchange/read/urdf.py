@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.closures import Closures, read_closures
-from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, shows_all, sized
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, served, shows_all, sized
 from twin.exchange.read.source import Findings, Imported, Names, along, assemble, limits, named_apart, possible, rpy
 from twin.exchange.read.xml import Xml
 from twin.model.body import Body, Frame, Mesh
@@ -506,12 +506,21 @@ class _Visuals:
         return self.xml.numbers(where, "mesh scale", text, 3, (1, 1, 1))
 
     def meshes(self, name: str, link: Element) -> list[Mesh]:
-        """Return the visual shapes of a link or, without visual shapes, its collision shapes."""
-        where, out = f"link '{name}'", []
-        if link.find("visual") is not None and link.find("collision") is not None:
-            text = f"{where}: its <collision> shapes are not imported; the visual meshes are used for collision."
+        """Return the visual shapes of a link; if there are none, or none can be read, its collision shapes."""
+        visuals, collisions = link.findall("visual"), link.findall("collision")
+        out = self._shapes(name, visuals or collisions)
+        if visuals and collisions and out:
+            text = f"link '{name}': its <collision> shapes are not imported; the visual meshes are used for collision."
             self.findings.note("collision", text, name)
-        for element in link.findall("visual") or link.findall("collision"):
+        elif visuals and collisions:
+            out = self._shapes(name, collisions)
+            served(out, name, self.findings)
+        return out
+
+    def _shapes(self, name: str, elements: list[Element]) -> list[Mesh]:
+        """Return the shapes that can be read of the <visual> or <collision> elements of a link."""
+        where, out = f"link '{name}'", []
+        for element in elements:
             geometry = element.find("geometry")
             shape = geometry[0] if geometry is not None and len(geometry) else None
             if shape is None:
