@@ -229,7 +229,10 @@ class NamedPoint(Table):
 
 
 class CouplingSpec(Sourced):
-    """A belt, gear or cable: the sum of ratio * coordinate over its joints is equal to `sum_deg` or `sum_mm`."""
+    """A belt, gear or cable: the sum of ratio * coordinate over its joints is equal to `sum_deg` or `sum_mm`.
+
+    The sum has the unit of the first joint. The ratio of a joint of the other kind is in m/rad or rad/m.
+    """
 
     name: Identifier
     joints: list[Identifier] = Field(min_length=2)

@@ -95,7 +95,8 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
                     yield ("limit", i, key), f"joint '{joint}' is {kind}; write {right}"
     for i, coupling in enumerate(d.coupling):
         wrong, right = ("mm", "deg") if coupling.sum_deg is None else ("deg", "mm")
-        for joint in (n for n in coupling.joints if UNITS.get(types.get(n, "")) == right):
+        # The sum has the unit of the first joint; the ratios of joints of the other kind are in m/rad or rad/m.
+        for joint in (n for n in coupling.joints[:1] if UNITS.get(types.get(n, "")) == right):
             text = f"joint '{joint}' is {types[joint]}; write sum_{right}"
             yield ("coupling", i, f"sum_{wrong}"), text
     for i, gap in enumerate(d.gap):

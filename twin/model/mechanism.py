@@ -40,9 +40,10 @@ class Coupling:
 
     Attributes:
         name: identifier.
-        joints: names of tree joints with one coordinate, all angles or all lengths.
-        ratios: one ratio for each joint.
-        total: the constant sum, in rad or m.
+        joints: names of tree joints with one coordinate.
+        ratios: one ratio for each joint, in the unit of the first joint's coordinate per unit of this joint's: without
+            unit, m/rad or rad/m.
+        total: the constant sum, in the unit of the first joint's coordinate, rad or m.
     """
 
     name: str
@@ -420,8 +421,6 @@ def _check(m: Mechanism) -> None:
         for name in coupling.joints:
             if name not in single:
                 fail(f"coupling '{coupling.name}': {unknown('joint with one coordinate', name, single)}")
-        if len({single[n].is_angle for n in coupling.joints}) > 1:
-            fail(f"coupling '{coupling.name}' combines angles and lengths: their sum has no unit")
         if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
             fail(f"coupling '{coupling.name}' needs one nonzero ratio for each of its joints")
     for name in m.trocars:
