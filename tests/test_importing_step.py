@@ -10,6 +10,7 @@ import pytest
 
 from twin import api, cli
 from twin.cad.build import read_mechanism
+from twin.cad.step import _numbered
 from twin.exchange.read.step import read_skeleton, write_skeleton
 from twin.reference import ReferenceModel
 
@@ -99,3 +100,67 @@ def test_every_command_works_on_a_new_skeleton_at_once(tmp_path, capsys):
     assert cli.main(["validate", str(folder), "--quiet"]) == 2
     assert "no joint of the robot is driven" in capsys.readouterr().err
     assert (folder / "cad/pa10.step").is_file()
+
+
+def step_of_copies(places):
+    """Return the text of a STEP file whose assembly uses the crank at each place (x, y, z) in mm."""
+    text = (ROOT / "tests/data/cad/crank.step").read_text("latin-1")
+    n = 100_000
+    placements = ",".join(f"#{n + 100 + 10 * k}" for k in range(len(places)))
+    rows = [
+        f"#{n + 1}=SHAPE_DEFINITION_REPRESENTATION(#{n + 2},#{n + 8});",
+        f"#{n + 2}=PRODUCT_DEFINITION_SHAPE('','',#{n + 3});",
+        f"#{n + 3}=PRODUCT_DEFINITION('design','',#{n + 4},#{n + 7});",
+        f"#{n + 4}=PRODUCT_DEFINITION_FORMATION('','',#{n + 5});",
+        f"#{n + 5}=PRODUCT('hexapod','hexapod','',(#{n + 6}));",
+        f"#{n + 6}=PRODUCT_CONTEXT('',#2,'mechanical');",
+        f"#{n + 7}=PRODUCT_DEFINITION_CONTEXT('part definition',#2,'design');",
+        f"#{n + 8}=SHAPE_REPRESENTATION('',(#11,{placements}),#18);",
+    ]
+    for k, (x, y, z) in enumerate(places):
+        m = n + 100 + 10 * k
+        rows += [
+            f"#{m}=AXIS2_PLACEMENT_3D('',#{m + 1},#13,#14);",
+            f"#{m + 1}=CARTESIAN_POINT('',({x:.6f},{y:.6f},{z:.6f}));",
+            f"#{m + 2}=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#{m + 3},#{m + 5});",
+            f"#{m + 3}=( REPRESENTATION_RELATIONSHIP('','',#10,#{n + 8})"
+            f"REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION(#{m + 4})SHAPE_REPRESENTATION_RELATIONSHIP() );",
+            f"#{m + 4}=ITEM_DEFINED_TRANSFORMATION('','',#11,#{m});",
+            f"#{m + 5}=PRODUCT_DEFINITION_SHAPE('Placement','Placement of an item',#{m + 6});",
+            f"#{m + 6}=NEXT_ASSEMBLY_USAGE_OCCURRENCE('{m}','crank','',#{n + 3},#5,$);",
+        ]
+    return text.replace("ENDSEC;\nEND-ISO", "\n".join(rows) + "\nENDSEC;\nEND-ISO")
+
+
+@pytest.mark.parametrize("count", [2, 6])
+def test_a_part_that_is_used_several_times_is_several_bodies(count, tmp_path, rng):
+    """Each occurrence is a body with a number, at its own place; so are its meshes in the robot folder."""
+    places = rng.uniform(-500, 500, (count, 3))
+    (tmp_path / "hexapod.step").write_text(step_of_copies(places), "latin-1")
+    skeleton = read_skeleton(tmp_path / "hexapod.step")
+    names = [f"crank_{k + 1}" for k in range(count)]
+    assert list(skeleton.parts) == names
+    assert sum(f.code == "import.copies" for f in skeleton.findings) == count
+    _, mechanism = write_skeleton(skeleton, "hexapod", tmp_path / "hexapod", tmp_path / "hexapod.step")
+    assert [b.name for b in mechanism.bodies] == names
+    own = read_skeleton(ROOT / "tests/data/cad/crank.step")
+    whole = np.concatenate([p.vertices for parts in own.parts.values() for p in parts])
+    for name, place in zip(names, places, strict=True):
+        body = mechanism.body(name)
+        points = np.concatenate([m.vertices for m in body.meshes]) + mechanism.rest[name][:3, 3]
+        np.testing.assert_allclose(points.min(axis=0), whole.min(axis=0) + place / 1e3, atol=1e-6)
+        np.testing.assert_allclose(points.max(axis=0), whole.max(axis=0) + place / 1e3, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("names", "numbered"),
+    [
+        (["leg", "base"], ["leg", "base"]),
+        (["leg", "base", "leg"], ["leg_1", "base", "leg_2"]),
+        (["leg", "leg_1", "leg"], ["leg_2", "leg_1", "leg_3"]),
+        (["a", "a", "a_1", "a_1"], ["a_2", "a_3", "a_1_1", "a_1_2"]),
+        ([], []),
+    ],
+)
+def test_siblings_of_one_name_are_numbered_with_free_names(names, numbered):
+    assert _numbered(names) == numbered

@@ -172,12 +172,12 @@ def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Par
     parts: dict[str, list[Part]] = {name: [] for name in d.body}
     if step is None:
         return parts
-    nodes = {node for p in step.parts for node in (*p.path, p.name)}
+    nodes = {node for p in step.parts for node in (*p.path, p.name, *p.chain)}
     for name, spec in d.body.items():
         if spec.meshes:
             continue
         node = spec.node or name
-        parts[name] = [p for p in step.parts if node == p.name or node in p.path]
+        parts[name] = [p for p in step.parts if node == p.name or node in p.path or node in p.chain]
         if not parts[name]:
             raise CadError(f"{step.path}: body '{name}': {unknown('node', node, nodes)}")
     return parts

@@ -13,8 +13,9 @@ import hashlib
 import json
 import re
 import struct
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -75,6 +76,7 @@ class Part:
         triangles: (m, 3) indices of vertices.
         color_rgba: linear colour, 0..1.
         faces: analytic faces.
+        numbered: `path` and `name`, with a number at each node that has siblings of its name: leg_1, leg_2, ...
     """
 
     name: str
@@ -83,6 +85,12 @@ class Part:
     triangles: np.ndarray
     color_rgba: tuple[float, float, float, float]
     faces: tuple[Face, ...]
+    numbered: tuple[str, ...] = ()
+
+    @property
+    def chain(self) -> tuple[str, ...]:
+        """Names of the assembly nodes above the part and of the part, each unique among its siblings."""
+        return self.numbered or (*self.path, self.name)
 
 
 @dataclass(frozen=True)
@@ -205,7 +213,10 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
     parts: list[Part] = []
     error = 0.0
 
-    def walk(index: int, T: Array, path: tuple[str, ...]) -> None:
+    def name_of(index: int) -> str:
+        return _repair(gltf["nodes"][index].get("name", f"part{index}"))
+
+    def walk(index: int, T: Array, path: tuple[str, ...], numbered: tuple[str, ...]) -> None:
         nonlocal error
         node = gltf["nodes"][index]
         if "matrix" in node:
@@ -213,15 +224,34 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
             T = T @ T_step
             if not np.array_equal(T_step, np.eye(4)):
                 error = max(error, float(np.abs(T[:3]).max()) * 2.0**-23)
-        name = _repair(node.get("name", f"part{index}"))
+        name = name_of(index)
         if "mesh" in node:
-            parts.append(_part(gltf, binary, gltf["meshes"][node["mesh"]], name, path, T))
-        for child in node.get("children", ()):
-            walk(child, T, (*path, name))
+            part = _part(gltf, binary, gltf["meshes"][node["mesh"]], name, path, T)
+            parts.append(replace(part, numbered=numbered))
+        children = node.get("children", ())
+        for child, own in zip(children, _numbered([name_of(c) for c in children]), strict=True):
+            walk(child, T, (*path, name), (*numbered, own))
 
-    for root in gltf["scenes"][gltf.get("scene", 0)]["nodes"]:
-        walk(root, np.eye(4), ())
+    roots = gltf["scenes"][gltf.get("scene", 0)]["nodes"]
+    for root, own in zip(roots, _numbered([name_of(r) for r in roots]), strict=True):
+        walk(root, np.eye(4), (), (own,))
     return parts, error
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Return the names of siblings; those that occur several times with a number that makes no other name."""
+    counts = Counter(names)
+    taken = set(names)
+    last: Counter[str] = Counter()
+    out = []
+    for name in names:
+        own = name
+        while counts[name] > 1 and own in taken:
+            last[name] += 1
+            own = f"{name}_{last[name]}"
+        taken.add(own)
+        out.append(own)
+    return out
 
 
 def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...], T: Array) -> Part:

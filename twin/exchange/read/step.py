@@ -85,14 +85,10 @@ def read_skeleton(path: Path) -> Skeleton:
     names = Names("node", by_node, findings)
     parts = {names[n]: p for n, p in by_node.items()}
     for node, own in by_node.items():
-        seen: set[tuple[str, ...]] = set()
-        twice = {p.name for p in own if (key := (*p.path, p.name)) in seen or seen.add(key)}
-        if twice:
-            text = (
-                f"node '{node}' has several parts named '{min(twice)}'. If the node occurs several times in the "
-                "assembly, all its copies are read as one body; give the copies different names in the CAD."
-            )
-            findings.warn("copies", text, node)
+        names_in_file = {(*p.path, p.name)[p.chain.index(node)] for p in own}
+        if node not in names_in_file:
+            text = f"node '{min(names_in_file)}' occurs several times in the assembly: this one is named '{node}'."
+            findings.note("copies", text, node)
     base = next((b for w in _GROUND for b in parts if w in b.split("_")), next(iter(parts)))
     findings.note("base", f"body '{base}' is assumed to be the base; change `base` if another body is fixed.", base)
     findings.warn("mass", "a STEP has no densities: bodies have no mass until [material.*] states the densities.", base)
@@ -146,7 +142,7 @@ def _inside(node: str, parts: list[Part]) -> Finding | None:
     if not pairs:
         return None
     some = ", ".join(f"'{p.a.part.name}' in or on '{p.b.part.name}'" for p in pairs[:3])
-    inner = sorted({(*part.path, part.name)[part.path.index(node) + 1] for part in parts if node in part.path})
+    inner = sorted({part.chain[part.chain.index(node) + 1] for part in parts if node in part.chain[:-1]})
     text = (
         f"node '{node}' is read as one body, but some parts of the node can move relative to others: {some}"
         f"{f' and {len(pairs) - 3} more' if len(pairs) > 3 else ''}. If these are joints, write a [body.*] with `node` "
@@ -159,9 +155,10 @@ def _inside(node: str, parts: list[Part]) -> Finding | None:
 def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
     """Return {body name: its parts}.
 
-    The bodies are the assembly nodes at the first level with more than one node.
+    The bodies are the assembly nodes at the first level with more than one node. Nodes with one name are numbered, so
+    that a part that is used several times is several bodies.
     """
-    chains = [((*p.path, p.name), p) for p in parts]
+    chains = [(p.chain, p) for p in parts]
     level = 0
     while all(len(c) > level + 1 for c, _ in chains) and len({c[level] for c, _ in chains}) == 1:
         level += 1
