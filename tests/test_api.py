@@ -138,6 +138,7 @@ def test_every_public_member_of_robot_is_called_twice_here_or_below():
     called |= {"name", "tool_note", "with_formula", "with_mechanism", "with_parameters"}
     called |= {"with_transmission"}  # tests/test_raven_motion.py
     called |= {"with_timing"}  # tests/test_durations.py
+    called |= {"with_inverse"}  # tests/test_point_search.py
     called |= {"link_motion"}  # tests/test_stage_motion.py
     members = set(vars(twin.Robot)) - {f.name for f in dataclasses.fields(twin.Robot)}
     assert {n for n in members if not n.startswith("_")} == called - {"names", "plan"}
@@ -335,7 +336,16 @@ def forward_only() -> twin.Robot:
     arm = twin.load("pa10")
     forward = tuple(e for e in arm.formula.equations if e.stage == "forward")
     arm = arm.with_formula(
-        replace(arm.formula, equations=forward, seeds=((0.1,) * 7,), reach={}, measures=(), points={}, aspects=())
+        replace(
+            arm.formula,
+            equations=forward,
+            seeds=((0.1,) * 7,),
+            reach={},
+            measures=(),
+            points={},
+            aspects=(),
+            point_search=None,
+        )
     )
     assert not arm.kinematics().closed_inverse
     return arm

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -118,6 +118,7 @@ class Robot:
         changed: mechanism that replaces the mechanism of the source (a design, a seeded fault), or None.
         equations: formula that replaces the formula of the source, or None.
         timing: solver of the timing of all protocols, "passes" or "toppra"; None: each protocol names its solver.
+        inverse_by: what gives the joint values of planned poses: "equations", or "points", the published optimisation.
     """
 
     source: Source
@@ -129,6 +130,7 @@ class Robot:
     changed: Mechanism | None = None
     equations: Formula | None = None
     timing: Solver | None = None
+    inverse_by: Literal["equations", "points"] = "equations"
 
     @property
     def name(self) -> str:
@@ -283,14 +285,28 @@ class Robot:
         kin = self._kinematics
         return kin.jacobian(kin.forward(np.asarray(q, float), seed), q)
 
-    def solve(self, task: Task, seed: Array | None = None) -> Solution:
+    def solve(
+        self, task: Task, seed: Array | None = None, *, method: Literal["joints", "points"] = "joints"
+    ) -> Solution:
         """Solve a task (full or partial pose, tip and trocar, ...) by Levenberg-Marquardt within the joint limits.
 
+        Args:
+            task: the task.
+            seed: q (n,) or pose (4, 4) to start from; for "points", q (n,).
+            method: unknowns of the iteration. "joints": for every robot and task. "points": points of the arm, as
+                published for some robots (PA-10: elbow and wrist), for `Tip(p) + Trocar(c, axis)` only.
+
         Raises:
-            KinematicsError: there is no solution; its attribute `best` is the best iterate.
+            KinematicsError: there is no solution (its attribute `best` is the best iterate), or the robot has no
+                optimisation of points.
         """
         from twin.kinematics import solve
+        from twin.kinematics.point_search import point_solver
 
+        if method not in ("joints", "points"):
+            raise TwinError(unknown("method", method, ("joints", "points")))
+        if method == "points":
+            return point_solver(self._kinematics).solve(task, seed, self.mechanism.limits)
         return solve(self._kinematics, task, seed, self.mechanism.limits)
 
     def reference(self) -> ReferenceModel:
@@ -383,6 +399,18 @@ class Robot:
             raise TwinError(unknown("solver of the timing", solver, SOLVERS))
         return replace(self, timing=solver)
 
+    def with_inverse(self, by: Literal["equations", "points"]) -> Robot:
+        """Return the robot whose plans compute joint values by the equations, or by the published search for points.
+
+        Raises:
+            TwinError: there is no such inverse, or the formula has no search for points.
+        """
+        if by not in ("equations", "points"):
+            raise TwinError(unknown("inverse", by, ("equations", "points")))
+        if by == "points" and self.formula.point_search is None:
+            raise TwinError(f"{self.name}: the formula has no search for points (point_search); plan by the equations")
+        return replace(self, inverse_by=by)
+
     def with_formula(self, formula: Formula) -> Robot:
         """Return the robot with the given equations instead of the equations of its files."""
         return replace(self, equations=formula)
@@ -429,9 +457,14 @@ class Robot:
                 f"{self.name}: the driven joints are {', '.join(order)} in the description, but "
                 f"{', '.join(kin.joints)} in the equations; use the same names in the same order"
             )
+        inverse = kin.inverse_many
+        if self.inverse_by == "points":
+            from twin.kinematics.point_search import point_solver
+
+            inverse = point_solver(kin).inverse_many
         return replace(
             mechanical,
-            inverse=kin.inverse_many,
+            inverse=inverse,
             reach=lambda Ts: kin.reach(Ts=Ts),
             singularity=lambda Ts, q: kin.singularity(Ts=Ts, qs=q),
             singularity_alarm={m.name: m.alarm for m in kin.formula.measures},

@@ -120,6 +120,37 @@ class Aspect:
 
 
 @dataclass(frozen=True)
+class PointSearch:
+    """A published optimisation whose unknowns are points of the arm, not joints: the shaft is given by tip and trocar.
+
+    The unknowns are symbols (3,) of inverse equations, in m in the base frame. Once they are known, the remaining
+    inverse equations give the joints. `Rows` below may name the unknowns, `tip`, `trocar` and the parameters.
+
+    Attributes:
+        source: document, and what it leaves open.
+        unknowns: symbols of the points, in order; the last point is on the axis of the shaft.
+        tip, trocar: symbols (3,) of the given points.
+        axis: direction of the shaft in the tool frame, towards the tip; the tip is the origin of the tool frame.
+        residual: function that returns the rows to be brought to zero, in m.
+        between: function that is positive, in m, if the trocar is between the arm and the tip. The rows alone also hold
+            if the arm is beyond the tip.
+        redundant: function that returns (row in m, sign): the row is zero and the sign positive where the redundant
+            joint is as in the inverse equations. It is used for whole poses; `residual` alone leaves this joint free.
+        places: function of joints and parameters that returns the unknowns at given joints, for starting states.
+    """
+
+    source: str
+    unknowns: tuple[str, ...]
+    tip: str
+    trocar: str
+    axis: tuple[float, float, float]
+    residual: Rows
+    between: Rows
+    redundant: Rows
+    places: Rows
+
+
+@dataclass(frozen=True)
 class Formula:
     """The equations of one robot.
 
@@ -141,6 +172,7 @@ class Formula:
         branches: function of (q, parameters, variants) that returns the poses (4, 4) of all assemblies; or None.
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
         motion: published equations of motion of some joints; or None.
+        point_search: published optimisation for tip and trocar whose unknowns are points; or None.
         numbers: function of a pose and the parameters. It returns a text that names the first line of the file with a
             result of NaN or infinity; "" if there is no such line.
     """
@@ -161,6 +193,7 @@ class Formula:
     branches: Callable[[np.ndarray, Mapping[str, float], Mapping[str, str]], list[np.ndarray]] | None = None
     seeds: Sequence[Sequence[float]] = ()
     motion: ClosedForm | None = None
+    point_search: PointSearch | None = None
     numbers: Callable[[np.ndarray, Mapping[str, float]], str] | None = None
 
     def has(self, stage: Stage) -> bool:
@@ -211,6 +244,7 @@ def check_formula(formula: Any) -> None:
             fail(f"parameter '{p.name}' has no note; state the source of the value, or why it is assumed.")
     _check_coordinates(formula, fail)
     _check_equations(formula, fail)
+    _check_point_search(formula, fail)
     for aspect in formula.aspects:
         if aspect.preferred not in (-1, 1):
             fail(f"aspect '{aspect.symbol}': preferred is {aspect.preferred}, but must be +1 or -1.")
@@ -265,6 +299,20 @@ def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
                 fail(f"equation '{e.name}', variant '{variant}' is not a function.")
             if len(e.variants) > 1 and not e.reasons.get(variant):
                 fail(f"equation '{e.name}', variant '{variant}' has no reason; state the change and its reason.")
+
+
+def _check_point_search(formula: Formula, fail: Callable[[str], None]) -> None:
+    search = formula.point_search
+    if search is None:
+        return
+    if not formula.has("forward"):
+        fail("point_search needs a forward equation.")
+    outputs = {name for e in formula.equations if e.stage == "inverse" for name in e.outputs}
+    for name in search.unknowns:
+        if name not in outputs:
+            fail(
+                f"point_search: no inverse equation gives its unknown '{name}'; they give {', '.join(sorted(outputs))}."
+            )
 
 
 def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> None:

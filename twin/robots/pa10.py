@@ -8,16 +8,20 @@ the shaft.
 Seven joints control six degrees of freedom, so the elbow can swivel about the line from shoulder to wrist. The swivel
 angle is a parameter of the inverse (0: elbow up, in the vertical plane through this line). The inverse returns one of
 eight solutions.
+
+The paper finds elbow P_c and wrist P_m by Levenberg-Marquardt instead, from the lengths of the arm and from the
+condition that wrist, trocar P_tr and tip P_d are on one line. It prints neither rows, weights nor starting values; the
+rows here are DERIVED, see `POINTS`.
 """
 
 from __future__ import annotations
 
-from casadi import atan2, cos, cross, dot, if_else, norm_2, pi, sin, sqrt, vertcat
+from casadi import atan2, cos, cross, dot, fmin, if_else, norm_2, pi, sin, sqrt, vertcat
 
 from twin.core.provenance import Parameter
 from twin.core.units import DEG
 from twin.formula import symbolic
-from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
+from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure, PointSearch
 from twin.formula.equations import Equations
 from twin.robots._authoring import PAPER, ZYX, mm, row
 
@@ -90,6 +94,54 @@ def margins(q2, q4, q6, P_m, RL3, RL5):
     return RL3 + RL5 - D, D - sqrt((RL3 - RL5) ** 2), sin(q2), sin(q4), sin(q6), aside / (RL3 + RL5)
 
 
+def collinear(P_c, P_m, P_d, P_tr, RL3, RL5, RL7, RL8):
+    """Return six rows in m: lengths of upper arm, forearm and instrument; distance of the wrist from line P_d P_tr."""
+    u = (P_tr - P_d) / norm_2(P_tr - P_d)
+    upper_arm = (dot(P_c, P_c) - RL3**2) / RL3
+    forearm = (dot(P_m - P_c, P_m - P_c) - RL5**2) / RL5
+    instrument = norm_2(P_m - P_d) - (RL7 + RL8)
+    return vertcat(upper_arm, forearm, instrument, cross(u, P_m - P_tr))
+
+
+def between(P_m, P_d, P_tr):
+    """Return the smaller distance of the trocar from tip and wrist along the shaft; negative if it is not between."""
+    w = (P_m - P_d) / norm_2(P_m - P_d)
+    from_tip = dot(P_tr - P_d, w)
+    from_wrist = dot(P_m - P_tr, w)
+    return fmin(from_tip, from_wrist)
+
+
+def at_swivel(P_c, P_m, swivel):
+    """Return the distance of the elbow from the half-plane of the swivel angle, and its sign; see `elbow`."""
+    n = P_m / norm_2(P_m)
+    up = vertcat(0, 0, 1)
+    e1 = up - dot(up, n) * n
+    e1 = e1 / norm_2(e1)
+    e2 = cross(n, e1)
+    across = dot(P_c, cos(swivel) * e2 - sin(swivel) * e1)
+    along = dot(P_c, cos(swivel) * e1 + sin(swivel) * e2)
+    return across, along
+
+
+def elbow_and_wrist(q1, q2, q3, q4, RL3, RL5):
+    """Return P_c and P_m at joint values: the origins of frames 3 and 5 of Table 1."""
+    upper_arm = row(0, 0, q1, 0) @ row(-pi / 2, 0, q2, 0) @ row(pi / 2, 0, q3, RL3)
+    forearm = upper_arm @ row(-pi / 2, 0, q4, 0) @ row(pi / 2, 0, 0, RL5)
+    return upper_arm[0:3, 3], forearm[0:3, 3]
+
+
+POINTS = PointSearch(
+    source=f"{PAPER}, trocar model; rows and weights DERIVED: the paper prints none",
+    unknowns=("P_c", "P_m"),
+    tip="P_d",
+    trocar="P_tr",
+    axis=(0.0, 0.0, 1.0),
+    residual=collinear,
+    between=between,
+    redundant=at_swivel,
+    places=elbow_and_wrist,
+)
+
 _ALARM = "alarm ASSUMED: no published threshold"
 
 FORMULA = Formula(
@@ -140,4 +192,5 @@ FORMULA = Formula(
         (0.75, 0.10, 0.15, 0.0, 150 * DEG, 0.0),
         (0.75, -0.45, 0.20, -35 * DEG, 130 * DEG, 0.0),
     ),
+    point_search=POINTS,
 )

@@ -20,6 +20,7 @@ EXAMPLES = """\
   twin plan sils
   twin plan sils lowered_patient --out plan/
   twin plan sils --check             judge the timing by toppra
+  twin plan pa10 --inverse points    joint values by the published optimisation of elbow and wrist
   twin plan pa10 --avoid vsrs        around the props and the other robots of a scene, outside the patient
   twin plan davinci_psm around/withdraw --avoid davinci --with psm2=around/across --clearance-mm 2  two arms at once"""
 
@@ -38,6 +39,11 @@ def arguments(command: Command) -> None:
     command.robot()
     command.protocol()
     command.timing()
+    text = (
+        "what gives the joint values: the equations in closed form, or the published Levenberg-Marquardt optimisation "
+        "of points of the arm (pa10: elbow and wrist)"
+    )
+    command.choice("--inverse", ("equations", "points"), text, "equations")
     text = "judge the timing by the other solver (toppra, unless it made the plan): durations, and limits at its grid"
     command.flag("--check", text)
     text = (
@@ -70,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         for name, value, usual in (("--clearance-mm", args.clearance_mm, _CLEARANCE), ("--seed", args.seed, 0)):
             if value != usual:
                 raise TwinError(f"{name} {value:g} has no effect without --avoid: add --avoid, or omit {name}")
-    robot = api.load(args.robot).with_timing(args.timing)
+    robot = api.load(args.robot).with_timing(args.timing).with_inverse(args.inverse)
     if args.beside is not None:
         if args.check:
             raise TwinError("--check judges the plan of one robot: omit --with")

@@ -1,0 +1,434 @@
+"""Levenberg-Marquardt on points of the arm, for tip and trocar of an instrument (`formula.contract.PointSearch`).
+
+The unknowns x are the points. A step dx solves (J^T J + mu D) dx = -J^T r, where D has the diagonal of J^T J (D. W.
+Marquardt, J. SIAM 11(2), 431-441, 1963). After a step that reduces |r|, mu is divided by 10, otherwise the step is
+rejected and mu is multiplied by 10. Many problems are solved at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core import spatial
+from twin.core.errors import KinematicsError
+from twin.core.spatial import Array
+from twin.formula import flow, symbolic
+from twin.formula.contract import POSE_SYMBOL, PointSearch
+from twin.formula.flow import Evaluator
+from twin.kinematics.compiled import Compiled
+from twin.kinematics.solve import Solution
+from twin.kinematics.tasks import Task
+
+TOLERANCE = 1e-12
+"""Norm of the rows in m below which a search counts as solved."""
+
+MAX_ITERATIONS = 100
+
+_GOAL = 1e-15
+"""Norm of the rows in m at which an iteration ends: a few roundings of 1 m."""
+
+_FIRST_DAMPING, _DAMPING_FACTOR = 1e-3, 10.0
+
+_LEAST_DAMPING, _MOST_DAMPING = 1e-11, 1e10
+"""Limits of mu. Below the first, rounding would move the points along the redundant direction; the second ends."""
+
+_LEAST_DIAGONAL = 1e-12
+"""Minimum of an entry of D, relative to its largest entry: a column of J may be zero at a starting state."""
+
+_LIMIT_TOL = 1e-9
+"""Excess over a joint limit in m or rad that is ignored as a rounding error."""
+
+
+@dataclass(frozen=True)
+class Descents:
+    """Results of k searches.
+
+    Attributes:
+        points: (k, m, 3) the m points in m.
+        residual: (k,) norm of the rows in m.
+        iterations: (k,) number of steps tried.
+        between: (k,) distance in m of the trocar from tip and arm along the shaft; negative if it is not between them.
+        history: (k, s) norm of the rows in m at the start and after each step; NaN after the end.
+    """
+
+    points: Array
+    residual: Array
+    iterations: np.ndarray
+    between: Array
+    history: Array
+
+    @property
+    def converged(self) -> np.ndarray:
+        """Whether each search (k,) fulfils the rows, on whichever side of the tip the arm is."""
+        return self.residual <= TOLERANCE
+
+    @property
+    def solved(self) -> np.ndarray:
+        """Whether each search (k,) fulfils the rows, with the trocar between arm and tip."""
+        return self.converged & (self.between > 0)
+
+
+@dataclass(frozen=True)
+class PointSolutions:
+    """Solutions of k problems.
+
+    Attributes:
+        q: (k, n) joints in m or rad; NaN where no search is solved.
+        points: (k, m, 3) the points in m.
+        excess: (k,) largest excess of a joint over its limit in m or rad; infinite where no search is solved.
+        iterations: (k,) number of steps tried in all starts.
+    """
+
+    q: Array
+    points: Array
+    excess: Array
+    iterations: np.ndarray
+
+    @classmethod
+    def none(cls, problems: int, joints: int, points: int) -> PointSolutions:
+        """Return the results before the first search."""
+        q = np.full((problems, joints), np.nan)
+        places = np.full((problems, points, 3), np.nan)
+        return cls(q, places, np.full(problems, np.inf), np.zeros(problems, int))
+
+
+class PointSolver:
+    """The compiled search of a robot whose formula has a `PointSearch`."""
+
+    def __init__(self, kin: Compiled, search: PointSearch) -> None:
+        self.kin, self.search = kin, search
+        self.count = len(search.unknowns)
+
+    def descend(self, starts: Array, tips: Array, trocars: Array, redundant: bool = False) -> Descents:
+        """Run one search from each start, also if it does not converge.
+
+        Args:
+            starts: (k, m, 3) points in m.
+            tips: (k, 3) positions of the tip in m.
+            trocars: (k, 3) positions of the trocar in m.
+            redundant: whether the redundant joint shall be as in the inverse equations; otherwise it is free.
+        """
+        rows = self._rows_with_redundant if redundant else self._rows
+        given = np.hstack([tips, trocars])
+        x = starts.reshape(len(starts), 3 * self.count).astype(float)
+        r, J, between = self._at(rows, x, given)
+        norm = np.linalg.norm(r, axis=1)
+        damping = np.full(len(x), _FIRST_DAMPING)
+        iterations = np.zeros(len(x), int)
+        history = [norm.copy()]
+        for _ in range(MAX_ITERATIONS):
+            k = np.flatnonzero((norm > _GOAL) & (damping < _MOST_DAMPING))
+            if not len(k):
+                break
+            new = x[k] + _steps(J[k], r[k], damping[k])
+            r_new, J_new, between_new = self._at(rows, new, given[k])
+            norm_new = np.linalg.norm(r_new, axis=1)
+            better = norm_new < norm[k]
+            taken = k[better]
+            x[taken], r[taken], J[taken] = new[better], r_new[better], J_new[better]
+            norm[taken], between[taken] = norm_new[better], between_new[better]
+            damping[taken] = np.maximum(damping[taken] / _DAMPING_FACTOR, _LEAST_DAMPING)
+            damping[k[~better]] *= _DAMPING_FACTOR
+            iterations[k] += 1
+            history.append(np.full(len(x), np.nan))
+            history[-1][k] = norm[k]
+            at_rounding = (norm <= TOLERANCE) & (damping > _FIRST_DAMPING)
+            damping[at_rounding] = _MOST_DAMPING  # steps no longer reduce the rows, which are zero but for rounding
+        return Descents(x.reshape(-1, self.count, 3), norm, iterations, between, np.stack(history, axis=1))
+
+    def joints(self, points: Array, Ts: Array) -> Array:
+        """Return q (k, n) from points (k, m, 3) and poses of the tool (k, 4, 4), by the inverse equations."""
+        return self._joints.many(np.hstack([Ts.reshape(-1, 16), points.reshape(len(points), 3 * self.count)]))
+
+    def places(self, qs: Array) -> Array:
+        """Return the points (k, m, 3) in m at joints qs (k, n)."""
+        return self._places.many(qs).reshape(-1, self.count, 3)
+
+    def closed(self, Ts: Array) -> Array:
+        """Return the points (k, m, 3) in m at poses of the tool (k, 4, 4), by the inverse equations, without search."""
+        return self._closed.many(Ts.reshape(-1, 16)).reshape(-1, self.count, 3)
+
+    def starts(self, count: int, limits: Array | None = None, rng: int = 0) -> Iterator[Array]:
+        """Yield joints q (n,) to start from: those of the formula's seeds, then random ones within the limits."""
+        reach = np.where(self.kin.revolute, np.pi, 1.0)
+        low, high = -reach, reach
+        if limits is not None:
+            low = np.where(np.isfinite(limits[:, 0]), limits[:, 0], low)
+            high = np.where(np.isfinite(limits[:, 1]), limits[:, 1], high)
+        seeds = self.kin.formula.seeds[:count]
+        for seed in seeds:
+            yield self.kin.inverse(self.kin.program.pose_of_coordinates.one(np.asarray(seed, float)))
+        generator = np.random.default_rng(rng)
+        for _ in range(len(seeds), count):
+            yield generator.uniform(low, high)
+
+    def inverse_many(self, Ts_base_tool: ArrayLike, starts: int = 48) -> Array:
+        """Return q (k, n) at poses of the tool (k, 4, 4), with the redundant joint as in the equations; NaN: not found.
+
+        The trocar is taken on the shaft, halfway between the tip and the points that the equations give for a start:
+        any trocar on the shaft has the same solution.
+        """
+        Ts = np.ascontiguousarray(Ts_base_tool, float)
+        tips = Ts[:, :3, 3]
+        axes = Ts[:, :3, :3] @ np.asarray(self.search.axis)
+        points = np.full((len(Ts), self.count, 3), np.nan)
+        left = np.flatnonzero(np.isfinite(Ts).all(axis=(1, 2)))
+        for q in self.starts(starts):
+            if not len(left):
+                break
+            begin = self.places(q[None])
+            length = float(np.linalg.norm(begin[0, -1] - self.kin.program.forward.one(q)[:3, 3]))
+            trocars = tips[left] - 0.5 * length * axes[left]
+            begin = self.outside(np.repeat(begin, len(left), axis=0), tips[left], trocars)
+            found = self.descend(begin, tips[left], trocars, redundant=True)
+            good = found.solved & (self._sign(found.points) > 0)
+            points[left[good]] = found.points[good]
+            left = left[~good]
+        return self.joints(points, Ts)
+
+    def outside(self, points: Array, tips: Array, trocars: Array) -> Array:
+        """Return starting points (k, m, 3) with the last point moved to the shaft, outside the trocar.
+
+        Its distance from the tip remains. From such starts, a search hardly ever ends with the arm beyond the tip.
+        """
+        out = points.copy()
+        shafts = (trocars - tips) / np.linalg.norm(trocars - tips, axis=1)[:, None]
+        lengths = np.linalg.norm(points[:, -1] - tips, axis=1)
+        out[:, -1] = tips + lengths[:, None] * shafts
+        return out
+
+    def solve_many(
+        self, tips: Array, trocars: Array, limits: Array | None = None, *, starts: int = 48, rng: int = 0
+    ) -> PointSolutions:
+        """Solve k problems of tip and trocar, (k, 3) each in m, from several starts: see `solve`."""
+        best = PointSolutions.none(len(tips), len(self.kin.joints), self.count)
+        left = np.arange(len(tips))
+        for q in self.starts(starts, limits, rng):
+            if not len(left):
+                break
+            begin = self.outside(np.repeat(self.places(q[None]), len(left), axis=0), tips[left], trocars[left])
+            found = self.descend(begin, tips[left], trocars[left])
+            self._keep(best, left, found, q, tips[left], limits)
+            left = np.flatnonzero(best.excess > _LIMIT_TOL)
+        return best
+
+    def solve(
+        self,
+        task: Task,
+        seed: ArrayLike | None = None,
+        limits: Array | None = None,
+        *,
+        starts: int = 48,
+        rng: int = 0,
+    ) -> Solution:
+        """Solve tip and trocar from several starting states; the first solution within the limits is returned.
+
+        The joints are those that the inverse equations give at the found points.
+
+        Args:
+            task: `Tip(p) + Trocar(c, axis)`, with the axis of the shaft and the tip in the origin of the tool frame.
+            seed: q (n,) to start from first; the rotation about the shaft remains as near as possible to that at q.
+            limits: (n, 2) lower and upper limit of each joint, in m or rad.
+            starts: number of further starting states: the formula's seeds, then random states; see `outside`.
+            rng: seed of the random states.
+
+        Raises:
+            KinematicsError: the task is another one, or no solution is found; if a search found points beyond a joint
+                limit, `best` is the `Solution` with the smallest excess.
+        """
+        tip, trocar = self._given(task)
+        if not np.linalg.norm(trocar - tip) > TOLERANCE:
+            raise KinematicsError(f"{self.kin.formula.name}: tip and trocar are the same point: they give no shaft.")
+        best = None
+        if seed is not None:
+            q = np.asarray(seed, float)
+            if q.shape != (len(self.kin.joints),):
+                raise KinematicsError(f"{self.kin.formula.name}: a seed must be q ({len(self.kin.joints)},)")
+            best = PointSolutions.none(1, len(self.kin.joints), self.count)
+            self._keep(best, np.arange(1), self.descend(self.places(q[None]), tip, trocar), q, tip, limits)
+        if best is None or best.excess[0] > _LIMIT_TOL:
+            best = self.solve_many(tip, trocar, limits, starts=starts, rng=rng)
+        name, points = self.kin.formula.name, " and ".join(self.search.unknowns)
+        if not np.isfinite(best.excess[0]):
+            raise KinematicsError(
+                f"{name}: no {points} with the trocar between arm and tip in {starts} starts. The target may be out of "
+                "reach; method='joints' states by how much."
+            )
+        T = self.kin.program.forward.one(best.q[0])
+        shaft = T[:3, :3] @ np.asarray(self.search.axis)
+        missed = np.concatenate([T[:3, 3] - tip[0], np.cross(trocar[0] - T[:3, 3], shaft)])
+        residual = float(np.linalg.norm(missed)) / self.kin.characteristic_length
+        branch = str(self.kin.branch(Ts=T[None], qs=best.q)[0])
+        solution = Solution(best.q[0], T, residual, branch, int(best.iterations[0]))
+        if best.excess[0] > _LIMIT_TOL:
+            raise KinematicsError(
+                f"{name}: the {points} found in {starts} starts exceed a joint limit, at best by {best.excess[0]:.3g} "
+                "(rad or m); give a seed, or use method='joints', which keeps the limits during the search.",
+                best=solution,
+                residual=residual,
+            )
+        return solution
+
+    def _keep(
+        self,
+        best: PointSolutions,
+        rows: np.ndarray,
+        found: Descents,
+        q: Array,
+        tips: Array,
+        limits: Array | None,
+    ) -> None:
+        """Keep in `best`, for the problems `rows`, results that are nearer to the joint limits; q (n,) is the start."""
+        best.iterations[rows] += found.iterations
+        good = found.solved
+        points = found.points[good]
+        joints = self.joints(points, self.pose(tips[good], points, q))
+        excess = np.zeros(len(points))
+        if limits is not None:
+            excess = np.maximum(limits[:, 0] - joints, joints - limits[:, 1]).max(axis=1, initial=0.0)
+        nearer = excess < best.excess[rows[good]]
+        kept = rows[good][nearer]
+        best.q[kept], best.points[kept], best.excess[kept] = joints[nearer], points[nearer], excess[nearer]
+
+    def pose(self, tips: Array, points: Array, q: Array) -> Array:
+        """Return poses (k, 4, 4) with the tip at `tips` (k, 3) and the shaft from the last of the points (k, m, 3).
+
+        The rotation about the shaft is that of the tool at q (n,), turned by the smallest angle to the shaft.
+        """
+        axis = tips - points[:, -1]
+        axis /= np.linalg.norm(axis, axis=1)[:, None]
+        T = self.kin.program.forward.one(q)
+        own = T[:3, :3] @ np.asarray(self.search.axis)
+        return spatial.pose(_turns(own, axis) @ T[:3, :3], tips)
+
+    def _given(self, task: Task) -> tuple[Array, Array]:
+        """Return tip and trocar (1, 3) of a task in m."""
+        terms = {t.kind: t.numbers for t in task.terms}
+        fine = sorted(t.kind for t in task.terms) == ["tip", "trocar"]
+        if fine:
+            tip, trocar = terms["tip"], terms["trocar"]
+            fine = not tip[3:6].any() and not trocar[6:9].any()
+            fine = fine and bool(np.allclose(trocar[3:6], self.search.axis, rtol=0, atol=1e-12))
+            if fine:
+                return tip[None, :3], trocar[None, :3]
+        axis = ", ".join(f"{v:g}" for v in self.search.axis)
+        raise KinematicsError(
+            f"{self.kin.formula.name}: method='points' solves only Tip(p) + Trocar(c, axis=({axis})), with the tip in "
+            "the origin of the tool frame and a free depth; use method='joints' for other tasks."
+        )
+
+    def _at(self, rows: Evaluator, x: Array, given: Array) -> tuple[Array, Array, Array]:
+        """Return rows (k, r), their derivatives (k, r, 3 m), and `between` (k,)."""
+        out = rows.many(np.hstack([x, given]))
+        n = x.shape[1]
+        r = (out.shape[1] - 1) // (n + 1)
+        return out[:, :r], out[:, r:-1].reshape(len(x), n, r).transpose(0, 2, 1), out[:, -1]
+
+    def _symbols(self, x: ca.SX) -> dict[str, Any]:
+        points = {name: x[3 * i : 3 * i + 3] for i, name in enumerate(self.search.unknowns)}
+        return {**self.kin.parameters, **points}
+
+    @cached_property
+    def _rows(self) -> Evaluator:
+        return self._compiled(redundant=False)
+
+    @cached_property
+    def _rows_with_redundant(self) -> Evaluator:
+        return self._compiled(redundant=True)
+
+    def _compiled(self, redundant: bool) -> Evaluator:
+        """Compile (points, tip, trocar) -> rows, their derivatives with respect to the points, `between`."""
+        n = 3 * self.count
+        z = ca.SX.sym("z", n + 6)
+        symbols = {**self._symbols(z[:n]), self.search.tip: z[n : n + 3], self.search.trocar: z[n + 3 :]}
+        r = self._call("residual", symbols)
+        if redundant:
+            r = ca.vertcat(r, self._call("redundant", symbols)[0])
+        J = ca.jacobian(r, z)[:, :n]
+        return Evaluator("point_rows", z, ca.vertcat(r, ca.vec(J), self._call("between", symbols)))
+
+    @cached_property
+    def _redundant(self) -> Evaluator:
+        z = ca.SX.sym("z", 3 * self.count)
+        return Evaluator("redundant_sign", z, self._call("redundant", self._symbols(z))[1])
+
+    def _sign(self, points: Array) -> Array:
+        return self._redundant.many(points.reshape(len(points), 3 * self.count))[:, 0]
+
+    @cached_property
+    def _places(self) -> Evaluator:
+        program = self.kin.program
+        q = ca.SX.sym("q", len(program.order))
+        symbols = {**self.kin.parameters, **dict(zip(program.order, ca.vertsplit(q), strict=True))}
+        return Evaluator("places", q, ca.vertcat(*self._call("places", symbols)))
+
+    @cached_property
+    def _closed(self) -> Evaluator:
+        z = ca.SX.sym("z", 16)
+        symbols = self._inverse({**self.kin.parameters, **flow.from_pose(self.kin.formula, symbolic.unflat(z, 4, 4))})
+        return Evaluator("closed", z, ca.vertcat(*(ca.SX(symbols[name]) for name in self.search.unknowns)))
+
+    @cached_property
+    def _joints(self) -> Evaluator:
+        z = ca.SX.sym("z", 16 + 3 * self.count)
+        symbols = self._symbols(z[16:]) | {POSE_SYMBOL: symbolic.unflat(z[:16], 4, 4)}
+        symbols = self._inverse({**flow.from_pose(self.kin.formula, symbols[POSE_SYMBOL]), **symbols})
+        program = self.kin.program
+        out = flow.gather(self.kin.formula, {**symbols, **program.extra_values}, program.order, "joint")
+        return Evaluator("joints_of_points", z, out)
+
+    def _inverse(self, symbols: dict[str, Any]) -> dict[str, Any]:
+        return flow.run(self.kin.formula, self.kin.variants, symbols, "inverse")
+
+    def _call(self, name: str, symbols: dict[str, Any]) -> Any:
+        what = f"formula '{self.kin.formula.name}', point_search.{name}"
+        return flow.call(getattr(self.search, name), symbols, what)
+
+
+_SOLVERS: WeakKeyDictionary[Compiled, PointSolver] = WeakKeyDictionary()
+
+
+def point_solver(kin: Compiled) -> PointSolver:
+    """Return the `PointSolver` of a robot; it is compiled when first requested.
+
+    Raises:
+        KinematicsError: the formula has no optimisation of points.
+    """
+    search = kin.formula.point_search
+    if search is None:
+        raise KinematicsError(
+            f"{kin.formula.name}: the formula has no optimisation of points (point_search); use method='joints' to "
+            "solve a task, and the equations as inverse"
+        )
+    if kin not in _SOLVERS:
+        _SOLVERS[kin] = PointSolver(kin, search)
+    return _SOLVERS[kin]
+
+
+def _steps(J: Array, r: Array, damping: Array) -> Array:
+    """Return the steps (k, n) of Marquardt's normal equations, J (k, r, n), rows (k, r), damping (k,)."""
+    A = np.swapaxes(J, 1, 2) @ J
+    g = np.einsum("kri,kr->ki", J, r)
+    diagonal = np.einsum("kii->ki", A).copy()
+    diagonal = np.maximum(diagonal, _LEAST_DIAGONAL * diagonal.max(axis=1, keepdims=True))
+    n = A.shape[1]
+    A[:, np.arange(n), np.arange(n)] += damping[:, None] * diagonal
+    return -np.linalg.solve(A, g[..., None])[..., 0]
+
+
+def _turns(a: Array, b: Array) -> Array:
+    """Return the smallest rotations (k, 3, 3) that turn the unit vector a (3,) into the unit vectors b (k, 3)."""
+    w = np.cross(a, b)
+    s = np.linalg.norm(w, axis=1)
+    across = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
+    w[s < 1e-12] = across  # parallel: no rotation, or half a turn about any axis across
+    w /= np.linalg.norm(w, axis=1)[:, None]
+    return spatial.exp_so3(np.arctan2(s, b @ a)[:, None] * w)
