@@ -160,7 +160,11 @@ def test_a_part_that_is_used_several_times_is_several_bodies(count, tmp_path, rn
         (["leg", "leg_1", "leg"], ["leg_2", "leg_1", "leg_3"]),
         (["a", "a", "a_1", "a_1"], ["a_2", "a_3", "a_1_1", "a_1_2"]),
         ([], []),
+        (["pin", "pin"], ["pin_3", "pin_4"]),
     ],
 )
 def test_siblings_of_one_name_are_numbered_with_free_names(names, numbered):
-    assert _numbered(names) == numbered
+    """Free in the whole file: a body of the description is found by its node's name alone."""
+    taken = {*names, "pin_1", "pin_2"}
+    assert _numbered(names, taken) == numbered
+    assert taken == {*names, *numbered, "pin_1", "pin_2"}

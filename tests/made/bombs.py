@@ -199,6 +199,13 @@ def dae_whose_nodes_multiply(folder: Path) -> Path:
     return _dae(folder, "".join(rows) + '<node id="n8"><instance_geometry url="#g"/></node>')
 
 
+@bomb(NEW, "numbers in all instances")
+def dae_whose_nodes_hide_behind_others_of_their_name(folder: Path) -> Path:
+    rows = [f'<node id="n{i}">{f"""<node><instance_node url="#n{i + 1}"/></node>""" * 20}</node>' for i in range(8)]
+    hidden = "".join(f'<node id="n{i}"/>' for i in range(9))
+    return _dae(folder, hidden + "".join(rows) + '<node id="n8"><instance_geometry url="#g"/></node>' + hidden)
+
+
 @bomb(NEW, "depth of the nodes")
 def dae_chain_of_nodes_that_no_scene_shows(folder: Path) -> Path:
     rows = [f'<node id="n{i}"><instance_node url="#n{i + 1}"/></node>' for i in range(1, 9000)]

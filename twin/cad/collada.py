@@ -125,15 +125,18 @@ def _check_count(path: Path, root: Element) -> None:
         BudgetError: the expanded file exceeds the limits of its format.
     """
     limits = BUDGETS["DAE"]
-    weights = {}
+    weights: dict[str | None, int] = {}
     for geometry in root.iterfind("{*}library_geometries/{*}geometry"):
         # Each value takes at least two characters, with the space behind it.
         letters = sum(len(element.text or "") for element in geometry.iter())
-        weights[geometry.get("id")] = letters // 2 + 1
+        name = geometry.get("id")
+        weights[name] = max(letters // 2 + 1, weights.get(name, 0))
     scenes = [e for e in root.iter() if _tag(e) in ("node", "visual_scene")]
     if len(scenes) > _MOST_NODES:
         over(path, "DAE", "nodes", len(scenes), _MOST_NODES)
-    nodes = {element.get("id"): element for element in scenes}
+    nodes: dict[str | None, list[Element]] = {}  # of nodes with one id, the largest counts
+    for element in scenes:
+        nodes.setdefault(element.get("id"), []).append(element)
     totals: dict[Element, tuple[int, int]] = {}
     above: set[Element] = set()
 
@@ -151,20 +154,22 @@ def _check_count(path: Path, root: Element) -> None:
         for child in node:
             kind = _tag(child)
             url = child.get("url", "")
-            below = None
+            below: list[Element] = []
             if kind == "node":
-                below = child
+                below = [child]
             elif kind in ("instance_node", "instance_geometry"):
                 if not url.startswith("#"):
                     raise ValueError(f"<{kind}> refers to '{url[:80]}'; other files are not read")
                 if kind == "instance_geometry":
                     count += weights.get(url[1:], 0)
                 else:
-                    below = nodes.get(url[1:])
-            if below is not None:
-                own, levels = total(below, depth + 1)
-                count += own
+                    below = nodes.get(url[1:], [])
+            most = 0
+            for inner in below:
+                own, levels = total(inner, depth + 1)
+                most = max(most, own)
                 height = max(height, levels + 1)
+            count += most
         if height > limits.depth:
             over(path, "DAE", "depth of the nodes so far", height, limits.depth)
         above.remove(node)

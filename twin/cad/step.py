@@ -76,7 +76,8 @@ class Part:
         triangles: (m, 3) indices of vertices.
         color_rgba: linear colour, 0..1.
         faces: analytic faces.
-        numbered: `path` and `name`, with a number at each node that has siblings of its name: leg_1, leg_2, ...
+        numbered: `path` and `name`, with a number at each node that has siblings of its name: leg_1, leg_2, ... No
+            other node of the file has the numbered name.
     """
 
     name: str
@@ -89,7 +90,7 @@ class Part:
 
     @property
     def chain(self) -> tuple[str, ...]:
-        """Names of the assembly nodes above the part and of the part, each unique among its siblings."""
+        """Names of the assembly nodes above the part and of the part, with the numbers of `numbered`."""
         return self.numbered or (*self.path, self.name)
 
 
@@ -216,6 +217,8 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
     def name_of(index: int) -> str:
         return _repair(gltf["nodes"][index].get("name", f"part{index}"))
 
+    taken = {name_of(index) for index in range(len(gltf["nodes"]))}
+
     def walk(index: int, T: Array, path: tuple[str, ...], numbered: tuple[str, ...]) -> None:
         nonlocal error
         node = gltf["nodes"][index]
@@ -229,19 +232,21 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
             part = _part(gltf, binary, gltf["meshes"][node["mesh"]], name, path, T)
             parts.append(replace(part, numbered=numbered))
         children = node.get("children", ())
-        for child, own in zip(children, _numbered([name_of(c) for c in children]), strict=True):
+        for child, own in zip(children, _numbered([name_of(c) for c in children], taken), strict=True):
             walk(child, T, (*path, name), (*numbered, own))
 
     roots = gltf["scenes"][gltf.get("scene", 0)]["nodes"]
-    for root, own in zip(roots, _numbered([name_of(r) for r in roots]), strict=True):
+    for root, own in zip(roots, _numbered([name_of(r) for r in roots], taken), strict=True):
         walk(root, np.eye(4), (), (own,))
     return parts, error
 
 
-def _numbered(names: Sequence[str]) -> list[str]:
-    """Return the names of siblings; those that occur several times with a number that makes no other name."""
+def _numbered(names: Sequence[str], taken: set[str]) -> list[str]:
+    """Return the names of siblings; those that occur several times with a number.
+
+    A numbered name is not in `taken`, the names of all nodes, and is added to it.
+    """
     counts = Counter(names)
-    taken = set(names)
     last: Counter[str] = Counter()
     out = []
     for name in names:

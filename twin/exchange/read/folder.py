@@ -246,7 +246,7 @@ def _write_mesh(path: Path, mesh: Mesh, T: Array) -> None:
     if path.suffix == ".stl":
         size = _STL_BYTES[0] + _STL_BYTES[1] * len(mesh.triangles)
         if size > BUDGETS["STL"].bytes:
-            over(path, "STL", "bytes", size, BUDGETS["STL"].bytes)
+            over(Path(path.name), "STL", "bytes", size, BUDGETS["STL"].bytes)
         solid = np.zeros(len(mesh.triangles), np.dtype([("numbers", "<f4", (4, 3)), ("rest", "<u2")]))
         solid["numbers"][:, 1:] = points[mesh.triangles]  # the first row, the normal, is computed by readers
         path.write_bytes(bytes(80) + len(solid).to_bytes(4, "little") + solid.tobytes())
