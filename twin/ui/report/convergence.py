@@ -62,7 +62,7 @@ def convergence(report: Report) -> Figure | None:
         )  # fmt: skip
         if i:
             ax.tick_params(labelleft=False)
-    axes[0][0].set_ylabel("residual")
+    axes[0][0].set_ylabel("residual", labelpad=12)
     return figure
 
 
