@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 import twin
 from twin.exchange.read import read
@@ -408,3 +409,105 @@ def test_open_meshes_that_close_each_other_are_one_closed_shape_in_every_format(
         shapes += f'<collision><geometry><mesh filename="{name}.obj"/></geometry></collision>'
     text = serial([(-1.0, 1.0)]).replace('<link name="l1">', f'<link name="l1">{shapes}')
     assert of_closing(audited(tmp_path, imported(tmp_path, "arm.urdf", text), ("glb", "urdf", "usd"))) == []
+
+
+# --------------------------------------------------------------------------------------------------- planar joints
+
+
+def planar(axis, origin):
+    """Return a URDF of an arm with one hinge, on a base that a planar joint moves."""
+    return f"""<robot name="cart"><link name="ground"/><link name="base">{INERTIAL}</link><link name="arm">{INERTIAL}
+    </link><joint name="drive" type="planar"><parent link="ground"/><child link="base"/><origin {origin}/>
+    <axis xyz="{axis}"/><limit lower="-2" upper="2" effort="100" velocity="0.5"/></joint>
+    <joint name="h" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.1"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="9" velocity="1"/></joint></robot>"""
+
+
+def moved(mechanism, values):
+    """Return the pose (4, 4) of the base for the values of the three joints of the planar joint, in m and rad."""
+    T = np.eye(4)
+    for joint, value in zip(mechanism.joints[:3], values, strict=True):
+        motion = np.eye(4)
+        if joint.type == "prismatic":
+            motion[2, 3] = value
+        else:
+            motion[:3, :3] = Rotation.from_rotvec([0, 0, value]).as_matrix()
+        T = T @ joint.T_parent_joint @ motion @ np.linalg.inv(joint.T_child_joint)
+    return T
+
+
+def test_a_planar_joint_has_the_poses_of_pinocchio(tmp_path):
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        xyz, rpy = rng.uniform(-1, 1, (2, 3))
+        text = planar("0 0 1", f'xyz="{xyz[0]} {xyz[1]} {xyz[2]}" rpy="{rpy[0]} {rpy[1]} {rpy[2]}"')
+        found = imported(tmp_path, "cart.urdf", text)
+        assert [(j.name, j.type, j.active) for j in found.mechanism.joints] == [
+            ("drive_x", "prismatic", False),
+            ("drive_y", "prismatic", False),
+            ("drive_z", "revolute", False),
+            ("h", "revolute", True),
+        ]
+        judge = pin.buildModelFromUrdf(str(tmp_path / "cart.urdf"))
+        state = judge.createData()
+        for x, y, angle in rng.uniform(-2, 2, (4, 3)):
+            pin.framesForwardKinematics(judge, state, np.array([x, y, np.cos(angle), np.sin(angle), 0.0]))
+            right = state.oMf[judge.getFrameId("base")].homogeneous
+            np.testing.assert_allclose(moved(found.mechanism, (x, y, angle)), right, rtol=0, atol=1e-12)
+
+
+def test_a_planar_joint_moves_in_the_plane_of_its_axis(tmp_path):
+    rng = np.random.default_rng(3)
+    for axis in [*np.eye(3), *-np.eye(3), *rng.normal(size=(4, 3))]:
+        normal = axis / np.linalg.norm(axis)
+        found = imported(tmp_path, "cart.urdf", planar(" ".join(map(repr, axis.tolist())), 'xyz="0 0 0"'))
+        x, y, angle = rng.uniform(-2, 2, 3)
+        T = moved(found.mechanism, (x, y, angle))
+        np.testing.assert_allclose(T[:3, 3] @ normal, 0.0, atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(T[:3, 3]), np.hypot(x, y), atol=1e-12)
+        np.testing.assert_allclose(T[:3, :3], Rotation.from_rotvec(angle * normal).as_matrix(), atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_robot_on_a_planar_joint_is_exported_without_a_finding(tmp_path):
+    found = imported(tmp_path, "cart.urdf", planar("0 0 1", 'xyz="0.1 0 0.3" rpy="0 0 0.4"'))
+    told = [f.message for f in found.findings if f.severity == "warning"]
+    assert "joint 'drive' is planar: the limits -2 .. 2 are not imported." in told
+    assert wrong(audited(tmp_path, found)) == []
+
+
+# ---------------------------------------------------------------------- inertials without mass, driven joints twice
+
+
+@pytest.mark.parametrize(
+    ("inertial", "lacking"),
+    [
+        ('<mass value="1.02"/>', "inertia"),
+        ('<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>', "mass"),
+        ("", "mass"),
+    ],
+)
+def test_a_link_whose_inertial_is_incomplete_is_read_without_mass(inertial, lacking, tmp_path):
+    text = serial([(-1.0, 1.0)]).replace(
+        f'<link name="l1">{INERTIAL}', f'<link name="l1"><inertial>{inertial}</inertial>'
+    )
+    found = imported(tmp_path, "arm.urdf", text)
+    assert found.mechanism.body("l1").inertia is None
+    told = [f.message for f in found.findings if f.code == "import.inertia"]
+    assert told == [f"link 'l1': the <inertial> has no <{lacking}>: the link is imported without mass."]
+    assert pin.buildModelFromUrdf(str(tmp_path / "arm.urdf")).nq == 1
+
+
+@pytest.mark.parametrize("told", ["transmission", "ros2_control"])
+def test_a_joint_that_mimics_another_is_not_driven(told, tmp_path):
+    mimic = '<mimic joint="j0" multiplier="-0.5"/></joint></robot>'
+    text = serial([(-1.0, 1.0), (-1.0, 1.0)]).removesuffix("</joint></robot>") + mimic
+    one = '<joint name="j{i}"><command_interface name="position"/></joint>'
+    if told == "transmission":
+        parts = "".join(
+            f'<transmission name="t{i}">{one.format(i=i)}<actuator name="m{i}"/></transmission>' for i in range(2)
+        )
+    else:
+        parts = f'<ros2_control name="c">{one.format(i=0)}{one.format(i=1)}</ros2_control>'
+    found = imported(tmp_path, "arm.urdf", text.replace("</robot>", f"{parts}</robot>"))
+    assert [j.name for j in found.mechanism.active] == ["j0"]

@@ -34,7 +34,7 @@ BAD = {
     "error_other_root.urdf": (URDF, "robot", "model"),
     "error_unknown_link.urdf": (URDF, 'child link="upper"', 'child link="uper"'),
     "error_two_links_of_one_name.urdf": (URDF, 'link name="upper"', 'link name="base"'),
-    "error_planar_joint.urdf": (URDF, "revolute", "planar"),
+    "error_unknown_type.urdf": (URDF, "revolute", "screw"),
     "error_axis_zero.urdf": (URDF, 'axis xyz="0 1 0"', 'axis xyz="0 0 0"'),
     "error_origin_not_numbers.urdf": (URDF, "0 0 0.1", "0 0 1,5"),
     "error_origin_nan.urdf": (URDF, "0 0 0.1", "0 0 nan"),

@@ -1,8 +1,8 @@
 """Read a URDF, with its loops from a closure YAML.
 
 Joint frames are the frames in the URDF, rotated so that z is the axis. A link becomes a named frame on its parent if it
-is fixed to the parent and has no shape and no mass. Data that a mechanism cannot hold cause an error (planar joints) or
-a warning (friction, efforts, textures).
+is fixed to the parent and has no shape and no mass. A planar joint becomes two slides and a hinge. Data that a
+mechanism cannot hold cause a warning (friction, efforts, textures).
 """
 
 from __future__ import annotations
@@ -35,7 +35,10 @@ TYPES: dict[str, JointType] = {
     "fixed": "fixed",
     "floating": "free",
 }
-"""Joint types of URDF that a mechanism can express."""
+"""Joint types of URDF that become one joint of a mechanism."""
+
+_PLANAR = "planar"
+"""Joint type of URDF that becomes three joints: slides along x and y of the plane, and a hinge about its normal z."""
 
 _UNUSED = ("calibration", "joint_properties")
 """Elements of a joint that have no effect on the mechanism."""
@@ -68,8 +71,6 @@ class _Urdf:
 
     def read(self) -> Imported:
         root, found = self.xml.root, self.findings
-        for text in self.xml.repaired:
-            found.warn("xml", text, self.path.name)
         self._strange(root, "robot", "robot")
         links = self._named(root, "link")
         joints = self._named(root, "joint")
@@ -80,7 +81,7 @@ class _Urdf:
         # Only the base can be the world: in an MJCF, a body of this name is the world itself.
         reserved = () if base == WORLD else (WORLD,)
         body_names = Names("link", (n for n in links if n not in self.marks), found, reserved)
-        joint_names = Names("joint", (m for n in joints for m in self._parts(n)), found)
+        joint_names = Names("joint", (m for n, j in joints.items() for m in self._parts(n, j)), found)
         self.home = {n: (body_names[n], np.eye(4)) for n in links if n not in self.marks}
         for _ in self.marks:  # a named frame may be fixed to another named frame
             for n, j in self.marks.items():
@@ -91,16 +92,16 @@ class _Urdf:
             self._unclosed([*joints, *links])
         driven = self._driven(root, joints)
         self.crosses: list[Body] = []
-        made = [
-            made
-            for n in joints
-            if ends[n][1] not in self.marks
-            for made in (
-                self._retype(n, joint_names, joints[n], ends[n], driven)
-                if n in self.retyped
-                else [self._joint(n, joint_names[n], joints[n], ends[n], n in driven)]
-            )
-        ]
+        made: list[Joint] = []
+        for n, joint in joints.items():
+            if ends[n][1] in self.marks:
+                continue
+            if n in self.retyped:
+                made += self._retype(n, joint_names, joint, ends[n], driven)
+            elif joint.get("type") == _PLANAR:
+                made += self._planar(n, joint_names, joint, ends[n])
+            else:
+                made.append(self._joint(n, joint_names[n], joint, ends[n], n in driven))
         visuals = _Visuals(self.xml, found)
         bodies: list[Body] = []
         for n, e in links.items():
@@ -114,6 +115,8 @@ class _Urdf:
         made += self._loops(links, ends, joint_names)
         geared = self._geared(root, joints, driven, joint_names)
         efforts = {joint_names[n]: e for n, e in self.efforts.items() if ends[n][1] not in self.marks}
+        for text in self.xml.repaired:
+            found.warn("xml", text, self.path.name)
         label = root.get("name") or self.path.stem
         out = assemble(self.path, label, body_names[base], bodies, made, frames, couplings, found, efforts=efforts)
         mechanism = replace(out.mechanism, actuators=geared[0], transmissions=geared[1])
@@ -219,16 +222,23 @@ class _Urdf:
                 raise SourceError(f"{where}: joint '{name}' mimics a joint or is mimicked: its type cannot be changed")
         return retyped
 
-    def _parts(self, name: str) -> list[str]:
-        """Return the names of the joints made from one URDF joint: two hinges for a universal joint, else one joint."""
+    def _parts(self, name: str, joint: Element) -> list[str]:
+        """Return the names of the joints made from one URDF joint.
+
+        A universal joint becomes two hinges, a planar joint two slides and a hinge, each other joint one joint.
+        """
         kind = self.retyped.get(name, "")
-        return [f"{name}_{a}" for a in kind[-2:]] if kind.startswith("UJOINT") else [name]
+        if kind.startswith("UJOINT"):
+            return [f"{name}_{a}" for a in kind[-2:]]
+        if not kind and joint.get("type") == _PLANAR:
+            return [f"{name}_{a}" for a in "xyz"]
+        return [name]
 
     def _driven(self, root: Element, joints: dict[str, Element]) -> set[str]:
         """Return the driven joints: from the closure YAML, else from the transmissions, else all movable joints."""
         if self.closures is not None:
             for motor in self.closures.motors:
-                known = {m: n for n in joints for m in self._parts(n)}
+                known = {m: n for n, j in joints.items() for m in self._parts(n, j)}
                 if motor not in known:
                     raise SourceError(f"{self.closure_file}: name_mot: {unknown('joint', motor, known)}")
                 kind = self.retyped.get(known[motor], joints[known[motor]].get("type"))
@@ -244,7 +254,10 @@ class _Urdf:
         return told or moving
 
     def _transmitted(self, root: Element, joints: dict[str, Element]) -> set[str]:
-        """Return the joints that transmissions move; transmissions of fixed joints are left out with a warning."""
+        """Return the joints that transmissions move.
+
+        Left out are joints that mimic another joint, which the other joint moves, and, with a warning, fixed joints.
+        """
         out = set()
         for transmission in root.findall("transmission"):
             for joint in transmission.findall("joint"):
@@ -255,6 +268,10 @@ class _Urdf:
                     label = str(transmission.get("name"))
                     text = f"transmission '{label}': joint '{name}' is fixed, so the transmission moves nothing."
                     self.findings.warn("gear", text, label)
+                    continue
+                if joints[name].find("mimic") is not None:
+                    text = f"joint '{name}' mimics another joint, so its transmission drives nothing."
+                    self.findings.note("gear", text, name)
                     continue
                 out.add(name)
         return out
@@ -321,7 +338,7 @@ class _Urdf:
         where, found = f"joint '{name}'", self.findings
         kind = joint.get("type")
         if kind not in TYPES:
-            self.xml.fail(where, unknown("joint type", str(kind), TYPES))
+            self.xml.fail(where, unknown("joint type", str(kind), (*TYPES, _PLANAR)))
         turn = np.eye(4)
         values: dict = {}
         if kind in ("revolute", "continuous", "prismatic"):
@@ -354,14 +371,46 @@ class _Urdf:
         if not kind.startswith("UJOINT"):
             yield Joint(names[name], "spherical" if kind == "SPHERICAL" else "fixed", parent, child, T)
             return
-        first, second = self._parts(name)
-        cross = identifier(f"{name}_cross")
-        while cross in {b for b, _ in self.home.values()} | {b.name for b in self.crosses}:
-            cross += "_1"
-        self.crosses.append(Body(cross))
+        first, second = self._parts(name, joint)
+        cross = self._inserted(f"{name}_cross")
         for part, a, b, at in ((first, parent, cross, T), (second, cross, child, np.eye(4))):
             turn = along(np.eye(3)["XYZ".index(part[-1])])
             yield Joint(names[part], "revolute", a, b, at @ turn, turn, active=part in driven)
+
+    def _planar(self, name: str, names: Names, joint: Element, ends: tuple[str, str]) -> list[Joint]:
+        """Return slides along x and y of the plane, and a hinge about its normal z, for a planar joint.
+
+        As for a floating joint, no motor moves these joints. The limits of the URDF do not say which coordinate they
+        limit, so they are not imported.
+        """
+        where, element = f"joint '{name}'", joint.find("axis")
+        normal = self.xml.axis(where, "axis", element.get("xyz") if element is not None else None, (1, 0, 0))
+        turn = along(normal)
+        parent, T_parent_home = self.home[ends[0]]
+        child = self.home[ends[1]][0]
+        first, second, third = self._parts(name, joint)
+        moved_x, moved_y = self._inserted(f"{name}_moved_x"), self._inserted(f"{name}_moved_y")
+        text = f"{where} is planar: it becomes the slides '{names[first]}' and '{names[second]}' and the hinge "
+        self.findings.warn("planar", f"{text}'{names[third]}', which no motor drives.", name)
+        limit = joint.find("limit")
+        if limit is not None and (limit.get("lower") or limit.get("upper")):
+            text = f"{where} is planar: the limits {limit.get('lower')} .. {limit.get('upper')} are not imported."
+            self.findings.warn("limits", text, name)
+        x_axis, y_axis = along(np.array([1.0, 0.0, 0.0])), along(np.array([0.0, 1.0, 0.0]))
+        T_parent_plane = T_parent_home @ _origin(self.xml, joint, where) @ turn
+        return [
+            Joint(names[first], "prismatic", parent, moved_x, T_parent_plane @ x_axis, x_axis),
+            Joint(names[second], "prismatic", moved_x, moved_y, y_axis, y_axis),
+            Joint(names[third], "revolute", moved_y, child, np.eye(4), turn),
+        ]
+
+    def _inserted(self, name: str) -> str:
+        """Insert a body without mass between two joints that replace one, and return its name: `name` if it is free."""
+        body = identifier(name)
+        while body in {b for b, _ in self.home.values()} | {b.name for b in self.crosses}:
+            body += "_1"
+        self.crosses.append(Body(body))
+        return body
 
     def _limits(self, where: str, name: str, kind: str, limit: Element | None, safety: Element | None) -> dict:
         out: dict = {}
@@ -420,6 +469,8 @@ class _Urdf:
         leader = mimic.get("joint")
         if leader is None or leader not in joints:
             self.xml.fail(where, unknown("joint", str(leader), joints))
+        if _PLANAR in (joints[name].get("type"), joints[leader].get("type")):
+            self.xml.fail(where, "a planar joint has three coordinates, so it cannot mimic or be mimicked")
         ratio = self.xml.number(where, "multiplier", mimic.get("multiplier"), 1.0)
         if ratio == 0:
             self.xml.fail(where, "mimic multiplier is 0; use a fixed joint")
@@ -452,9 +503,12 @@ class _Urdf:
             return None
         T = _origin(self.xml, element, where)
         mass, tensor = element.find("mass"), element.find("inertia")
-        kilograms = self.xml.number(where, "mass", mass.get("value") if mass is not None else None)
-        if tensor is None:
-            self.xml.fail(where, "the <inertial> has no <inertia>")
+        if mass is None or tensor is None:
+            lacking = "mass" if mass is None else "inertia"
+            text = f"{where}: the <inertial> has no <{lacking}>: the link is imported without mass."
+            self.findings.warn("inertia", text, name)
+            return None
+        kilograms = self.xml.number(where, "mass", mass.get("value"))
         R = T[:3, :3]
         I = R @ self.xml.tensor(where, tensor.get) @ R.T  # noqa: E741
         return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)
