@@ -175,3 +175,84 @@ def test_a_model_that_includes_itself_is_refused(tmp_path):
     (tmp_path / "arm" / "model.sdf").write_text(PART.format(name="arm", include=include))
     with pytest.raises(SourceError, match="includes itself"):
         read_sdf(tmp_path / "arm" / "model.sdf")
+
+
+LEFT_OVER = ['"', "'", ";", ",", ' "', '";\n']
+"""What stands after a number in files of the field: the rest of an attribute, or of a line of a program."""
+
+
+@pytest.mark.parametrize("rest", LEFT_OVER)
+def test_characters_left_over_after_a_number_are_told(tmp_path, rest):
+    path = tmp_path / "arm.sdf"
+    content = PART.format(name="arm", include="")
+    path.write_text(content.replace("<upper>1</upper>", f"<upper>1.25{rest}</upper>"))
+    found = read_sdf(path)
+    assert found.mechanism.joint("arm_hinge").limits == (-1.0, 1.25)
+    assert [f.message for f in found.findings if f.code == "import.xml"] == [
+        f"joint 'arm_hinge': upper = '1.25{rest}': the characters after the numbers are ignored."
+    ]
+
+
+@pytest.mark.parametrize("number", ["1,5", "1 rad", "1;5", '"1', '"'])
+def test_a_text_with_other_characters_is_not_a_number(tmp_path, number):
+    path = tmp_path / "arm.sdf"
+    path.write_text(PART.format(name="arm", include="").replace("<upper>1</upper>", f"<upper>{number}</upper>"))
+    with pytest.raises(SourceError, match=r"joint 'arm_hinge': upper = '.*' is not 1"):
+        read_sdf(path)
+
+
+GRIPPER = """<sdf version="1.9"><model name="gripper" {canonical}>
+ <link name="palm"><pose>0 0 0.2 0 0 0</pose></link>
+ <link name="finger"><pose relative_to="mount">0 0.1 0 0 0 0</pose></link>
+ <frame name="mount" attached_to="palm"><pose relative_to="__model__">0 0 0.3 0 0 0</pose></frame>
+ <frame name="loose"><pose>0.5 0 0 0 0 0</pose></frame>
+ <joint name="grip" type="prismatic"><parent>palm</parent><child>finger</child>
+ <axis><xyz expressed_in="__model__">0 1 0</xyz><limit><lower>0</lower><upper>0.05</upper></limit></axis></joint>
+</model></sdf>"""
+
+
+@pytest.mark.parametrize("merge", ["true", "1", "false"])
+@pytest.mark.parametrize("canonical", ["", 'canonical_link="finger"'])
+def test_a_merged_include_is_part_of_its_model_with_its_own_names(tmp_path, merge, canonical):
+    """The parts stand where those of a nested model stand; with `merge`, they keep their names (SDF 1.9)."""
+    merged = merge != "false"
+    scope = "" if merged else "gripper::"
+    for name in ("arm", "gripper"):
+        (tmp_path / name).mkdir()
+    include = (
+        f'<include merge="{merge}"><uri>model://gripper</uri><pose relative_to="arm_arm">0.1 0 0 0 0 '
+        f"{np.pi / 2!r}</pose></include>"
+        f'<joint name="hold" type="fixed"><parent>arm_arm</parent><child>{scope}palm</child></joint>'
+    )
+    (tmp_path / "arm" / "model.sdf").write_text(PART.format(name="arm", include=include))
+    (tmp_path / "gripper" / "model.sdf").write_text(GRIPPER.format(canonical=canonical))
+    m = read_sdf(tmp_path / "arm" / "model.sdf").mechanism
+    stem = "" if merged else "gripper_"
+    assert {b.name for b in m.bodies} == {"world", "arm_link", "arm_arm", f"{stem}palm", f"{stem}finger"}
+    # the model is at 0.1 m along x of the upper link, which is at z = 0.1 m; it is turned by a quarter about z
+    np.testing.assert_allclose(m.rest[f"{stem}palm"][:3, 3], [0.1, 0, 0.3], atol=1e-12)
+    np.testing.assert_allclose(m.rest[f"{stem}finger"][:3, 3], [0, 0, 0.4], atol=1e-12)
+    slide = m.joint(f"{stem}grip")
+    T_world_slide = m.rest[slide.parent] @ slide.T_parent_joint
+    np.testing.assert_allclose(T_world_slide[:3, 2], [-1, 0, 0], atol=1e-12)
+    loose = m.frame(f"{stem}loose")
+    assert loose.body == (f"{stem}finger" if canonical else f"{stem}palm")
+    np.testing.assert_allclose((m.rest[loose.body] @ loose.T_body_frame)[:3, 3], [0.1, 0.5, 0.1], atol=1e-12)
+
+
+def test_names_of_a_merged_include_must_be_new(tmp_path):
+    (tmp_path / "part").mkdir()
+    (tmp_path / "arm.sdf").write_text(
+        PART.format(name="arm", include='<include merge="true"><uri>model://part</uri></include>')
+    )
+    (tmp_path / "part" / "model.sdf").write_text(PART.format(name="arm", include="").replace("arm_hinge", "other"))
+    with pytest.raises(SourceError, match="link 'arm_link': the name is used twice"):
+        read_sdf(tmp_path / "arm.sdf")
+
+
+def test_a_file_that_only_includes_a_model_of_a_server_says_what_is_missing(tmp_path):
+    (tmp_path / "atmos").mkdir()
+    path = tmp_path / "atmos" / "model.sdf"
+    path.write_text('<sdf version="1.9"><include><uri>https://example.com/models/atmos</uri></include></sdf>')
+    with pytest.raises(SourceError, match=r"no <model>, and include https://example\.com/models/atmos is missing"):
+        read_sdf(path)

@@ -82,8 +82,6 @@ class _Sdf:
     def __init__(self, path: Path, root: str | None) -> None:
         self.xml, self.path = Xml(path, "sdf"), path
         self.findings = Findings()
-        for text in self.xml.repaired:
-            self.findings.warn("xml", text, path.name)
         self.efforts: dict[str, float] = {}
         self.model = robot_of(self.xml, root, self.findings)
 
@@ -119,6 +117,8 @@ class _Sdf:
         couplings = [c for n, e in joints.items() for c in self._mimic(n, e, joint_names)]
         made = self._drive(made, base, {c.joints[0] for c in couplings}, joint_names)
         self.findings += _left_out(self.model, self.xml)
+        for text in self.xml.repaired:
+            self.findings.warn("xml", text, self.path.name)
         efforts = {joint_names[n]: e for n, e in self.efforts.items()}
         out = assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
         return replace(out, mechanism=replace(out.mechanism, gravity=self._gravity()))

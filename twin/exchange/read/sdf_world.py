@@ -1,6 +1,7 @@
 """Extract the robot's model from an SDF as one flat model: resolve includes, and merge nested models into their parent.
 
-A link `palm` of a nested model `hand` gets the name `hand::palm`, as in SDF.
+A link `palm` of a nested model `hand` gets the name `hand::palm`, as in SDF; of a model that is included with
+`merge="true"`, it keeps its name.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from twin.exchange.read.xml import Xml
 ORIGIN = "__model__"
 """Name of a model's own frame in SDF; the frame of a nested model `hand` becomes `hand::__model__`."""
 
+_MERGED = "merged"
+"""Attribute of a model that is included with `merge="true"`: its parts keep their names. SDF has no such attribute."""
+
 _DEEPEST = 8
 """Maximum nesting depth of models; a model that includes itself exceeds this depth and causes an error."""
 
@@ -34,6 +38,7 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
     """
     known: dict[str, Element] = {}
     taken: list[Path] = []
+    missing: list[str] = []
     for scope in (xml.root, *xml.root.findall("world")):
         for element in scope:
             if element.tag == "include":
@@ -42,6 +47,7 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
                     uri = (element.findtext("uri") or "").strip()
                     where = f"include {uri}"
                     findings.warn("include", f"{where} is missing: the included model is left out.", where)
+                    missing.append(uri)
                     continue
             elif element.tag == "model":
                 model = copy.deepcopy(element)
@@ -52,6 +58,9 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
             if name in known:
                 raise SourceError(f"{xml.path}: model '{name}': the name is used twice")
             known[name] = model
+    if missing and not known:
+        text = f"the file has no <model>, and include {missing[0]} is missing: put it beside the folder of the SDF file"
+        raise SourceError(f"{xml.path}: {text}")
     if not known:
         raise SourceError(f"{xml.path}: the file has no <model>")
     jointed = [n for n, m in known.items() if next(m.iter("joint"), None) is not None]
@@ -98,11 +107,14 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
     uri = (include.findtext("uri") or "").strip()
     if not uri:
         xml.fail("<include>", "the <uri> is missing")
-    for key in ("placement_frame", "merge"):
-        if (value := include.findtext(key) or include.get(key) or "") not in ("", "false", "0"):
-            xml.fail(f"include {uri}", f"{key} = '{value}' is not supported: expand the model (gz sdf -p)")
+    if frame := (include.findtext("placement_frame") or "").strip():
+        text = f"placement_frame = '{frame}' is not supported: expand the model (gz sdf -p)"
+        xml.fail(f"include {uri}", text)
     file = _file(uri, xml.path.parent)
-    if file is None or (file.samefile(xml.path) and _package(uri) not in ("", xml.path.resolve().parent.name)):
+    if file is None:
+        return None
+    own_names = ("", xml.path.resolve().parent.name)
+    if file.samefile(xml.path) and (_remote(uri) or _package(uri) not in own_names):
         return None  # the file that was found is the including one, although another model is named
     taken.append(file)
     if len(taken) > INCLUDES:
@@ -118,6 +130,8 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
     _resolve(other, model, depth, taken)
     if name := (include.findtext("name") or "").strip():
         model.set("name", name)
+    if (include.get("merge") or "").strip() in ("true", "1"):
+        model.set(_MERGED, "true")
     pose = include.find("pose")
     if pose is not None:
         for own in model.findall("pose"):
@@ -131,9 +145,14 @@ def _file(uri: str, beside: Path) -> Path | None:
 
     The search includes the folder `beside` and up to four of its parent folders.
     """
-    if uri.startswith(("http://", "https://")):
+    if _remote(uri):
         uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded; search a local copy instead
     return next((f for n in (f"{uri}/model.sdf", f"{uri}.sdf", uri) if (f := find(n, beside)) is not None), None)
+
+
+def _remote(uri: str) -> bool:
+    """Return whether a URI names a model on a server."""
+    return uri.startswith(("http://", "https://"))
 
 
 def _package(uri: str) -> str:
@@ -155,16 +174,18 @@ def _flatten(xml: Xml, model: Element) -> None:
             continue
         placed = inner.find("pose")  # pose of the inner model; it refers to frames of the outer model
         pose = Element("pose") if placed is None else copy.deepcopy(placed)
+        merged = inner.get(_MERGED) is not None
+        own_frame = f"_merged__{name}__{ORIGIN}" if merged else f"{name}::{ORIGIN}"
+        prefix = "" if merged else f"{name}::"
+        canonical = inner.get("canonical_link") or links[0].get("name", "")
         for element in inner:
             for owner, key in _references(element):
                 value = owner.get(key) if key else (owner.text or "").strip()
-                if value and value != "world":
-                    _set(owner, key, f"{name}::{value}")
-        origin = Element("frame", {"name": f"{name}::{ORIGIN}", "hidden": "true"})
-        origin.set(
-            "attached_to",
-            f"{name}::{inner.get('canonical_link') or links[0].get('name', '').removeprefix(f'{name}::')}",
-        )
+                if value == ORIGIN:
+                    _set(owner, key, own_frame)
+                elif value and value != "world":
+                    _set(owner, key, f"{prefix}{value}")
+        origin = Element("frame", {"name": own_frame, "hidden": "true", "attached_to": f"{prefix}{canonical}"})
         pose.set("relative_to", pose.get("relative_to") or ORIGIN)
         origin.append(pose)
         for element in inner:
@@ -174,12 +195,16 @@ def _flatten(xml: Xml, model: Element) -> None:
                     pose = Element("pose")
                     element.append(pose)
                 if not pose.get("relative_to"):
-                    pose.set("relative_to", f"{name}::{ORIGIN}")
-        for element in model:  # the nested model's name refers to its frame; of other models, only <pose> is searched
+                    pose.set("relative_to", own_frame)
+                if element.tag == "frame":
+                    element.set("attached_to", own_frame)
+        for element in (
+            () if merged else model
+        ):  # the nested model's name refers to its frame; of other models, only <pose> is searched
             of = element.find("pose") if element.tag == "model" else element
             for owner, key in () if of is None else _references(of):
                 if (owner.get(key) if key else (owner.text or "").strip()) == name and key != "name":
-                    _set(owner, key, f"{name}::{ORIGIN}")
+                    _set(owner, key, own_frame)
         model.append(origin)
         model.extend(e for e in inner if e.tag != "pose")
 

@@ -18,18 +18,21 @@ from twin.core.spatial import Array
 _XACRO = re.compile(r"\$\{|\$\(")
 """Beginnings of expressions that only xacro replaces."""
 
+_LEFT_OVER = " \t\r\n\"',;"
+"""Characters that are ignored after the numbers of a text."""
+
 
 class Xml:
     """An XML file. Errors of its methods name the file, the element (`where`) and the value (`what`).
 
     Attributes:
         root: the root element.
-        repaired: one sentence for each fault of the text that was repaired to read it.
+        repaired: one sentence for each fault of the text that was repaired to read it; `numbers` appends to it.
     """
 
     def __init__(self, path: Path, root: str) -> None:
         self.path = path
-        self.repaired: tuple[str, ...] = ()
+        self.repaired: list[str] = []
         try:
             try:
                 self.root = parse_xml(path)
@@ -86,15 +89,22 @@ class Xml:
         return out
 
     def numbers(self, where: str, what: str, text: str | None, count: int, default: Sequence[float] | None) -> Array:
-        """Return `count` finite numbers parsed from a text; the default if the text is None."""
+        """Return `count` finite numbers parsed from a text; the default if the text is None.
+
+        Quotation marks, commas and semicolons after the numbers are ignored: they are left over from an attribute or a
+        program, and other readers of the format ignore them too.
+        """
         if text is None:
             if default is None:
                 self.fail(where, f"{what} is missing")
             return np.array(default, float)
+        given = text.rstrip(_LEFT_OVER)
         try:
-            values = np.array([float(t) for t in text.split()])
+            values = np.array([float(t) for t in given.split()])
         except ValueError:
             self.fail(where, f"{what} = '{text[:80]}' is not {count} numbers")
+        if given != text.rstrip():
+            self.repaired.append(f"{where}: {what} = '{text[:80]}': the characters after the numbers are ignored.")
         if len(values) != count or not np.all(np.isfinite(values)):
             self.fail(where, f"{what} = '{text[:80]}' is not {count} finite numbers")
         return values
@@ -127,8 +137,8 @@ _PREFIX = re.compile(rb"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")
 _ROOT = re.compile(rb"<[A-Za-z_][\w.:-]*")
 
 
-def _repaired(data: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """Return XML without two common faults, and one sentence for each fault: (data, ()) if it has none of them.
+def _repaired(data: bytes) -> tuple[bytes, list[str]]:
+    """Return XML without two common faults, and one sentence for each fault: (data, []) if it has none of them.
 
     The faults: text before the XML declaration, and prefixes without a declared namespace.
     """
@@ -147,4 +157,4 @@ def _repaired(data: bytes) -> tuple[bytes, tuple[str, ...]]:
         data = data[: first.end()] + declared + data[first.end() :]
         names = ", ".join(p.decode() for p in missing)
         found.append(f"the namespaces of these prefixes are not declared: {names}; elements with them are not read.")
-    return data, tuple(found)
+    return data, found
