@@ -79,7 +79,7 @@ def test_shafts_stay_in_their_ports_under_random_hands(scene, robots):
     assert max(off.values()) < 0.1 * MM, off
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", [2, 3])
 def test_shafts_stay_in_their_ports_for_a_minute(scene, robots, seed):
     off = works(scene, robots, 60, seed)

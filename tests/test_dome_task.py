@@ -380,7 +380,7 @@ def performed(scene):
     return operate_console(scene, seed=1)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_simulated_surgeon_hands_the_ring_over_and_guides_it(performed, props):
     found, kept = performed.guided, performed.ran.kept
     assert performed.verdict == "agree", performed.findings

@@ -72,7 +72,7 @@ def test_seeded_faults_are_undone(cases, tmp_path, capsys, monkeypatch):
     assert run(cases, FAULTS, 1, 3.0, tmp_path, capsys, 42) >= (0.98 if FAULTS >= 100 else 0.93)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_slips_at_once_are_undone(cases, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(time, "monotonic", time.process_time)  # 30 s of a machine that does nothing else
     assert run(cases, PAIRS, 2, 30.0, tmp_path, capsys, 43) >= (0.7 if PAIRS >= 30 else 0.5)

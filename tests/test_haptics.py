@@ -294,7 +294,7 @@ def test_random_hands_take_no_energy_out():
         assert largest > 0.5, what
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_random_hands_take_no_energy_out_for_long():
     """Each of nine hands for 67 s, 10 minutes together; TWIN_HAPTICS_SECONDS=600: each of them for 10 minutes."""
     for what, (energy, touched, largest) in passive_for(float(os.environ.get("TWIN_HAPTICS_SECONDS", "67")), 2).items():

@@ -497,7 +497,7 @@ def short(tmp_path):
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_processes_and_a_kill_change_no_outcome(short, tmp_path):
     """A command that is killed goes on; the log has every session once, equal to those of one process."""
     folder = tmp_path / "out"

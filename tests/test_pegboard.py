@@ -141,7 +141,7 @@ def test_the_same_seed_gives_the_same_bytes_and_they_replay(davinci, tmp_path):
         replay_session(tmp_path / FILE, other)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_slippery_rings_stay_where_they_are(davinci):
     scene = only(
         davinci,

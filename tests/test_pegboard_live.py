@@ -270,7 +270,7 @@ def test_frames_hold_the_rings_after_the_robots(theatre):
 # -- the whole task --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(theatre, tmp_path):
     """The hands of a simulated surgeon come 250 times a second, as those of a page do."""
     scene, task = theatre.scene, theatre.scene.tasks["pegboard"]

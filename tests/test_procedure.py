@@ -428,7 +428,7 @@ def test_mistake_fails_its_check_alone(vsrs, mistake, stage, check):
     assert [c for c in failed(found) if c in judged] == [check]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_command_does_all_stages_and_a_replay_gives_the_same_bytes(tmp_path, capsys):
     assert main(["operate", "vsrs", "--task", "cholecystectomy", "--seed", "1", "--out", str(tmp_path), "--quiet"]) == 0
     assert "All stages are done" in (tmp_path / "procedure.html").read_text(encoding="utf-8")

@@ -148,7 +148,7 @@ def test_rail_as_drawn_in_the_derivation_disagrees(robot, equations):
     assert report.exit_code == 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_pin_twenty_micrometres_off_is_found_on_its_link(tmp_path):
     (tmp_path / "cad").mkdir()
     shutil.copy(ROOT / "cad/sher/sher.toml", tmp_path / "cad")

@@ -181,7 +181,7 @@ def test_printed_eq2_is_on_the_carriages_and_not_on_the_platform(judged):
     assert found(report, "tool.no_assembly", "info")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_both_printed_equations_are_both_blamed(judged):
     report = judged("table2", eq1="printed", eq2="printed")
     assert {f.where for f in found(report, "point.differs", "disagreement")} == {"s1", "s3"}

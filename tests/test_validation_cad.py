@@ -51,6 +51,7 @@ def test_a_bar_longer_by_a_tenth_of_a_millimetre(judge):
     assert 0.05e-3 < q2.worst < 0.3e-3
 
 
+@pytest.mark.nightly
 def test_a_bore_tilted_by_a_twentieth_of_a_degree(judge):
     report = judge("[part.bar2]\napex_bore_tilt_deg = 0.05")
     assert report.exit_code == 1
