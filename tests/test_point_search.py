@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,12 @@ from twin.core.units import DEG
 from twin.kinematics import Pose, Tip, Trocar, compile_formula, solve
 from twin.kinematics.point_search import PointSolver, point_solver
 from twin.kinematics.solve import TOLERANCE, descend
-from twin.robots import load_formula
+from twin.robots import load_formula, pa10
+from twin.validation.case import Case
+from twin.validation.compare import Comparison
+from twin.validation.result import Residual
+from twin.validation.rows import Tolerances
+from twin.validation.trocar_methods import HEADING, SEARCHES, three_methods
 
 RANGE = np.array([177, 94, 174, 137, 255, 165, 255]) * DEG
 LIMITS = np.stack([-RANGE, RANGE], axis=1)
@@ -178,9 +184,17 @@ def test_a_robot_solves_by_points_when_it_is_told():
     assert np.abs(near.q - found.q).max() < 0.02
 
 
-def test_a_plan_is_the_same_by_points_and_by_the_equations():
-    robot = twin.load("pa10").with_inverse("points")
-    trajectory = twin.plan(robot, "circle")
+@pytest.fixture(scope="module")
+def robot():
+    return twin.load("pa10").with_inverse("points")
+
+
+@pytest.fixture(scope="module")
+def trajectory(robot):
+    return twin.plan(robot, "circle")
+
+
+def test_a_plan_is_the_same_by_points_and_by_the_equations(robot, trajectory):
     by_equations = robot.kinematics().inverse_many(trajectory.Ts_base_tool)
     np.testing.assert_allclose(trajectory.q, by_equations, rtol=0, atol=1e-12)
     assert np.nanmax(trajectory.rcm_error) < EXACT
@@ -237,3 +251,78 @@ def test_a_start_in_the_redundant_direction_moves_little(kin, solver):
     begin = solver.places(q[None])
     found = PointSolver(kin, kin.formula.point_search).descend(begin, tip[None], trocar[None])
     np.testing.assert_allclose(found.points, begin, rtol=0, atol=EXACT)
+
+
+# -- validation -------------------------------------------------------------------------------------------
+
+
+def compared(robot, trajectory, formula=None, number=COUNT):
+    """Compare the three methods as `twin validate pa10` does, with a faulty formula if one is given."""
+    kin = robot.kinematics() if formula is None else compile_formula(formula)
+    case = Case(kin, robot.cad, robot.protocol("circle"), trajectory, Path("unused"), Tolerances())
+    out = Comparison(coarse=np.arange(0, len(trajectory.t), 100))
+    three_methods(case, out, number)
+    return out
+
+
+def test_validation_compares_the_three_methods_and_counts_failures(robot, trajectory):
+    out = compared(robot, trajectory)
+    assert out.findings == []
+    limits = {(r.pair, r.name): r.tolerance for r in out.residuals}
+    own = ("P_m by points", "P_m by joints", "P_c along the protocol", "P_m along the protocol")
+    assert limits == {("A", n): EXACT for n in own} | {("A-B", f"{n} by points"): 1e-9 for n in ("tip", "shaft")}
+    assert max(r.worst for r in out.residuals) <= EXACT
+    samples = {r.name: r.samples for r in out.residuals}
+    assert samples["P_m by points"] == samples["P_m by joints"] == COUNT
+    assert samples["P_c along the protocol"] == len(out.coarse)
+    (table,) = out.tables.values()
+    counts = [[int(cell) for cell in row[1:4]] for row in table.rows[:3]]
+    assert [sum(row) for row in counts] == [COUNT] * 3
+    assert counts[0][0] < counts[2][0] < counts[1][0]  # what fails from one start is counted, not hidden
+    assert [row[5] for row in table.rows[1:3]] == [str(COUNT)] * 2
+    for key in SEARCHES:
+        history, outcome = out.series[key], out.series[f"{key}.outcome"]
+        last = np.array([row[~np.isnan(row)][-1] for row in history])
+        assert (last[outcome == 2] > 1e-6).all()
+        assert (last[outcome < 2] <= (EXACT if key != "search.joints" else 1e-10)).all()
+
+
+def wrong_forearm(P_c, P_m, P_d, P_tr, RL3, RL5, RL7, RL8):
+    """Seeded: the forearm is 0.1 mm too long."""
+    return pa10.collinear(P_c, P_m, P_d, P_tr, RL3, RL5 + 1e-4, RL7, RL8)
+
+
+def wrong_instrument(P_c, P_m, P_d, P_tr, RL3, RL5, RL7, RL8):
+    """Seeded: the instrument without the last micrometre."""
+    return pa10.collinear(P_c, P_m, P_d, P_tr, RL3, RL5, RL7, RL8 - 1e-6)
+
+
+def wrong_swivel(P_c, P_m, swivel):
+    """Seeded: the elbow a thousandth of a degree beside its half-plane."""
+    return pa10.at_swivel(P_c, P_m, swivel + 1e-3 * DEG)
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ({"residual": wrong_forearm}, {"tip by points", "P_c along the protocol"}),
+        ({"residual": wrong_instrument}, {"P_m by points", "P_m along the protocol", "P_c along the protocol"}),
+        ({"redundant": wrong_swivel}, {"P_c along the protocol"}),
+    ],
+    ids=("forearm", "instrument", "swivel"),
+)
+def test_a_fault_of_the_optimisation_is_found_where_it_is(robot, trajectory, change, found):
+    formula = robot.formula
+    out = compared(robot, trajectory, replace(formula, point_search=replace(formula.point_search, **change)), 40)
+    assert found <= {r.name for r in out.residuals if not r.agrees}
+    assert "P_m by joints" not in {r.name for r in out.residuals if not r.agrees}
+    assert {f.severity for f in out.findings} == {"disagreement"}
+
+
+def test_the_methods_are_not_compared_after_another_disagreement(robot, trajectory):
+    case = Case(robot.kinematics(), robot.cad, robot.protocol("circle"), trajectory, Path("unused"), Tolerances())
+    first = Residual("A-B", "driven", "q3", "rad", 0.1, 0.1, 1e-8, 0.0, "circle")
+    out = Comparison([first], coarse=np.arange(0, len(trajectory.t), 100))
+    three_methods(case, out)
+    assert out.residuals == [first]
+    assert out.facts[HEADING] == {"compared": "no, because other rows disagree"}

@@ -207,3 +207,38 @@ def test_signals_reach_the_command_and_it_does_not_outlive_its_supervisor(tmp_pa
         if sent != signal.SIGKILL:  # nobody waits for the child of a killed supervisor
             with pytest.raises(ProcessLookupError):
                 os.kill(child, 0)
+
+
+def test_a_signal_to_the_process_group_reaches_the_command_once(tmp_path):
+    import signal
+
+    path = tmp_path / "author.py"
+    path.write_text(
+        "import signal, time\nreceived = []\n"
+        "signal.signal(signal.SIGINT, lambda number, frame: received.append(number))\n"
+        "signal.signal(signal.SIGTERM, lambda number, frame: print(len(received), flush=True))\n"
+        "print('ready', flush=True)\nwhile True:\n    time.sleep(0.01)\n"
+    )
+    program = (
+        "import runpy\nfrom twin.cli.supervisor import supervised\n"
+        f"supervised(lambda: runpy.run_path({str(path)!r}) and 0)"
+    )
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+        assert process.stdout is not None
+        try:
+            assert process.stdout.readline() == "ready\n"
+            for times in (1, 2, 3):
+                if times == 2:
+                    process.send_signal(signal.SIGINT)
+                else:
+                    os.killpg(process.pid, signal.SIGINT)
+                heard = 0
+                while heard < times:  # the count of a signal that is still on its way
+                    process.send_signal(signal.SIGTERM)
+                    heard = int(process.stdout.readline())
+                assert heard == times
+            process.send_signal(signal.SIGTERM)
+            assert process.stdout.readline() == "3\n"
+        finally:
+            process.kill()

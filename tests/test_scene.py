@@ -203,14 +203,14 @@ def test_a_scene_is_exported_robot_by_robot_and_stands_in_one_stage(tmp_path, ca
         twin.audit(out, "hibou")
     where = re.search(r"xformOp:translate = \((\S+),", stage.read_text())
     assert where is not None
-    clip = SimpleNamespace(times=np.array([0.0]), links={})
     moved = stage.read_text().replace(where[1], str(float(where[1]) + 1e-4), 1)
     stage.write_text(moved)
     own = Usd.Stage.Open(str(out / "hibou/usd" / f"hibou_{scene.places[0].protocol}.usda"))
     links = [p.GetName() for p in own.GetDefaultPrim().GetChildren() if p.IsA(UsdGeom.Xform)]
     cache = UsdGeom.XformCache(0.0)
-    clip.links = {n: np.array(cache.GetLocalToWorldTransform(own.GetDefaultPrim().GetChild(n))).T[None] for n in links}
-    bundle = SimpleNamespace(order=SimpleNamespace(clips=[clip]))
+    poses = {n: np.array(cache.GetLocalToWorldTransform(own.GetDefaultPrim().GetChild(n))).T[None] for n in links}
+    motion = SimpleNamespace(clip=SimpleNamespace(times=np.array([0.0])), judged=poses)
+    bundle = SimpleNamespace(order=SimpleNamespace(scenes=[motion]))
     (found,) = (f for f in twin.audit(out).findings if f.code == "scene.link")
     assert (found.severity, found.size) == ("disagreement", pytest.approx(1e-4, rel=1e-3))
     seen = scene_export._check(stage, scene, {"hibou": bundle})  # type: ignore[dict-item]

@@ -17,8 +17,15 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
 from twin.core import spatial
 
-MESHES = ("box", "stl", "obj")
-"""Shapes of the links: a primitive, or a box in a mesh file of one of these formats."""
+MESHES = {"mjcf": ("box", "stl", "obj"), "usd": ("mesh",), "urdf": ("box", "stl", "obj", "glb", "dae")}
+MESHES["sdf"] = MESHES["urdf"]
+"""Shapes of the links by format: a primitive, a mesh of a stage, or a box in a mesh file of one of these formats."""
+
+TURNS = {
+    "Y_UP": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    "Z_UP": np.eye(3),
+}
+"""Rotation (3, 3) from z up to the axes of a Collada file, by its up_axis; glTF has the axes of Y_UP."""
 
 R_STAGE_WORLD = {"Z": np.eye(3), "Y": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
 """Rotation from a world with z up to the axes of a stage, by the up axis of the stage."""
@@ -42,6 +49,7 @@ class Link:
         center: centre (3,) of the box, which is the mass centre, in m.
         mass: in kg; 0 if not stated.
         shape: one of MESHES; "" without shape.
+        file_axes, file_unit: up axis and unit in m of a Collada file.
     """
 
     name: str
@@ -57,6 +65,8 @@ class Link:
     center: np.ndarray = field(default_factory=lambda: np.zeros(3))
     mass: float = 0.0
     shape: str = ""
+    file_axes: str = "Z_UP"
+    file_unit: float = 1.0
 
     @property
     def joint(self) -> str:
@@ -199,7 +209,9 @@ def _link(rng: random.Random, i: int, format: str) -> Link:
         size,
         np.array([rng.uniform(-0.1, 0.1) for _ in range(3)]),
         1000.0 * float(np.prod(size)) if heavy else 0.0,
-        rng.choice([*MESHES, *MESHES, ""]) if i else rng.choice(MESHES),
+        rng.choice([*MESHES[format], *MESHES[format], ""]) if i else rng.choice(MESHES[format]),
+        rng.choice(["Y_UP", "Z_UP"]),
+        rng.choice([1.0, 0.001, 0.0254]),
     )
 
 
@@ -213,12 +225,14 @@ def _limits(rng: random.Random, kind: str) -> tuple[float, float] | None:
 
 
 def _coupled(rng: random.Random, links: list[Link], link: Link, format: str) -> Link:
-    """Return the link, in one of three cases with a joint that follows an earlier joint of the same kind."""
-    leaders = [n for n, k in enumerate(links) if k.kind == link.kind and k.kind != "fixed"]
-    if format == "usd" or not leaders or rng.random() > 0.35:
+    """Return the link, in one of three cases with a joint that follows an earlier one, also a hinge a slide."""
+    leaders = [n for n, k in enumerate(links) if k.kind != "fixed"]
+    if format == "usd" or link.kind == "fixed" or not leaders or rng.random() > 0.35:
         return link
     leader = rng.choice(leaders)
     multiplier = rng.choice([1.0, -1.0, 0.5, -2.0])
+    if links[leader].kind != link.kind:
+        multiplier *= 0.05 if link.kind == "slide" else 5.0
     offset = rng.choice([0.0, 0.0, 0.1, -0.05])
     return replace(link, follows=(leader, multiplier, offset), limits=None)
 
@@ -230,16 +244,41 @@ def write(robot: Robot, folder: Path) -> Path:
     """Write the robot and its mesh files; return the path of the robot's file."""
     folder.mkdir(parents=True, exist_ok=True)
     for link in robot.links:
-        if link.shape not in ("", "box"):
+        if link.shape not in ("", "box", "mesh"):
             box = trimesh.creation.box(link.size)
             box.apply_translation(link.center)
-            box.export(folder / f"{link.name}.{link.shape}")
+            path = folder / f"{link.name}.{link.shape}"
+            if link.shape == "dae":
+                path.write_text(_collada(link, box))
+                continue
+            if link.shape == "glb":
+                box.apply_transform(spatial.pose(TURNS["Y_UP"]))
+            box.export(path)
     return {"urdf": _urdf, "mjcf": _mjcf, "sdf": _sdf, "usd": _usd}[robot.format](robot, folder)
 
 
 def text(values) -> str:
     """Return numbers with all their digits, separated by spaces."""
     return " ".join(f"{float(v):.17g}" for v in values)
+
+
+def _collada(link: Link, box: trimesh.Trimesh) -> str:
+    """Return a Collada file of a box, in the axes and the unit of the link's file."""
+    points = text((box.vertices @ TURNS[link.file_axes].T / link.file_unit).ravel())
+    corners = " ".join(str(i) for i in box.faces.ravel())
+    count = box.vertices.size
+    return (
+        '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>'
+        f'<unit name="u" meter="{link.file_unit}"/><up_axis>{link.file_axes}</up_axis></asset><library_geometries>'
+        f'<geometry id="g"><mesh><source id="p"><float_array id="a" count="{count}">{points}</float_array>'
+        f'<technique_common><accessor source="#a" count="{count // 3}" stride="3"><param name="X" type="float"/>'
+        '<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>'
+        '<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>'
+        f'<triangles count="{len(box.faces)}"><input semantic="VERTEX" source="#v" offset="0"/><p>{corners}</p>'
+        "</triangles></mesh></geometry></library_geometries><library_visual_scenes>"
+        '<visual_scene id="s"><node id="n"><instance_geometry url="#g"/></node></visual_scene>'
+        '</library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>'
+    )
 
 
 def _rpy(T) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 
 TYPE_CHECKING = False  # as in `typing`, whose import takes a while
 if TYPE_CHECKING:
@@ -20,6 +21,9 @@ _FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _FROM_TERMINAL = 0x80
 """`si_code` of a signal that the kernel sent (SI_KERNEL). A terminal sends Ctrl-C to the child process as well."""
+
+_GROUP_REACHED = 0.005
+"""Time in s after which a signal that was sent to a process group has reached all its processes."""
 
 _DIE_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of Linux: the kernel signals the child when its parent ends."""
@@ -84,19 +88,58 @@ def _end_with(parent: int) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
+class _Bystander:
+    """A process of this process group that blocks all forwarded signals; those it received tell which went to all.
+
+    A signal that another process sends to the whole group, as `timeout` does, has reached the child already. Forwarded
+    once more, it would be a second Ctrl-C, which interrupts the clean-up after the first.
+    """
+
+    def __init__(self) -> None:
+        parent = os.getpid()
+        self.process = os.fork()
+        if self.process == 0:
+            _end_with(parent)
+            while True:
+                signal.pause()
+
+    def received(self, number: int) -> bool:
+        """Return whether the process received this signal."""
+        from pathlib import Path
+
+        time.sleep(_GROUP_REACHED)
+        pending = 0
+        for line in Path(f"/proc/{self.process}/status").read_text(encoding="ascii").splitlines():
+            if line.startswith("ShdPnd:"):
+                pending = int(line.split()[1], 16)
+        return bool(pending >> (number - 1) & 1)
+
+    def end(self) -> None:
+        """End the process."""
+        os.kill(self.process, signal.SIGKILL)
+        os.waitpid(self.process, 0)
+
+
 def _ended(child: int) -> tuple[int, set[int]]:
-    """Wait for the end of the child; return its status and the signals that were forwarded to it."""
+    """Wait for the end of the child; return its status and the signals that it received from elsewhere."""
+    bystander = _Bystander()
     sent: set[int] = set()
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
+            bystander.end()
             return status, sent
         received = signal.sigwaitinfo({*_FORWARDED, signal.SIGCHLD})
         if received.si_signo == signal.SIGCHLD:
             continue
         sent.add(received.si_signo)
-        if received.si_code != _FROM_TERMINAL:
-            os.kill(child, received.si_signo)
+        if received.si_code == _FROM_TERMINAL:
+            continue
+        if bystander.received(received.si_signo):
+            bystander.end()  # a blocked signal stays with its process
+            bystander = _Bystander()
+            continue
+        os.kill(child, received.si_signo)
 
 
 def _unfinished(status: int, place: str) -> int:

@@ -90,13 +90,15 @@ class Iteration:
         after = ca.if_else(better, ca.vertcat(*accepted), ca.vertcat(*rejected))
         self._evaluator = Evaluator("iteration", z, ca.cse(ca.vertcat(after, ca.sum1(free))))
 
-    def run(self, start: Array, inputs: Array, goal: float) -> tuple[Array, float, int]:
+    def run(
+        self, start: Array, inputs: Array, goal: float, history: list[float] | None = None
+    ) -> tuple[Array, float, int]:
         """Iterate from `start`; return (state, norm of the task's residual, steps tried).
 
         `inputs` is the concatenation of six arrays: arguments of the terms, weights of the residuals, changes of the
         unknowns per unit of a step, weights of exceeded joint limits, lower limits, upper limits. The iteration stops
         when the norm of the whole residual (task and exceeded limits) is at most `goal`, or when the iteration makes no
-        more progress.
+        more progress. The norm of the task's residual at the start and after each step is appended to `history`.
         """
         k, z = self.state, np.zeros(self.memory + len(inputs))
         z[:k], z[self.memory :] = start, inputs
@@ -105,10 +107,14 @@ class Iteration:
         if not np.isfinite(out[k]):
             return start, np.inf, 0
         tried = 0
+        if history is not None:
+            history.append(float(np.sqrt(out[k + 1])))
         while tried < MAX_ITERATIONS and out[k] > goal**2 and out[-1]:
             z[: self.memory] = out[:-1]
             out = self._evaluator.one(z)
             tried += 1
+            if history is not None:
+                history.append(float(np.sqrt(out[k + 1])))
             if out[k + 4] >= 3 or out[k + 2] > 1e12:
                 break
         return out[:k], float(np.sqrt(out[k + 1])), tried

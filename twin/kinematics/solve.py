@@ -147,9 +147,17 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
 
 
 def descend(
-    kin: Compiled, task: Task, start: Array, bounds: Array | None = None, length_scale: float | None = None
+    kin: Compiled,
+    task: Task,
+    start: Array,
+    bounds: Array | None = None,
+    length_scale: float | None = None,
+    history: list[float] | None = None,
 ) -> Descent:
-    """Run one descent from a reachable state; return its result even if the descent does not converge."""
+    """Run one descent from a reachable state; return its result even if the descent does not converge.
+
+    The residual of the task at the start and after each step is appended to `history`.
+    """
     scale = kin.characteristic_length if length_scale is None else float(length_scale)
     if not scale > 0:
         raise KinematicsError(f"length_scale {length_scale} m must be positive.")
@@ -165,7 +173,7 @@ def descend(
     columns = 1 / joint_scale if kin.closed_forward else np.repeat([scale, 1.0], 3)
     inputs = np.concatenate([*(t.numbers for t in task.terms), *weights, columns, joint_scale, low, high])
     begin = np.minimum(np.maximum(start, low), high) if kin.closed_forward else start.ravel()
-    end, residual, tried = iteration(kin.program, kinds).run(begin, inputs, 0.01 * TOLERANCE)
+    end, residual, tried = iteration(kin.program, kinds).run(begin, inputs, 0.01 * TOLERANCE, history)
     if kin.closed_forward:
         return Descent(kin.program.forward.one(end), end, residual, tried)
     return Descent(end.reshape(4, 4), kin.program.inverse.one(end)[:-1], residual, tried)

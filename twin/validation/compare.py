@@ -17,6 +17,7 @@ import numpy as np
 from twin.core.errors import AssemblyError
 from twin.core.findings import Finding, Kind, disagreement, finding
 from twin.core.quantity import mm
+from twin.core.result import Table
 from twin.core.spatial import Array, Index
 from twin.core.units import MM
 from twin.formula.contract import Equation
@@ -44,6 +45,7 @@ class Comparison:
     findings: list[Finding] = field(default_factory=list)
     series: dict[str, Array] = field(default_factory=dict)
     facts: dict[str, dict[str, str]] = field(default_factory=dict)
+    tables: dict[str, Table] = field(default_factory=dict)
     driven: Run | None = None
     """States of the mechanism at the equations' joint values, at every sample; None if it cannot be assembled there."""
 

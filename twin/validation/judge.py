@@ -31,6 +31,7 @@ from twin.validation.plausible import apart
 from twin.validation.result import Report
 from twin.validation.retimed import OTHERS
 from twin.validation.rows import pose_rows, row, text
+from twin.validation.trocar_methods import three_methods
 from twin.validation.trocars import as_written, through_trocars
 
 Progress = Callable[[str, float], None]
@@ -83,6 +84,7 @@ def judge(
                     measures(case.kinematics, case.model, out)
                     progress("joint range", 0.0)
                     whole_range(case.kinematics, case.model, case.tolerances, out)
+                    three_methods(case, out)
             if "stage" in parts:
                 _stage(case, out, progress)
             if "motion" in parts:
@@ -117,6 +119,7 @@ def _report(case: Case, out: Comparison, findings: list[Finding], parts: frozens
             *case.cad.dimensions,
         ),
         facts=out.facts,
+        tables=out.tables,
         environment=_environment(case, parts),
         joint_names=trajectory.joint_names,
         series=out.series,

@@ -31,6 +31,7 @@ RowKind = Literal[
     "range",
     "duration",
     "limit",
+    "trocar",
 ]
 
 
@@ -40,7 +41,8 @@ class Residual:
 
     Attributes:
         pair: the two compared sides. "A-B": equations and CAD mechanism; "B-C": mechanism and USD stage; "B-D":
-            mechanism and baked motion; "B": the mechanism alone (loop gaps, RCM); "P-T": the plan's timing and the
+            mechanism and baked motion; "B": the mechanism alone (loop gaps, RCM);
+            "A": the equations and other methods for the same task; "P-T": the plan's timing and the
             timing by a second solver.
         quantity: kind of the compared quantity, such as "point" or "speed".
         name: name of the point, joint, body, loop or phase, or "tool".
@@ -147,11 +149,13 @@ class Report(Result):
         phases: phases of the protocol.
         parameters: parameters of equations, mechanism, protocol and CAD, with provenance.
         facts: {heading: {name: short text}}, such as mobility, mass and sample rates.
+        tables: {heading: table of text}, such as the methods for tip and trocar.
         environment: software versions and machine.
         series: arrays for plots. On the samples "t" (k,) in s: "q", "qd", "qdd" (k, n); "p_tool", "v_tool", "a_tool"
             (k, 3); "angles" (k, 3) in rad; "residual_tool" (k,) in m; "residual_rotation" (k,) in rad; "rcm_error"
             (k,) in m, NaN in phases without an RCM; "fulcrum" (k, 2) in m, see `fulcrum`; "limit_margin" (k,),
             smallest distance of a joint to a limit, in rad or m; "singularity.<name>" (k,); "reach.<name>" (k,) in m.
+            The residuals of searches for tip and trocar, with their outcomes: see `trocar_methods.SEARCHES`, `Single`.
             On the times "clearance_t" (j,) in s: "clearance" (j,) in m. On the times "t_coarse" (c,) in s:
             "residual_driven.<joint>", "residual_point.<name>"; "p_tool_B", "v_tool_B", "a_tool_B" (c, 3), the tool's
             motion if the joint values of the equations drive the mechanism.
@@ -180,6 +184,7 @@ class Report(Result):
     commands: Mapping[str, str] = field(default_factory=dict)
     cure: str = ""
     angles: frozenset[str] = frozenset()
+    tables: Mapping[str, Table] = field(default_factory=dict)
 
     kind = "report"
 
@@ -229,6 +234,7 @@ class Report(Result):
             "phases": [p.as_dict() for p in self.phases],
             "parameters": [asdict(p) for p in self.parameters],
             "facts": {k: dict(v) for k, v in self.facts.items()},
+            "tables": {k: [dict(zip(t.header, row, strict=True)) for row in t.rows] for k, t in self.tables.items()},
             "environment": dict(self.environment),
         }
 
@@ -252,6 +258,10 @@ class Report(Result):
         rows = [(pair, name, *_row(headline(group))) for (pair, name, _), group in groups.items()]
         yield Table(("pair", "quantity", "worst", "tolerance", "where", "phase", ""), rows)
         yield ""
+        for heading, table in self.tables.items():
+            yield f"  {heading}\n"
+            yield table
+            yield ""
         if self.assumed:
             yield f"  {len(self.assumed)} assumed values (unpublished) are listed in the report and by `twin info`."
 

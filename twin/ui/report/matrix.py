@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 PAIRS = {
     "A-B": ("formula against mechanism", "A–B"),
+    "A": ("equations by other methods", "A"),
     "B": ("mechanism by itself", "B"),
     "B-C": ("mechanism against USD read back", "B–C"),
     "C": ("USD read back by itself", "C"),
@@ -49,6 +50,8 @@ def label(row: Residual) -> str:
         return f"{what} {row.name}{turning}"
     if row.quantity == "loop":
         return f"loop gap {row.name}" + (" (rotation)" if angular else "")
+    if row.quantity == "trocar":
+        return row.name
     if row.quantity in ("duration", "limit"):
         return f"{row.quantity} of {row.name}"
     return "RCM error" if row.quantity == "rcm" and row.name in ("rcm", "tool", "") else (
@@ -105,7 +108,8 @@ def residual_matrix(report: Report) -> Figure | None:
             )  # fmt: skip
     ax.set(xlim=(0, len(pairs)), ylim=(len(names), 0), yticks=[i + 0.5 for i in range(len(names))])
     ax.set_yticklabels([_short(name) for name in names], fontsize=8.5)
-    ax.set_xticks([i + 0.5 for i in range(len(pairs))], [_heading(p) for p in pairs], fontsize=8.5)
+    size_of_headings = 8.5 if len(pairs) < 6 else 7.5
+    ax.set_xticks([i + 0.5 for i in range(len(pairs))], [_heading(p) for p in pairs], fontsize=size_of_headings)
     ax.xaxis.tick_top()
     ax.tick_params(length=0)
     ax.grid(visible=False)

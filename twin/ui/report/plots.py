@@ -11,6 +11,7 @@ from twin.core.format import quantity, seconds
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.ui.report import curves, rounds
+from twin.ui.report.convergence import convergence
 from twin.ui.report.matrix import residual_matrix
 from twin.ui.report.style import (
     FIT,
@@ -229,6 +230,7 @@ PLOTS: dict[str, Callable[[Report], Figure | None]] = {
     "margins": margins,
     "clearance": clearance,
     "path_cost": path_cost,
+    "convergence": convergence,
 }
 """Plot functions by file name."""
 

@@ -1,0 +1,83 @@
+"""Draw the convergence of the searches for tip and trocar: residual after each step, by outcome."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.core.format import power
+from twin.core.spatial import Array
+from twin.ui.report.style import FIT, INK, NEAR, UNFIT, headline, log_ticks, panels
+from twin.validation.result import Report
+from twin.validation.trocar_methods import EXACT, OUTCOMES, SEARCHES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_DRAWN = 20
+"""Maximum number of curves of an outcome, because the page contains all points."""
+
+_STEPS = 60
+"""Last step of the drawing; searches that do not converge by then stay where they are."""
+
+_LOWEST, _HIGHEST = 1e-16, 10.0
+"""Range of the residual axis in m."""
+
+_COLOURS = (FIT, NEAR, UNFIT)
+"""Colours of the outcomes."""
+
+
+def convergence(report: Report) -> Figure | None:
+    """Draw the residual of each search over its steps; None if the report has no such searches."""
+    found = [(title, report.series.get(key), report.series.get(f"{key}.outcome")) for key, title in SEARCHES.items()]
+    known = [(title, history, outcome) for title, history, outcome in found if history is not None]
+    if not known:
+        return None
+    figure, axes = panels(headline("Searches for tip and trocar", report), [3.0], len(known), head=1.3)
+    for i, (ax, (title, history, outcome)) in enumerate(zip(axes[0], known, strict=True)):
+        assert outcome is not None
+        _draw(ax, np.asarray(history), np.asarray(outcome))
+        ax.set_title(title, loc="left", fontsize=9, color=INK, pad=48)
+        lines, labels = ax.get_legend_handles_labels()
+        ax.legend(
+            lines[::-1],
+            labels[::-1],
+            loc="lower left",
+            bbox_to_anchor=(0, 1),
+            borderaxespad=0.2,
+            ncols=1,
+            labelspacing=0.2,
+            fontsize=8.5,
+        )
+        log_ticks(ax, [10.0**e for e in range(-16, 1, 4)], _length)
+        ax.set_ylim(_LOWEST, _HIGHEST)
+        ax.set_xlim(0, _STEPS)
+        ax.set_xlabel("step")
+        ax.axhline(EXACT, color=INK, lw=1.0, ls=(0, (5, 2)), zorder=1.8)
+        ax.annotate(
+            "tolerance", (1, EXACT), (-2, 2), xycoords=("axes fraction", "data"), textcoords="offset points",
+            color=INK, fontsize=8.5, ha="right", va="bottom",
+        )  # fmt: skip
+        if i:
+            ax.tick_params(labelleft=False)
+    axes[0][0].set_ylabel("residual", labelpad=12)
+    return figure
+
+
+def _length(value: float) -> str:
+    return "1 m" if value == 1.0 else f"{power(value, 1)} m".removeprefix("1×")
+
+
+def _draw(ax: Axes, history: Array, outcome: np.ndarray) -> None:
+    """Draw some of the searches of each outcome; the legend states the numbers of all."""
+    for kind in reversed(range(len(OUTCOMES))):  # the solved ones on top
+        runs = np.flatnonzero(outcome == kind)
+        if not len(runs):
+            continue
+        for k, run in enumerate(runs[:_DRAWN]):
+            values = history[run][~np.isnan(history[run])][: _STEPS + 1]
+            label = f"{OUTCOMES[kind]}: {len(runs)}" if k == 0 else None
+            ax.plot(np.maximum(values, _LOWEST), color=_COLOURS[kind], lw=0.9, alpha=0.65, label=label)
+            ax.plot([len(values) - 1], [max(values[-1], _LOWEST)], ".", ms=3.5, color=_COLOURS[kind], clip_on=False)
