@@ -26,14 +26,11 @@ SILS = Path(__file__).parents[1] / "cad/sils/sils.toml"
 
 
 FIRST = (
-    "test_docs", "test_hazards", "test_pegboard", "test_dome_task", "test_procedure", "test_camera_task",
+    "test_docs_pages", "test_hazards", "test_pegboard", "test_dome_task", "test_procedure", "test_camera_task",
     "test_explain_faults", "test_explain_hollow", "test_operator", "test_tissue", "test_cad_sher", "test_cad_sils",
     "test_wheel", "test_kill", "test_selftest", "test_session", "test_by_hand", "test_machine_operated",
 )  # fmt: skip
 """Files whose tests take longest: a worker that began one of them last would work on alone."""
-
-BEFORE = {"audit": "export", "session": "operate"}
-"""Commands of the documentation that read what another one wrote."""
 
 
 def pytest_collection_modifyitems(items):
@@ -43,18 +40,16 @@ def pytest_collection_modifyitems(items):
 
 
 class Shares(LoadFileScheduling):
-    """A worker takes a whole file, whose fixtures it makes once; of the documentation's commands, those of one name."""
+    """A worker takes a whole file, whose fixtures it makes once; of the documentation, a whole page."""
 
     def _split_scope(self, nodeid):
         file = super()._split_scope(nodeid)
-        command = re.search(r"test_docs\.py::test_command_runs\[twin (\w+)", nodeid)
-        if command:
-            return f"{file} {BEFORE.get(command[1], command[1])}"
-        return file
+        page = re.search(r"test_docs_pages\.py::test_step\[([\w.-]+):", nodeid)
+        return f"{file} {page[1]}" if page else file
 
 
 def pytest_xdist_make_scheduler(config, log):
-    """Share tests by file, as `--dist loadfile` asks for, and by the command in tests/test_docs.py."""
+    """Share tests by file, as `--dist loadfile` asks for, and by the page in tests/test_docs_pages.py."""
     if config.getvalue("dist") == "loadfile":
         return Shares(config, log)
     return None
