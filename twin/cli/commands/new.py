@@ -19,12 +19,14 @@ _SHOWN = 3
 EXAMPLES = """\
   twin new leg --from robot.urdf                   loops from robot.yaml in the same folder
   twin new gripper --from gripper.xml --out robots/gripper/
+  twin new arm robot.urdf                          the same as --from robot.urdf
   twin new arm.step                                an incomplete robot: joints are proposed as comments"""
 
 
 def arguments(command: Command) -> None:
     """Add the arguments of `twin new`."""
     command.add_argument("name", help="name of the robot (lower-case letters, digits and _), or the file to read")
+    command.add_argument("file", nargs="?", help="the file to read, as --from")
     command.text("--from", "FILE", ".urdf, .xml (MJCF), .sdf, .usd* or .step", dest="source")
     command.text("--closures", "FILE", "closure YAML of a URDF (default: the .yaml file of the same name)")
     text = "robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)"
@@ -39,8 +41,12 @@ def run(args: argparse.Namespace) -> int:
     from twin.exchange.read import SUFFIXES
     from twin.usd.read.names import identifier
 
-    source, name = Path(args.source or args.name), args.name
-    if args.source is None:
+    if args.source and args.file:
+        raise TwinError(f"two files to read are given, {args.file} and {args.source}: omit one of them")
+    given = args.source or args.file
+    source = Path(given or args.name)
+    name = args.name
+    if given is None:
         if source.suffix.lower() not in SUFFIXES:
             raise TwinError(f"'{args.name}' is not a file to read: give a file with --from ({', '.join(SUFFIXES)})")
         name = identifier(source.stem)

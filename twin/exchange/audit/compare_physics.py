@@ -209,12 +209,16 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     known = _known_links(views)
     canonical = _canonical(views, known)
     movable = {n for v in views for n in v.physics.trocars}
-    stems = {v.file.rsplit(".", 1)[0] for v in views if v.format == "mjcf"}
+    stems = {(v.format, v.file.rsplit(".", 1)[0]) for v in views}
     for view in views:
         _state(view, canonical, known, movable)
-        if view.format == "mjcf" and any(view.file.startswith(f"{s}_") for s in stems):
-            # A file for a single motion has other trocar positions; `Mjcf.play` checks whether the loops close.
-            held = tuple(f" on '{n}'" for n in view.physics.held or ())
+        if view.format in ("mjcf", "urdf") and any(
+            f == view.format and view.file.startswith(f"{s}_") for f, s in stems
+        ):
+            # A file for a single motion has other trocar positions; its `play` checks whether the loops close.
+            children = {j.child for j in view.physics.joints}
+            still = view.physics.held or {n for n in view.physics.links if n not in children}
+            held = tuple(f" on '{n}'" for n in still)
             view.said = {k: v for k, v in view.said.items() if k[1] != "place" or not k[0].endswith(held)}
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
     for view in (v for v in views if v.physics.complete):

@@ -1,12 +1,13 @@
 """Read a URDF: compute link poses from the joint values of a track, and check limits and mesh files.
 
-A URDF contains the tree, inertias and limits of a mechanism; it cannot contain loops, named frames or gravity.
+A URDF contains the tree, inertias and limits of a mechanism; it cannot contain loops, named frames or gravity. A
+closure YAML of the same name contains the loops (`closures`).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -17,6 +18,7 @@ from twin.core.foreign.text import DoctypeError
 from twin.core.foreign.text import parse_xml as read_xml
 from twin.exchange.audit import poses
 from twin.exchange.audit.chain import Link, along, fit
+from twin.exchange.audit.closures import CLOSED, PLAYED, Closures, check_gap, read_closures
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.meshes import check_mesh, joined, read_obj
 from twin.exchange.audit.motion import Clip, Content, Shape
@@ -101,10 +103,51 @@ class Urdf:
         self.content.shapes, self.content.colors = _shapes(root, path, ledger)
         masses = {e.get("name", ""): _inertial(e) for e in root.findall("link")}
         known = {n: mass for n, mass in masses.items() if mass is not None}
-        self.content.physics = _tree_physics(links, known, self.above.values())
+        joints = {j.name for j in self.above.values()}
+        beside = path.with_suffix(".yaml")
+        read = read_closures(beside, links, joints, ledger) if beside.is_file() else None
+        self.closures = read or Closures()
+        moving = _moving(root)
+        if read and moving != read.driven:
+            apart = ", ".join(sorted(moving ^ read.driven))
+            text = f"the transmissions and 'name_mot' of {beside.name} do not name the same driven joints: {apart}."
+            ledger.wrong("urdf.driven", text, apart)
+        ends = {link for a, b, _ in self.closures.pairs for link in (a, b)}
+        bodies = [n for n in links if n not in ends or n in self.content.shapes]
+        self.content.physics = _tree_physics(bodies, known, self.above.values(), moving)
+        self.content.physics.joints += self.closures.joints()
+        if self.closures.couplings is not None:
+            mimics = {j.name: j.mimic for j in self.above.values() if j.mimic is not None}
+            follow = {f"{n}_mimic": ({n: 1.0, leader: -m}, total) for n, (leader, m, total) in mimics.items()}
+            self.content.physics.couplings = follow | dict(self.closures.couplings)
         self.content.physics.assumed = assumed_masses(path)
         self.content.physics.partly = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
+        self._check_home(beside.name)
+
+    def _check_home(self, name: str) -> None:
+        """Report loops that are open, and joints outside their limits, at `home` of the closure YAML `name`."""
+        home = self.closures.home
+        if not home:
+            return
+        for joint in self.above.values():
+            if joint.name in home and joint.limits is not None:
+                low, high = joint.limits
+                if not low - 1e-6 <= home[joint.name] <= high + 1e-6:
+                    text = (
+                        f"{name}: joint '{joint.name}' is at {home[joint.name]:g} at home, outside its limits "
+                        f"{low:g} .. {high:g}."
+                    )
+                    self._ledger.wrong("urdf.limits", text, joint.name)
+        for pair in self.closures.pairs:
+            T_a, T_b = (self._at(link, home) for link in pair[:2])
+            check_gap(pair, T_a, T_b, f"{name}, home", CLOSED, self._ledger)
+
+    def _at(self, link: str, values: Mapping[str, float]) -> Array:
+        """Return the pose (1, 4, 4) of a link in the frame of the root at joint values; other joints are at zero."""
+        way = self._way(link, self.root)
+        q = [None if j.link.kind == "fixed" else np.array([values.get(j.name, 0.0)]) for j in way]
+        return along([j.link for j in way], q, 1)
 
     def _way(self, link: str, stop: str) -> list[UrdfJoint]:
         """Return the joints on the path from the ancestor `stop` to the link `link`, starting at `stop`."""
@@ -138,7 +181,30 @@ class Urdf:
                 known = clip.links.get(upper, placed[upper])
                 given = fit([j.link for j in way], given, poses.inverse(known) @ clip.links[name])
             placed[name] = placed[upper] @ along([j.link for j in way], given, count)
+        for pair in self.closures.pairs:
+            self._close(pair, placed, clip)
         return Clip(clip.name, clip.times, {n: T for n, T in placed.items() if n in clip.links})
+
+    def _close(self, pair: tuple[str, str, str], placed: Mapping[str, Array], clip: Clip) -> None:
+        """Report a loop that is open at a key of a clip; `placed` contains the poses of links in this clip.
+
+        Joint values that the clip lacks are those that close the loop best.
+        """
+        ways: list[tuple[str, list[UrdfJoint]]] = []
+        for link in pair[:2]:
+            upper, way = link, []
+            while upper not in placed:
+                way.insert(0, self.above[upper])
+                upper = way[0].parent
+            ways.append((upper, way))
+        ways.sort(key=lambda at: sum(j.link.kind != "fixed" for j in at[1]))
+        (still, fixed), (upper, way) = ways
+        count = len(clip.times)
+        T_still = placed[still] @ along([j.link for j in fixed], [j.values(clip) for j in fixed], count)
+        given = [j.values(clip) for j in way]
+        given = fit([j.link for j in way], given, poses.inverse(placed[upper]) @ T_still)
+        T_other = placed[upper] @ along([j.link for j in way], given, count)
+        check_gap(pair, T_still, T_other, f"clip '{clip.name}'", PLAYED, self._ledger)
 
     def _parents_first(self) -> list[str]:
         return sorted(self.links, key=lambda n: len(self._way(n, self.root)))
@@ -338,7 +404,14 @@ def _inertial(element: ET.Element) -> Mass | None:
 _PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def _tree_physics(links: Iterable[str], masses: dict[str, Mass], joints: Iterable[UrdfJoint]) -> Physics:
+def _moving(root: ET.Element) -> frozenset[str]:
+    """Return the names of the joints in transmissions: the driven joints, if there are transmissions."""
+    return frozenset(str(e.get("name")) for t in root.findall("transmission") for e in t.findall("joint"))
+
+
+def _tree_physics(
+    links: Iterable[str], masses: dict[str, Mass], joints: Iterable[UrdfJoint], moving: Collection[str]
+) -> Physics:
     out = Physics(tuple(links), masses)
     for j in joints:
         T, axis = j.link.fixed, j.link.axis

@@ -6,10 +6,16 @@ name_mot: [joint, ...]
 joint_name: [joint, ...]     joints of the URDF whose type is replaced, because a URDF joint has only one axis
 joint_type: [SPHERICAL, ...] new types of these joints: SPHERICAL (ball), FIXED (fixed at zero), UJOINT_XY (hinges
                              about x, then y, of the joint's frame)
+home: {joint: 0.5, ...}      values in rad and m at which the loops are closed; without it, all are zero
+coupling: {name: {joints: [...], ratios: [...], sum: 0}}   sum of ratio times joint value
+
+If every line is a key with its value in JSON, as twin writes it, PyYAML is not needed.
 """
 
 from __future__ import annotations
 
+import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +28,7 @@ from twin.model.joint import JointType
 TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
 """Type of the joint that closes a loop, for each value of `type` in the closure YAML."""
 
-_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
+_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type", "home", "coupling")
 
 RETYPED = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ" if a != b))
 """Joint types that can replace the type of a URDF joint."""
@@ -33,12 +39,15 @@ class Closures:
     """Content of a closure YAML.
 
     `loops` contains (frame, frame, type of the joint between the two frames). `motors` contains the names of the driven
-    joints. `retyped` maps the names of URDF joints to their new types.
+    joints. `retyped` maps the names of URDF joints to their new types. `home` contains values of joints in rad and m
+    at which the loops are closed. `couplings` are (name, joints, ratios, sum in rad or m) for each coupling.
     """
 
     loops: tuple[tuple[str, str, JointType], ...]
     motors: tuple[str, ...]
     retyped: dict[str, str]
+    home: dict[str, float]
+    couplings: tuple[tuple[str, tuple[str, ...], tuple[float, ...], float], ...]
 
 
 def read_closures(path: Path) -> Closures:
@@ -80,7 +89,42 @@ def read_closures(path: Path) -> Closures:
         if not isinstance(kind, str) or kind.upper() not in RETYPED:
             raise SourceError(f"{path}: joint_type: {unknown('joint type', str(kind)[:40], RETYPED)}")
     retyped = {n: k.upper() for n, k in zip(names, kinds, strict=True)}
-    return Closures(tuple(loops), tuple(motors), retyped)
+    return Closures(tuple(loops), tuple(motors), retyped, _home(path, data), _couplings(path, data))
+
+
+def _home(path: Path, data: dict) -> dict[str, float]:
+    values = _table(path, data, "home")
+    for name, value in values.items():
+        if not _is_number(value):
+            raise SourceError(f"{path}: home: the value of '{name[:40]}' is {str(value)[:40]!r}, not a number")
+    return {name: float(value) for name, value in values.items()}
+
+
+def _couplings(path: Path, data: dict) -> tuple[tuple[str, tuple[str, ...], tuple[float, ...], float], ...]:
+    out = []
+    for name, entry in _table(path, data, "coupling").items():
+        where = f"{path}: coupling '{name[:40]}'"
+        if not isinstance(entry, dict) or set(entry) != {"joints", "ratios", "sum"}:
+            raise SourceError(f"{where}: expected the keys joints, ratios and sum")
+        joints, ratios = _list(path, entry, "joints"), _list(path, entry, "ratios")
+        _distinct(path, "joints", joints)
+        if len(joints) != len(ratios) or len(joints) < 2 or not all(map(_is_number, (*ratios, entry["sum"]))):
+            raise SourceError(f"{where}: expected two or more joints, a number in ratios for each of them, and a sum")
+        if not all(ratios):
+            raise SourceError(f"{where}: a ratio is 0; omit its joint")
+        out.append((name, tuple(joints), tuple(float(r) for r in ratios), float(entry["sum"])))
+    return tuple(out)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _table(path: Path, data: dict, key: str) -> dict[str, Any]:
+    value = data.get(key, {})
+    if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
+        raise SourceError(f"{path}: {key}: expected names with their values, found {str(value)[:40]!r}")
+    return value
 
 
 def _distinct(path: Path, key: str, names: list) -> None:
@@ -92,17 +136,38 @@ def _distinct(path: Path, key: str, names: list) -> None:
             raise SourceError(f"{path}: {key}: '{name}' is listed twice")
 
 
+def _json(text: str) -> dict[str, Any] | None:
+    """Return the content of a text whose lines are `key: value` with values in JSON; None if it has other lines."""
+    out: dict[str, Any] = {}
+    for line in text.splitlines():
+        if not line.strip() or line.startswith("#"):
+            continue
+        key, colon, value = line.partition(": ")
+        if not colon or key in out or not key.isidentifier():
+            return None
+        try:
+            out[key] = json.loads(value)
+        except (ValueError, RecursionError):
+            return None
+    return out
+
+
 def _data(path: Path) -> Any:
-    yaml = require("yaml", f"{path}: a closure YAML")
     try:
         text = read_text(path, "YAML")
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise SourceError(f"{path}: the file is not YAML: {' '.join(str(error).split())[:200]}") from error
+    if own := _json(text):
+        return own
+    yaml = require("yaml", f"{path}: a closure YAML")
+    try:
         # Repeated aliases may expand to data far larger than the file.
         if any(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader)):
             raise SourceError(f"{path}: aliases (*name) are not supported; write the full list instead")
         return yaml.safe_load(text)
-    except OSError as error:
-        raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError, TypeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError, TypeError) as error:
         raise SourceError(f"{path}: the file is not YAML: {' '.join(str(error).split())[:200]}") from error
 
 

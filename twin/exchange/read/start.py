@@ -51,9 +51,9 @@ def started(imported: Imported) -> tuple[Mechanism, list[Finding]]:
     for key, values in imported.keys.items():
         if all(_within(j, values.get(j.name, drawn[j.name])) for j in single):
             text = f"home is key frame '{key}': in the rest pose of the file {where}."
-            return replace(m, rest=_moved(m, values)), [note("home", text, key)]
+            return replace(m, rest=moved(m, values)), [note("home", text, key)]
     clipped = {j.name: float(np.clip(drawn[j.name], *_limits(j))) for j in outside}
-    rest = _moved(m, clipped)
+    rest = moved(m, clipped)
     if imported.posed:
         text = f"home has each joint at its nearest limit: in the rest pose of the file {where}."
         return replace(m, rest=rest), [warning("home", text, first.name)]
@@ -103,7 +103,7 @@ def _range(joint: Joint) -> str:
     return f"{shown(joint, low)} .. {shown(joint, high)}"
 
 
-def _moved(m: Mechanism, values: Mapping[str, float]) -> dict[str, Array]:
+def moved(m: Mechanism, values: Mapping[str, float]) -> dict[str, Array]:
     """Return the rest poses {body: T_base_body (4, 4)} with the joints of the tree that are in `values` moved to them.
 
     All other joints keep the relative pose of their bodies.

@@ -7,7 +7,7 @@ mechanism cannot hold cause a warning (friction, efforts, textures).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -20,6 +20,7 @@ from twin.core.spatial import Array
 from twin.exchange.read.closures import Closures, read_closures
 from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, served, shows_all, sized
 from twin.exchange.read.source import Findings, Imported, Names, along, assemble, limits, named_apart, possible, rpy
+from twin.exchange.read.start import moved
 from twin.exchange.read.xml import Xml
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
@@ -62,6 +63,13 @@ def read_urdf(path: Path, closures: Path | None = None) -> Imported:
     return _Urdf(path, read_closures(closures) if closures else None, closures).read()
 
 
+_UNSTATED = 1e6
+"""Effort (N, N m) or speed (rad/s, m/s) from which a value counts as not stated. URDF requires numbers for both."""
+
+_UNLIMITED = 1e3
+"""Limits of a slide in m that count as none, if both are as far away as this. URDF requires limits of a slide."""
+
+
 class _Urdf:
     def __init__(self, path: Path, closures: Closures | None, closure_file: Path | None) -> None:
         self.xml = Xml(path, "robot")
@@ -78,41 +86,49 @@ class _Urdf:
         self.retyped = self._retyped(joints)
         base = self._base(links, ends)
         self.marks = self._marks(links, joints, ends, base)
+        held = {c: (ends[j][0], _origin(self.xml, joints[j], f"joint '{j}'")) for c, j in self.marks.items()}
+        inner = self._inner(links, joints, ends)
+        held |= {a: (ends[j][1], spatial.inverse(_origin(self.xml, joints[j], j))) for a, j in inner.items()}
+        closing = self._closing(links, joints, ends, held)
+        held |= {a: (b, np.eye(4)) for a, b in closing.items()}
         # Only the base can be the world: in an MJCF, a body of this name is the world itself.
         reserved = () if base == WORLD else (WORLD,)
-        body_names = Names("link", (n for n in links if n not in self.marks), found, reserved)
+        body_names = Names("link", (n for n in links if n not in held), found, reserved)
         joint_names = Names("joint", (m for n, j in joints.items() for m in self._parts(n, j)), found)
-        self.home = {n: (body_names[n], np.eye(4)) for n in links if n not in self.marks}
-        for _ in self.marks:  # a named frame may be fixed to another named frame
-            for n, j in self.marks.items():
-                if ends[j][0] in self.home:
-                    body, T = self.home[ends[j][0]]
-                    self.home[n] = (body, T @ _origin(self.xml, joints[j], f"joint '{j}'"))
+        self.home = {n: (body_names[n], np.eye(4)) for n in links if n not in held}
+        for _ in held:  # a link without body may be on another link without body
+            for n, (other, T_other_n) in held.items():
+                if other in self.home:
+                    body, T = self.home[other]
+                    self.home[n] = (body, T @ T_other_n)
         if self.closures is None:
             self._unclosed([*joints, *links])
         driven = self._driven(root, joints)
         self.crosses: list[Body] = []
         made: list[Joint] = []
-        for n, joint in joints.items():
-            if ends[n][1] in self.marks:
-                continue
+        dropped = {*self.marks.values(), *inner.values()}
+        tree = [n for n in joints if n not in dropped and ends[n][1] not in closing]
+        loops = [n for n in joints if ends[n][1] in closing]
+        for n in (*tree, *loops):
             if n in self.retyped:
-                made += self._retype(n, joint_names, joint, ends[n], driven)
-            elif joint.get("type") == _PLANAR:
-                made += self._planar(n, joint_names, joint, ends[n])
+                made += self._retype(n, joint_names, joints[n], ends[n], driven)
+            elif joints[n].get("type") == _PLANAR:
+                made += self._planar(n, joint_names, joints[n], ends[n])
             else:
-                made.append(self._joint(n, joint_names[n], joint, ends[n], n in driven))
+                made.append(self._joint(n, joint_names[n], joints[n], ends[n], n in driven))
         visuals = _Visuals(self.xml, found)
         bodies: list[Body] = []
         for n, e in links.items():
-            if n not in self.marks:
+            if n not in held:
                 meshes = visuals.meshes(n, e)
                 bodies.append(Body(body_names[n], tuple(meshes), self._inertia(n, e), shows_all(e, len(meshes))))
         bodies += self.crosses
-        frame_names = Names("frame", self.marks, found)
-        frames = [Frame(frame_names[n], *self.home[n]) for n in self.marks]
+        marked = [n for n in self.marks if n not in self._paired(ends)]  # the ends of loops are no frames of the robot
+        frame_names = Names("frame", marked, found)
+        frames = [Frame(frame_names[n], *self.home[n]) for n in marked]
         couplings = [self._mimic(n, joint_names, joints) for n in joints if joints[n].find("mimic") is not None]
-        made += self._loops(links, ends, joint_names)
+        couplings += self._coupled(joint_names)
+        made += self._loops(links, ends, joint_names, closing)
         geared = self._geared(root, joints, driven, joint_names)
         efforts = {joint_names[n]: e for n, e in self.efforts.items() if ends[n][1] not in self.marks}
         for text in self.xml.repaired:
@@ -120,7 +136,20 @@ class _Urdf:
         label = root.get("name") or self.path.stem
         out = assemble(self.path, label, body_names[base], bodies, made, frames, couplings, found, efforts=efforts)
         mechanism = replace(out.mechanism, actuators=geared[0], transmissions=geared[1])
-        return replace(out, mechanism=mechanism, posed=False)
+        return self._posed(replace(out, mechanism=mechanism, posed=False), joint_names)
+
+    def _posed(self, imported: Imported, names: Names) -> Imported:
+        """Return the import at the posture `home` of the closure YAML, if there is one."""
+        home = self.closures.home if self.closures else {}
+        if not home:
+            return imported
+        for name in home:
+            if name not in names:
+                known = [n for n, _ in names.items()]
+                raise SourceError(f"{self.closure_file}: home: {unknown('joint', name, known)}")
+        values = {names[n]: q for n, q in home.items()}
+        mechanism = replace(imported.mechanism, rest=moved(imported.mechanism, values))
+        return replace(imported, mechanism=mechanism, keys={"home": values}, posed=True)
 
     # -- structure ------------------------------------------------------------------------------------
 
@@ -190,6 +219,71 @@ class _Urdf:
                 text = f"link '{child}' has no shape and no mass: it becomes a frame on its parent."
                 self.findings.note("mark", text, child)
         return out
+
+    def _inner(
+        self, links: dict[str, Element], joints: dict[str, Element], ends: dict[str, tuple[str, str]]
+    ) -> dict[str, str]:
+        """Return {link: fixed joint} for links without body between a moving joint and the body fixed to them.
+
+        Such a link is only the frame of the joint on this body.
+        """
+        out: dict[str, str] = {}
+        above = {child: joint for joint, (_, child) in ends.items()}
+        for name, element in links.items():
+            below = [j for j, (parent, _) in ends.items() if parent == name]
+            if name not in above or above[name] in self.retyped or self._has_body(name, element) or len(below) != 1:
+                continue
+            inner, outer = joints[above[name]], joints[below[0]]
+            child = ends[below[0]][1]
+            welded = self.retyped.get(below[0], str(outer.get("type"))).lower() == "fixed"
+            if inner.get("type") != "fixed" and welded and self._has_body(child, links[child]):
+                out[name] = below[0]
+                text = f"link '{name}' has no shape and no mass: it becomes one body with '{child}', fixed to it."
+                self.findings.note("mark", text, name)
+        return out
+
+    def _closing(
+        self,
+        links: dict[str, Element],
+        joints: dict[str, Element],
+        ends: dict[str, tuple[str, str]],
+        held: Mapping[str, object],
+    ) -> dict[str, str]:
+        """Return {link: the link welded to it by a loop} for links without body at the end of a moving joint.
+
+        The moving joint then closes the loop.
+        """
+        out: dict[str, str] = {}
+        above = {child: joint for joint, (_, child) in ends.items()}
+        parents = {parent for parent, _ in ends.values()}
+        paired = self._paired(ends)
+        for a, b, kind in self.closures.loops if self.closures else ():
+            pair = [self._link(a, ends), self._link(b, ends)]
+            for name, other in (pair, pair[::-1]):
+                if kind != "fixed" or name not in above or other not in links or other in out:
+                    continue
+                joint = above[name]
+                moving = joint not in self.retyped and joints[joint].get("type") in (
+                    "revolute",
+                    "continuous",
+                    "prismatic",
+                )
+                leaf = name not in parents and name not in held and paired.count(name) == 1
+                if moving and leaf and not self._has_body(name, links[name]):
+                    out[name] = other
+                    break
+        return out
+
+    def _paired(self, ends: dict[str, tuple[str, str]]) -> list[str]:
+        """Return the links that the closure YAML joins, two for each loop."""
+        out: list[str] = []
+        for a, b, _ in self.closures.loops if self.closures else ():
+            out += [self._link(a, ends), self._link(b, ends)]
+        return out
+
+    def _link(self, name: str, ends: dict[str, tuple[str, str]]) -> str:
+        """Return the link that a closure means: a link of this name, or the child of the joint of this name."""
+        return ends[name][1] if name in ends else name
 
     def _has_body(self, name: str, link: Element) -> bool:
         mass = link.find("inertial/mass")
@@ -348,13 +442,14 @@ class _Urdf:
         if kind == "floating":
             found.warn("free", f"{where} is a floating joint: the robot is not fixed to the world.", name)
         body, T = self.home[ends[0]]
+        outer, T_outer = self.home[ends[1]]
         return Joint(
             new,
             TYPES[kind],
             body,
-            self.home[ends[1]][0],
+            outer,
             T @ _origin(self.xml, joint, where) @ turn,
-            turn,
+            T_outer @ turn,
             active=active,
             **values,
         )
@@ -387,7 +482,7 @@ class _Urdf:
         normal = self.xml.axis(where, "axis", element.get("xyz") if element is not None else None, (1, 0, 0))
         turn = along(normal)
         parent, T_parent_home = self.home[ends[0]]
-        child = self.home[ends[1]][0]
+        child, T_child_joint = self.home[ends[1]]
         first, second, third = self._parts(name, joint)
         moved_x, moved_y = self._inserted(f"{name}_moved_x"), self._inserted(f"{name}_moved_y")
         text = f"{where} is planar: it becomes the slides '{names[first]}' and '{names[second]}' and the hinge "
@@ -401,7 +496,7 @@ class _Urdf:
         return [
             Joint(names[first], "prismatic", parent, moved_x, T_parent_plane @ x_axis, x_axis),
             Joint(names[second], "prismatic", moved_x, moved_y, y_axis, y_axis),
-            Joint(names[third], "revolute", moved_y, child, np.eye(4), turn),
+            Joint(names[third], "revolute", moved_y, child, np.eye(4), T_child_joint @ turn),
         ]
 
     def _inserted(self, name: str) -> str:
@@ -426,6 +521,8 @@ class _Urdf:
             if low is None and high is None:
                 text = f"{where}: <limit> has neither lower nor upper: the joint is unlimited."
                 self.findings.warn("limits", text, name)
+            elif kind == "prismatic" and min(-(low or 0.0), high or 0.0) >= _UNLIMITED:
+                pass
             else:
                 # In URDF a missing limit means zero.
                 out["limits"] = limits(self.path, low or 0.0, high or 0.0, name, self.findings)
@@ -435,9 +532,9 @@ class _Urdf:
             speed, effort = value(limit, "velocity"), value(limit, "effort")
             if speed is not None and speed < 0:
                 self.xml.fail(where, f"velocity {speed:g} is negative")
-            if speed:
+            if speed and speed < _UNSTATED:
                 out["max_speed"] = speed
-            if effort:
+            if effort and effort < _UNSTATED:
                 self.efforts[name] = effort
         if safety is not None:
             low, high = value(safety, "soft_lower_limit"), value(safety, "soft_upper_limit")
@@ -477,17 +574,36 @@ class _Urdf:
         total = self.xml.number(where, "offset", mimic.get("offset"), 0.0)
         return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 
-    def _loops(self, links: dict[str, Element], ends: dict[str, tuple[str, str]], names: Names) -> list[Joint]:
+    def _coupled(self, names: Names) -> list[Coupling]:
+        """Return the couplings of the closure YAML."""
+        out = []
+        for name, joints, ratios, total in self.closures.couplings if self.closures else ():
+            for joint in joints:
+                if joint not in names:
+                    known = [n for n, _ in names.items()]
+                    raise SourceError(f"{self.closure_file}: coupling: {unknown('joint', joint, known)}")
+            out.append(Coupling(identifier(name), tuple(names[j] for j in joints), ratios, total))
+        return out
+
+    def _loops(
+        self,
+        links: dict[str, Element],
+        ends: dict[str, tuple[str, str]],
+        names: Names,
+        closing: Collection[str],
+    ) -> list[Joint]:
         """Return the joints that the closure YAML adds. If the YAML names a joint, its child link is meant."""
         out = []
         for i, (a, b, kind) in enumerate(self.closures.loops if self.closures else ()):
             sides = []
             for name in (a, b):
-                link = ends[name][1] if name in ends else name
+                link = self._link(name, ends)
                 if link not in links:
                     known = [*ends, *links]
                     raise SourceError(f"{self.closure_file}: closed_loop: {unknown('joint or link', name, known)}")
                 sides.append(self.home[link])
+            if {self._link(a, ends), self._link(b, ends)} & set(closing):
+                continue  # a moving joint closes this loop
             label = identifier(f"{_common(a, b)}") or f"loop{i + 1}"
             used = {j.name for j in out}
             label = label if label not in used and label not in names else f"loop{i + 1}_closure"

@@ -250,11 +250,9 @@ def _mjcf(order: Order, work: Path) -> list[Finding]:
 
 def _urdf(order: Order, work: Path) -> list[Finding]:
     from twin.exchange.write.urdf import urdf_findings, write_urdf
-    from twin.usd.write.spanning import spanning
 
     write_urdf(order.mechanism, work)
-    hung = {j.name for j in spanning(order.mechanism).tree} & set(order.mechanism.trocars)
-    for scene in order.elsewhere if hung else ():  # a trocar at which the tree is cut is not in the file
+    for scene in order.elsewhere:
         write_urdf(scene.mechanism, work, f"{order.mechanism.name}_{scene.clip.name}")
     return urdf_findings(order.mechanism)
 

@@ -9,6 +9,7 @@ from twin.core.findings import Finding
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
 from twin.exchange.write.order import Order
+from twin.exchange.write.urdf import has_closures
 
 _WIDTH = 100
 
@@ -71,8 +72,8 @@ _USES = [
     ),
     (
         "urdf",
-        "- URDF tools: load <robot>.urdf; it has no loops, see below. To play a track, set every joint to the value in "
-        "the column of its name; a ball joint has three columns, <ball>_x, <ball>_y and <ball>_z.",
+        "- URDF tools: load <robot>.urdf; it has no loops, which <robot>.yaml states. To play a track, set every joint "
+        "to the value in the column of its name; a ball joint has three columns, <ball>_x, <ball>_y and <ball>_z.",
     ),
 ]
 
@@ -96,7 +97,14 @@ def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
             ("tracks/track.schema.json", "description of the entries of a track"),
         ],
         "mjcf": [(f"{name}.xml", "MJCF, loops closed by constraints; shapes in meshes/ (mm)")],
-        "urdf": [(f"{name}.urdf", "URDF, loops cut open; shapes in meshes/ (mm)")],
+        "urdf": [
+            (f"{name}.urdf", "URDF, loops cut open; shapes in meshes/ (mm)"),
+            *(
+                [(f"{name}.yaml", "loops and couplings that the URDF cannot hold")]
+                if has_closures(order.mechanism)
+                else []
+            ),
+        ],
     }
     shown = [row for f in formats for row in rows[f]]
     shown.append(("proof.json", "source and hash of every file, and the values measured by independent readers"))

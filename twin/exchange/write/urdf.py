@@ -1,4 +1,4 @@
-"""Write a robot as URDF: only its tree, because URDF cannot hold loops; comments list the missing joints.
+"""Write a robot as URDF, and its loops beside it as a closure YAML, because URDF cannot hold loops.
 
 Links have the names and the frames of the mechanism's bodies. A URDF joint rotates about a line through the origin of
 its child link. If the origin of a body is not on its pin, the body is therefore the child of an auxiliary link
@@ -8,7 +8,7 @@ their singularity. A free joint is `floating`; its zero is the pose at home.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -18,6 +18,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding, Kind, info, warning
 from twin.core.spatial import Array
+from twin.exchange.write.closures import ends, write_closures
 from twin.exchange.write.left_out import left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, partly_shown, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
@@ -26,7 +27,7 @@ from twin.model.body import Body, Material
 from twin.model.following import Following, following
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive, Joint
-from twin.model.mechanism import EARTH, Mechanism
+from twin.model.mechanism import EARTH, Coupling, Mechanism
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
@@ -49,22 +50,37 @@ _ON_AXIS = 1e-12
 
 
 _TRANSMISSION = Kind("export.urdf_transmission", "warning", "use MJCF or USD if motors matter")
-_LOOPS = Kind("export.urdf_loops", "warning", "use MJCF or USD if loops must close")
+_LOOPS = Kind("export.urdf_loops", "warning", "use MJCF or USD where programs do not read the closure YAML")
 
 
 def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """Write <robot>.urdf, or <name>.urdf, and the mesh files that it uses; return the path of the .urdf file.
 
     `urdf_findings` lists the data that the file cannot hold. Masses that the mechanism lacks are assumed. Loops are cut
-    at joints chosen by `twin.usd.write.spanning`. `name` is the file name without suffix, if a robot has several files
-    (one for each trocar position).
+    at joints chosen by `twin.usd.write.spanning`, and stated in a closure YAML of the same name. `name` is the name of
+    the files without suffix, if a robot has several (one for each trocar position).
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
     """
+    from twin.reference import ReferenceModel
+
     folder.mkdir(parents=True, exist_ok=True)
     write_meshes(mechanism, folder)
-    return write_xml(_document(mechanism), folder / f"{name or mechanism.name}.urdf")
+    path = folder / f"{name or mechanism.name}.urdf"
+    home = ReferenceModel(mechanism).home().link_poses
+    cut = _cut(mechanism)
+    couplings = _unheld(mechanism)
+    if has_closures(mechanism):
+        values = _values((*spanning(mechanism).tree, *cut), home)
+        driven = [j.name for j in mechanism.active]
+        write_closures(cut, couplings, driven, values, path.with_suffix(".yaml"))
+    return write_xml(_document(mechanism, home), path)
+
+
+def has_closures(mechanism: Mechanism) -> bool:
+    """Return whether `write_urdf` writes a closure YAML: for loops, and for couplings that are no mimics."""
+    return bool(_cut(mechanism) or _unheld(mechanism))
 
 
 def urdf_findings(mechanism: Mechanism) -> list[Finding]:
@@ -81,18 +97,20 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
         for t in mechanism.transmissions
         if not all(map(t.single, t.joints))
     ]
-    cut = spanning(mechanism).cut
+    cut = _cut(mechanism)
     if cut:
         names = ", ".join(f"{j.name} ({j.type}, {j.parent} to {j.child})" for j in cut)
         text = (
-            f"{file}: URDF cannot close loops; left out: {names}. Link poses are correct only with the values "
-            "of the passive joints from the tracks"
+            f"{file}: URDF cannot close loops; {mechanism.name}.yaml closes them, at {names}. Programs that do not "
+            "read it have correct link poses only with the values of the passive joints from the tracks"
         )
         found.append(_LOOPS(", ".join(j.name for j in cut), text))
-    held = _mimics(mechanism)
-    for coupling in (c for c in mechanism.couplings if c.name not in held):
+    for coupling in _unheld(mechanism):
         terms = " + ".join(f"{r:g} {n}" for n, r in zip(coupling.joints, coupling.ratios, strict=True))
-        text = f"{file}: URDF cannot hold coupling {coupling.name}: {terms} = {coupling.total:g}"
+        text = (
+            f"{file}: URDF cannot hold coupling {coupling.name}: {terms} = {coupling.total:g}; it is in "
+            f"{mechanism.name}.yaml"
+        )
         found.append(warning("export.urdf_coupling", coupling.name, text))
     found += left_out(mechanism, file, "soft_limits", "max_acceleration", "max_jerk", "cone")
     if mechanism.gravity != EARTH:
@@ -110,10 +128,31 @@ def _mimics(mechanism: Mechanism) -> dict[str, Following]:
     return following(mechanism, {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")})
 
 
-def _document(mechanism: Mechanism) -> ET.Element:
-    from twin.reference import ReferenceModel
+def _unheld(mechanism: Mechanism) -> list[Coupling]:
+    """Return the couplings that are no mimics of URDF."""
+    held = _mimics(mechanism)
+    return [c for c in mechanism.couplings if c.name not in held]
 
-    home = ReferenceModel(mechanism).home().link_poses
+
+def _cut(mechanism: Mechanism) -> list[Joint]:
+    """Return the joints that close loops; a free joint closes none."""
+    return [j for j in spanning(mechanism).cut if j.type != "free"]
+
+
+def _values(joints: Iterable[Joint], home: Mapping[str, Array]) -> dict[str, float]:
+    """Return {joint of the URDF: value in m or rad} at the link poses `home`; hinges of a ball joint are at zero."""
+    out = {}
+    for joint in joints:
+        T = joint.relative(home[joint.parent], home[joint.child])
+        if joint.type == "cylindrical":
+            out[f"{joint.name}_slide"] = float(T[2, 3])
+            out[joint.name] = float(joint.angle(T))
+        elif joint.type in ("revolute", "prismatic"):
+            out[joint.name] = float(joint.coordinate(home[joint.parent], home[joint.child]))
+    return out
+
+
+def _document(mechanism: Mechanism, home: Mapping[str, Array]) -> ET.Element:
     root = ET.Element("robot", name=mechanism.name)
     for finding in urdf_findings(mechanism):
         root.append(ET.Comment(f" {finding.message}. ".replace("--", "-")))
@@ -125,6 +164,8 @@ def _document(mechanism: Mechanism) -> ET.Element:
     _transmissions(root, mechanism)
     for joint in (_as_driven(mechanism, j) for j in spanning(mechanism).tree):
         _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
+    for joint in _cut(mechanism):
+        _closing(root, _as_driven(mechanism, joint))
     for f in _mimics(mechanism).values():
         line = {"joint": f.leader, "multiplier": numbers([f.multiplier]), "offset": numbers([f.offset])}
         ET.SubElement(next(j for j in root.findall("joint") if j.get("name") == f.joint), "mimic", line)
@@ -143,9 +184,7 @@ def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
 
 
 def _transmissions(root: ET.Element, mechanism: Mechanism) -> None:
-    """Write a transmission for every driven joint, if at least one joint has a motor with a transmission."""
-    if not mechanism.transmissions:
-        return
+    """Write a transmission for every driven joint; joints without a transmission are passive."""
     for joint in mechanism.active:
         t = mechanism.transmission_of(joint.name)
         single = (joint.name, 1.0) if t is None else t.single(joint.name)
@@ -210,6 +249,20 @@ def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
         _single(root, joint, part, kind, (inner, outer), T, axis)
         inner, T = outer, np.eye(4)
     _single(root, joint, f"{name}_body", "fixed", (inner, joint.child), spatial.inverse(at), z)
+
+
+def _closing(root: ET.Element, joint: Joint) -> None:
+    """Write the two links that coincide if the loop at a joint is closed, and the joint itself if it moves in one."""
+    first, second = ends(joint)
+    if joint.type in ("revolute", "prismatic", "cylindrical"):
+        moved = replace(joint, child=first, T_child_joint=np.eye(4))
+        _inertial(ET.SubElement(root, "link", name=first), SMALL)
+        _joint(root, moved, np.eye(4))
+    else:
+        ET.SubElement(root, "link", name=first)
+        _single(root, joint, first, "fixed", (joint.parent, first), joint.T_parent_joint, np.eye(3)[2])
+    ET.SubElement(root, "link", name=second)
+    _single(root, joint, second, "fixed", (joint.child, second), joint.T_child_joint, np.eye(3)[2])
 
 
 def _single(
