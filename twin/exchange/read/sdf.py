@@ -385,6 +385,9 @@ def _tell(child: Element, tag: str, where: str, found: Findings) -> None:
         values = [f"{e.tag} {(e.text or '').strip()}" for e in (child.iter() if len(child) else [child]) if _says(e)]
         if values:
             found.warn("friction", f"{where}: {', '.join(values)} is not imported.", where)
+    elif tag == "plugin" and child.find(".//joint_name") is not None:
+        text = f"{where}: of <plugin> '{child.get('name', '')}', only the names of the driven joints are read."
+        found.note("unread", text, where)
     elif tag in _HARMLESS:
         found.note("unread", f"{where}: <{tag}> is not imported.", where)
     else:

@@ -24,6 +24,7 @@ _READ = (
     "PhysicsJointStateAPI",
     "MaterialBindingAPI",
     "GeomModelAPI",
+    "PhysxJointAPI",  # its maximum speed is read; friction and armature are reported as properties
 )
 """Applied API schemas that the reader reads."""
 
