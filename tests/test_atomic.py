@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -15,9 +16,18 @@ from pathlib import Path
 import pytest
 
 from made.lanes import thinned
-from twin.core import atomic
-from twin.core.atomic import Scratch, atomic_folder, require_writable, settle
+from twin.cli import main
+from twin.core import atomic, unfinished
+from twin.core.atomic import Scratch, atomic_folder, require_writable, settle, settle_all
 from twin.core.errors import OutputError
+
+
+@pytest.fixture(autouse=True)
+def register(tmp_path_factory, monkeypatch):
+    """The register of temporary folders, of which other processes know nothing."""
+    place = tmp_path_factory.mktemp("cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(place))
+    return place / "twin/unfinished"
 
 
 def _tree(folder: Path) -> dict[str, str]:
@@ -145,7 +155,7 @@ def test_folder_that_cannot_be_written_leaves_no_parents(tmp_path, monkeypatch):
     def refuse(*_):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
-    monkeypatch.setattr(atomic.tempfile, "mkdtemp", refuse)
+    monkeypatch.setattr(atomic, "_made", refuse)
     with pytest.raises(OutputError, match="Permission denied"), atomic_folder(tmp_path / "a/b"):
         pytest.fail("the block is not entered")
     assert _tree(tmp_path) == {}
@@ -271,6 +281,73 @@ def test_temporary_folder_of_a_killed_process_goes_and_others_stay(tmp_path, mon
         settle(tmp_path)
         assert {str(p) for p in tmp_path.iterdir()} == {mine, str(tmp_path / ".twin-settings")}
     assert [p.name for p in tmp_path.iterdir()] == [".twin-settings"]
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from twin.core.atomic import Scratch, atomic_folder
+scratch = Scratch()
+with atomic_folder(Path(sys.argv[1])) as work:
+    (work / "a").write_text("new")
+    os.kill(os.getpid(), 9)
+"""
+
+
+def test_each_start_finds_the_folders_of_killed_processes_wherever_they_are(tmp_path, register):
+    places = [tmp_path / name for name in ("one/deep/er", "two")]
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    for place in places:
+        place.mkdir(parents=True)
+        env = os.environ | {"TMPDIR": str(temporary)}
+        done = subprocess.run([sys.executable, "-c", KILLED, str(place)], env=env, cwd=tmp_path)
+        assert done.returncode == -signal.SIGKILL
+    left = sorted([*temporary.iterdir(), *(p for place in places for p in place.iterdir())])
+    assert len(left) == 4
+    with atomic_folder(tmp_path / "mine") as work:
+        (work / "a").write_text("new")
+        assert sorted(unfinished.abandoned()) == left
+        settle_all()
+        assert (work / "a").is_file()
+        assert len(list(register.iterdir())) == 1
+    assert list(register.iterdir()) == []
+    assert _tree(tmp_path) == {
+        "one": "", "one/deep": "", "one/deep/er": "", "two": "", "temporary": "", "mine": "", "mine/a": "new",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], [], ["list", "--quiet"], ["no such command"]])
+def test_every_command_sweeps_them(tmp_path, arguments, capsys):
+    done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], cwd="/")
+    assert done.returncode == -signal.SIGKILL
+    assert len(unfinished.abandoned()) == 2
+    with contextlib.suppress(SystemExit):
+        main(arguments)
+    assert unfinished.abandoned() == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_register_names_nothing_but_folders_of_twin(tmp_path, register):
+    """An entry of another kind is left alone, with what it names; one that names nothing is removed."""
+    precious = tmp_path / "precious"
+    precious.mkdir()
+    (precious / "file").write_text("x")
+    register.mkdir(parents=True)
+    (register / "precious").symlink_to(precious)
+    (register / ".twin-00000000.tmp").symlink_to(tmp_path / ".twin-00000000.tmp")
+    (register / "a file").write_text("x")
+    settle_all()
+    assert _tree(tmp_path) == {"precious": "", "precious/file": "x"}
+    assert sorted(p.name for p in register.iterdir()) == ["a file", "precious"]
+
+
+def test_without_a_cache_folder_files_are_written_all_the_same(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    _write(tmp_path / "out", {"one": "1"})
+    settle_all()
+    assert _tree(tmp_path / "out") == {"one": "1"}
 
 
 def test_a_temporary_folder_can_be_written_like_any_other():

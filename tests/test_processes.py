@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,59 @@ def test_a_process_ends_with_its_owner_and_not_by_ctrl_c():
     del process
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+BUSY = "import ctypes, os; print(os.getpid(), flush=True); ctypes.PyDLL(None).sleep(600)"  # holds the GIL
+
+STARTS = {
+    "a function": """
+from twin.core.jobs import Call
+child = Call(exec, {busy!r})
+""",
+    "a program": """
+from twin.core.processes import Child, isolated
+child = Child(isolated({busy!r}))
+""",
+    "from a thread that ends": """
+import threading
+from twin.core.processes import Child, isolated
+started = []
+thread = threading.Thread(target=lambda: started.append(Child(isolated({busy!r}))))
+thread.start()
+thread.join()
+""",
+    "by multiprocessing": """
+import multiprocessing
+from twin.core.processes import spawning_children
+with spawning_children():
+    multiprocessing.get_context("spawn").Process(target=exec, args=({busy!r},)).start()
+""",
+}
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_a_busy_process_ends_at_once_with_its_owner_that_is_killed(start):
+    program = STARTS[start].format(busy=BUSY) + "import time\ntime.sleep(600)\n"
+    owner = subprocess.Popen(isolated(program), stdout=subprocess.PIPE, text=True)
+    assert owner.stdout is not None
+    child = int(owner.stdout.readline())
+    time.sleep(0.05)
+    assert _running(child)
+    owner.kill()
+    owner.wait()
+    killed = time.monotonic()
+    while _running(child):
+        assert time.monotonic() - killed < 60
+        time.sleep(0.001)
+    assert time.monotonic() - killed < 1.0  # 0.01 s, but more on a busy machine
+    owner.stdout.close()
+
+
+def _running(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.extras import require
+from twin.core.processes import spawning_children
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -57,6 +58,7 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
                     "temporary-directory": scratch,
                 }
                 stack.enter_context(dask.config.set(settings))
+                stack.enter_context(spawning_children())
                 with _started():
                     own = stack.enter_context(LocalCluster(count, **options))
                     client = stack.enter_context(Client(own))

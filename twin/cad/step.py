@@ -21,7 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.core.atomic import Scratch, atomic_folder, cache_folder
+from twin.core.atomic import Scratch, atomic_folder
+from twin.core.cache import cache_folder
 from twin.core.errors import CadError, OutputError, SourceError
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.guard import run

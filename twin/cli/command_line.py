@@ -23,6 +23,7 @@ _SERVERS = ("serve", "view", "follow")
 def run(argv: Sequence[str]) -> int:
     """Run one command and return its exit code."""
     argv = list(argv)
+    _settle_all()
     for stream in (sys.stdout, sys.stderr):  # print a question mark for unsupported characters
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -46,7 +47,7 @@ def run(argv: Sequence[str]) -> int:
         _trace(args.debug)
         return failed(type(error).__name__, str(error), args.json)
     except KeyboardInterrupt as stopped:
-        _settle(args)  # child processes were killed and have left their temporary folders
+        _settle_all()  # child processes were killed and have left their temporary folders
         print(f"twin: interrupted: {', '.join(map(str, stopped.args)) or _kept()}", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader has closed the pipe
@@ -120,19 +121,27 @@ def _trace(debug: bool) -> None:
         traceback.print_exc()
 
 
+def _settle_all() -> None:
+    """Complete or remove unfinished files of killed processes; without such files, this takes 0.1 ms."""
+    from twin.core.unfinished import abandoned
+
+    if abandoned():
+        from twin.core.atomic import settle_all
+
+        settle_all()
+
+
 def _settle(args: argparse.Namespace) -> None:
-    """Complete or remove unfinished files of killed processes in the folders that this command reads and writes."""
+    """Complete or remove unfinished files in the folders that this command names, also those of other machines."""
     import tempfile
     from pathlib import Path
 
-    from twin.core.atomic import cache_folder, settle
+    from twin.core.atomic import settle
 
-    made = Path("twin-out")
-    places = [Path(tempfile.gettempdir()), cache_folder("step"), cache_folder("kernels")]
-    places += [made, *made.glob("*/"), *made.glob("*/*/")]
-    places += [Path(v) for v in vars(args).values() if isinstance(v, str) and v]
-    for place in places:
-        settle(place)
+    settle(Path(tempfile.gettempdir()))
+    for value in vars(args).values():
+        if isinstance(value, str) and value:
+            settle(Path(value))
 
 
 def failed(kind: str, message: str, as_json: bool) -> int:

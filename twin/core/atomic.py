@@ -3,8 +3,9 @@
 `atomic_folder` writes into `.twin-XXXXXXXX.tmp/new` in the target folder. When all files are written, one rename
 creates a journal (a list of moves) in `.twin-XXXXXXXX.tmp`. Before this rename, the target is unchanged; after it, all
 files will be moved. If the process is killed, the next process that calls `settle` completes the moves or removes the
-unfinished files. A process locks its folder, and the kernel releases the lock when the process ends. There is no fsync:
-a power failure may still lose files.
+unfinished files; each start of twin calls `settle_all`, which finds the folders of killed processes in a register. A
+process locks its folder, and the kernel releases the lock when the process ends. There is no fsync: a power failure may
+still lose files.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ import tempfile
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
+from twin.core import unfinished
+from twin.core.cache import cache_folder
 from twin.core.errors import OutputError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -55,7 +58,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
     try:
         base = next(p for p in (target, *target.absolute().parents) if p.exists())
         settle(base)
-        own, lock = _claim(lambda: tempfile.mkdtemp(_SUFFIX, _PREFIX, base))
+        own, lock = _claim(lambda: _made(base))
     except OSError as error:
         raise OutputError(_unwritable(target, error)) from error
     try:
@@ -117,13 +120,9 @@ class Scratch(tempfile.TemporaryDirectory):
     def cleanup(self) -> None:
         """Remove the folder."""
         super().cleanup()
+        unfinished.remove(Path(self.name))
         with contextlib.suppress(OSError):
             os.close(self._lock)
-
-
-def cache_folder(name: str) -> Path:
-    """Return the user's cache folder for one kind of results; it may be deleted at any time."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin" / name
 
 
 def settle(folder: Path) -> None:
@@ -137,6 +136,16 @@ def settle(folder: Path) -> None:
         for own in left:
             with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not a journal of twin
                 _settle(where, own)
+
+
+def settle_all() -> None:
+    """Complete, undo or remove the unfinished writes of all killed processes of this user, in any folder."""
+    for own in unfinished.abandoned():
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not a folder of twin
+            if _OWN.fullmatch(own.name) and own.is_dir():
+                _settle(own.parent, own)
+            if not own.exists():
+                unfinished.remove(own)
 
 
 def _settle(base: Path, own: Path) -> None:
@@ -159,10 +168,27 @@ def _discard(own: Path) -> None:
     """Remove a folder, unless it contains a journal whose moves must be completed or undone."""
     if not any((own / name).is_file() for name in (_COMMIT, _UNDO)):
         shutil.rmtree(own, ignore_errors=True)
+        if not own.exists():
+            unfinished.remove(own)
+
+
+def _made(base: Path) -> str:
+    """Create a temporary folder with a random name in `base`; it is registered before, as the process may be killed."""
+    while True:
+        own = base / f"{_PREFIX}{os.urandom(4).hex()}{_SUFFIX}"
+        unfinished.register(own)
+        try:
+            own.mkdir(mode=0o700)
+            return str(own)
+        except FileExistsError:
+            continue
+        except OSError:
+            unfinished.remove(own)
+            raise
 
 
 def _claim(make: Callable[[], str]) -> tuple[Path, int]:
-    """Create a folder and lock it; if another process removes the folder before it is locked, try again."""
+    """Create, lock and register a folder; if another process removes the folder before it is locked, try again."""
     while True:
         own = Path(make())
         with contextlib.suppress(FileNotFoundError):
@@ -170,6 +196,7 @@ def _claim(make: Callable[[], str]) -> tuple[Path, int]:
             try:
                 with contextlib.suppress(OSError):  # a file system without locks
                     fcntl.flock(lock, fcntl.LOCK_EX)
+                unfinished.register(own)
                 if own.is_dir():
                     return own, lock
             except BaseException:

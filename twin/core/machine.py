@@ -13,7 +13,8 @@ from typing import Any
 import llvmlite
 import llvmlite.binding as llvm
 
-from twin.core.atomic import atomic_folder, cache_folder
+from twin.core.atomic import atomic_folder
+from twin.core.cache import cache_folder
 from twin.core.errors import OutputError
 
 _CACHED = 1024

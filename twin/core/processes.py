@@ -2,19 +2,22 @@
 
 `python -c` puts the working directory first on its path: a `numpy.py` next to a downloaded robot would be executed.
 `multiprocessing` executes the user's own script again. Child processes of twin are therefore isolated (`-I`). They
-import twin and the packages from the same folders as their parent, and receive the function call through a pipe.
+import twin and the packages from the same folders as their parent, and receive the function call through a pipe. They
+end with their parent, also if it is killed.
 """
 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import importlib
 import os
 import signal
 import subprocess
 import sys
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing import util
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any
@@ -24,18 +27,83 @@ from twin.core.program_end import name_exits
 _PACKAGES = ("site-packages", "dist-packages")
 _SERVE = "from twin.core.processes import serve; serve()"
 
+_F_SETSIG = 10
+"""F_SETSIG of Linux, which the module `fcntl` does not define: the signal that is sent for a file descriptor."""
+
 
 def isolated(program: str, *arguments: object) -> list[str]:
     """Return the command line that runs a Python program with these arguments in `sys.argv[1:]`.
 
     The program's `sys.path` contains the standard library, then the folder of twin, then the folders of installed
-    packages, but neither the folders of PYTHONPATH nor the folder of a script.
+    packages, but neither the folders of PYTHONPATH nor the folder of a script. If this process ends before the program
+    begins, the program does not begin.
     """
     places = [str(Path(__file__).resolve().parents[2])]
     places += [p for p in sys.path if Path(p).is_absolute() and Path(p).name in _PACKAGES]
-    head = f"import sys; sys.path += [p for p in {places!r} if p not in sys.path]\n"
+    head = f"import os, sys; os.getppid() == {os.getpid()} or sys.exit(1)\n"
+    head += f"sys.path += [p for p in {places!r} if p not in sys.path]\n"
     flags = ["-I", "-X", "utf8", *(["-B"] if sys.dont_write_bytecode else [])]
     return [sys.executable, *flags, "-c", head + program, *map(str, arguments)]
+
+
+_SPAWNED = "--multiprocessing-fork"
+"""Argument of the processes that `multiprocessing` spawns, except those for its own bookkeeping."""
+
+
+class Child(subprocess.Popen[bytes]):
+    """A child process that the kernel kills at once when this process ends, also if this process is killed.
+
+    The child has the reading end of a pipe, and this process the only writing end. When the writing end closes, the
+    kernel sends SIGKILL to the child, also while the child is busy in a native library. PR_SET_PDEATHSIG would kill the
+    child already when the thread ends that has started it.
+
+    Args:
+        command: the command line, from `isolated`.
+        pass_fds: further file descriptors that the child receives.
+        options: further arguments of `subprocess.Popen`.
+    """
+
+    def __init__(self, command: list[str], pass_fds: Sequence[int] = (), **options: Any) -> None:
+        reading, writing = os.pipe()
+        weakref.finalize(self, os.close, writing)
+        try:
+            super().__init__(command, pass_fds=(*pass_fds, reading), **options)
+            kill_at_hangup(reading, self.pid)
+        finally:
+            os.close(reading)
+
+
+def kill_at_hangup(reading: int, process: int) -> None:
+    """Let the kernel kill a process when the other end of a pipe closes; the process must hold the reading end."""
+    fcntl.fcntl(reading, fcntl.F_SETOWN, process)
+    fcntl.fcntl(reading, _F_SETSIG, signal.SIGKILL)
+    fcntl.fcntl(reading, fcntl.F_SETFL, fcntl.fcntl(reading, fcntl.F_GETFL) | os.O_ASYNC)
+
+
+@contextlib.contextmanager
+def spawning_children() -> Iterator[None]:
+    """In this context, the kernel also kills processes that `multiprocessing` spawns (for Dask) with this process.
+
+    The process that removes shared memory of ended processes (`multiprocessing.resource_tracker`) is not killed.
+    """
+    spawn = util.spawnv_passfds
+
+    def spawn_child(path: bytes, arguments: Sequence[str], pass_fds: Sequence[int]) -> int:
+        if _SPAWNED not in arguments:
+            return spawn(path, arguments, pass_fds)
+        reading, _writing = os.pipe()  # the kernel closes `_writing` when this process ends
+        try:
+            process = spawn(path, arguments, [*pass_fds, reading])
+            kill_at_hangup(reading, process)
+        finally:
+            os.close(reading)
+        return process
+
+    util.spawnv_passfds = spawn_child
+    try:
+        yield
+    finally:
+        util.spawnv_passfds = spawn
 
 
 class Apart:
@@ -57,9 +125,8 @@ class Apart:
         with theirs:
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             try:
-                self._process = subprocess.Popen(
-                    isolated(_SERVE, theirs.fileno()), stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(),)
-                )
+                command = isolated(_SERVE, theirs.fileno())
+                self._process = Child(command, (theirs.fileno(),), stdin=subprocess.DEVNULL)
             finally:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         self._end = weakref.finalize(self, _end, self._process)

@@ -18,7 +18,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from twin.core.atomic import atomic_folder, cache_folder
+from twin.core.atomic import atomic_folder
+from twin.core.cache import cache_folder
 from twin.core.errors import OutputError
 from twin.core.spatial import Array
 from twin.core.units import MM

@@ -18,7 +18,7 @@ from typing import IO
 
 from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.budget import BODIES, BUDGETS, MB, way
-from twin.core.processes import isolated
+from twin.core.processes import Child, isolated
 
 _LIMITED = """
 import resource, sys
@@ -129,7 +129,7 @@ def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tupl
     python, *rest = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
     command = [python, "-S", *rest]  # parsers do not need the start-up code of installed packages
     with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=os.environ | own)
+        process = Child(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=os.environ | own)
         return *_wait(process), _tail(said)
 
 
