@@ -14,10 +14,17 @@ from twin.core import assets
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.spatial import Array
 
+_DRAWN = 96
+"""Number of joint states that are drawn for an audit."""
+
+_COMPARED = 24
+"""Number of the drawn states at which an audit compares a file: all of them would take seconds more."""
+
 if TYPE_CHECKING:
-    from twin.exchange.audit import AuditReport
+    from twin.exchange.audit import AuditReport, States
     from twin.exchange.write.bundle import Bundle
     from twin.exchange.write.clip import Budget
+    from twin.model.mechanism import Mechanism
     from twin.planning.trajectory import Trajectory
 
 
@@ -113,8 +120,9 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
 
     Args:
         path: a folder, an exported scene, or one .glb, .gltf, USD, .usdz, track, MJCF or URDF file.
-        robot: if given, each clip is also compared with this robot's poses in the protocol of the same name, and
-            links, joints and masses with its mechanism.
+        robot: if given, each clip is also compared with this robot's poses in the protocol of the same name, files
+            without motion with its poses at joint states drawn from its whole range, and links, joints and masses with
+            its mechanism.
         progress: see `Progress`.
 
     Raises:
@@ -122,6 +130,10 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
     """
     from twin.exchange.audit import SCENE
     from twin.exchange.audit import audit as audit_
+
+    def states() -> States:
+        progress("draw joint states", 0.0)
+        return _states(expected)
 
     path = Path(path)
     if robot is None:
@@ -131,7 +143,24 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
             f"{path} is an exported scene: omit the robot, or give the folder of one of the scene's robots instead"
         )
     robot = robot if isinstance(robot, Robot) else load(robot)
-    return audit_(path, truth=_truth(robot, path, progress), mechanism=robot.weighed().mechanism, progress=progress)
+    expected = robot.weighed().mechanism
+    truth = _truth(robot, path, progress)
+    return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress)
+
+
+def _states(mechanism: Mechanism) -> States:
+    """Return states of a mechanism, spread over the range of its driven joints."""
+    from twin.exchange.audit import States
+    from twin.reference import ReferenceModel
+    from twin.reference.joint_range import joint_range
+
+    model = ReferenceModel(mechanism)
+    run = joint_range(model, _DRAWN).run
+    chosen = np.unique(np.linspace(0, len(run.x) - 1, _COMPARED).astype(int))
+    joints = {j.name: run.q[chosen, i] for i, j in enumerate(mechanism.active)}
+    single = {j.name for j in mechanism.passive if j.type in ("revolute", "prismatic")}
+    joints |= {n: q[chosen] for n, q in run.q_passive.items() if n in single}
+    return States(joints, model.link_poses(run.x[chosen]))
 
 
 def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Array, dict[str, Array]]]:

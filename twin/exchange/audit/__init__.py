@@ -9,6 +9,7 @@ compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
 claims      check statements in the files: interpolation errors, assumed numbers, README.txt
 unity, proof                       check the Unity package and proof.json of a bundle
+states      compare files without motion with the mechanism, at joint states drawn from its range
 diagnose    find a common mistake that explains a difference
 scene       audit an exported scene: the folder of each robot, then the scene's stages against these folders
 """
@@ -16,7 +17,7 @@ scene       audit an exported scene: the folder of each robot, then the scene's 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,22 +27,24 @@ from twin.core.foreign.admit import admit, admit_together
 from twin.core.foreign.archive import check_zip
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.claims import check_claims, check_proof_clips, check_readme
-from twin.exchange.audit.compare import compare, compare_hashes, compare_rest, compare_shapes, references
+from twin.exchange.audit.compare import Reference, compare, compare_hashes, compare_rest, compare_shapes, references
 from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.folder import Found, find
 from twin.exchange.audit.motion import Content, check_names
+from twin.exchange.audit.physics import Physics
 from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.proof import check_proof
-from twin.exchange.audit.report import AuditReport, Check, Ledger, ReadError, finished, guarded
+from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.scene import FILE as SCENE
 from twin.exchange.audit.scene import audit_scene
 from twin.exchange.audit.sense import check_sense
+from twin.exchange.audit.states import CLIP, States, compare_joints, compare_states, same_names
 from twin.exchange.audit.unity import check_package
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
-__all__ = ["SCENE", "AuditReport", "Check", "audit", "key_times"]
+__all__ = ["SCENE", "AuditReport", "Check", "States", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 """Expected motions: {clip name: (times (k,) in s, {link name: poses T_world_link (k, 4, 4)})}."""
@@ -58,6 +61,7 @@ def audit(
     *,
     truth: Truth | None = None,
     mechanism: Mechanism | None = None,
+    states: Callable[[], States] | None = None,
     progress: Progress | None = None,
 ) -> AuditReport:
     """Read a file or a folder of exported files, check each file, and compare the files with each other.
@@ -68,31 +72,33 @@ def audit(
             are compared with the poses in the tracks. Not used for a scene.
         mechanism: the expected mechanism; masses, joints, drives and frames in the files are compared with it. None:
             the files are compared only with each other. Not used for a scene.
+        states: returns states of `mechanism` over its whole range; called if a file has no motion.
         progress: see `Progress`.
 
     Returns:
-        A report of the measurements and findings; its `verdict` is "unchecked" if a file could not be read or nothing
-        could be checked.
+        A report of the measurements and findings; its `verdict` is "unchecked" if a file could not be read, nothing
+        could be checked, or the geometry of a file could not be compared with the `mechanism`.
 
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
     """
     path, tell = Path(path), progress or (lambda label, fraction: None)
     if (path / SCENE).is_file():
-        contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, tell))
+        contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, None, tell))
     else:
-        contents, ledgers = _audited(path, truth or {}, mechanism, tell)
+        drawn = None if states is None else cache(states)
+        contents, ledgers = _audited(path, truth or {}, mechanism, drawn, tell)
     return finished(str(path), [c.as_facts() for c in contents], ledgers)
 
 
 def _audited(
-    path: Path, truth: Truth, mechanism: Mechanism | None, tell: Progress
+    path: Path, truth: Truth, mechanism: Mechanism | None, states: Callable[[], States] | None, tell: Progress
 ) -> tuple[list[Content], list[Ledger]]:
     """Read the files of one robot and compare the files with each other; return (contents, ledgers)."""
     found = find(path)
     contents: list[Content] = []
     ledgers: list[Ledger] = []
-    for ledger, content in _read(found, tell):
+    for ledger, content in _read(found, tell, states):
         ledgers.append(ledger)
         if content is not None:
             contents.append(content)
@@ -107,10 +113,19 @@ def _audited(
             check_sense(content, _gravity(contents, content, mechanism))
         tell("compare", 0.9)
         refs = references(contents, truth)
+        expected = None if mechanism is None else mechanism_physics(mechanism)
+        if states is not None and any(clip.name == CLIP for c in contents for clip in c.clips):
+            refs[CLIP] = Reference(states().clip(), MECHANISM)
         compare(contents, refs)
+        strangers: list[Content] = []
+        if expected is not None:
+            strangers = _compare_still(contents, expected, states)
         compare_rest(contents)
         compare_shapes(contents)
-        compare_physics(contents, None if mechanism is None else mechanism_physics(mechanism))
+        compare_physics([c for c in contents if c not in strangers], expected)
+        compare_physics(strangers)
+        if expected is not None:
+            _check_placed(contents, expected)
         check_claims(contents)
         for file in found.readmes:
             ledgers.append(Ledger(found.name(file), "twin.exchange.audit readme", "1"))
@@ -123,6 +138,39 @@ def _audited(
             hashes.append(str(proof.get("model_hash", "")))
         compare_hashes(contents, next(filter(None, hashes), ""))
     return contents, ledgers
+
+
+def _compare_still(
+    contents: Sequence[Content], expected: Physics, states: Callable[[], States] | None
+) -> list[Content]:
+    """Compare files without motion with the mechanism; return those whose links have other names in the end."""
+    strangers = []
+    for content in contents:
+        if content.clips:
+            continue
+        compare_joints(content, expected)
+        named = {*content.rest, *(content.physics.links if content.physics else ())}
+        if states is not None and not same_names(named, expected.links):
+            compare_states(content, expected, states())
+            if content.physics and not same_names(content.physics.links, expected.links):
+                strangers.append(content)
+    return strangers
+
+
+def _check_placed(contents: Sequence[Content], expected: Physics) -> None:
+    """Report files whose geometry could not be compared with the mechanism: their agreement would be empty."""
+    if all(joint.kind == "free" for joint in expected.joints):  # every pose of every body is possible
+        return
+    for content in contents:
+        findings = content.ledger.findings
+        if content.ledger.placed or any(f.code == "audit.not_compared" for f in findings):
+            continue
+        text = (
+            f"{content.file} could not be compared with {MECHANISM}: neither the names nor the structure of its links "
+            f"and joints are those of {', '.join(expected.links[:3])}, …"
+        )
+        advice = "give links and joints the names of the robot, or audit the file with an export of the robot"
+        content.ledger.add("audit.not_compared", "error", text, suggestion=advice)
 
 
 def _gravity(contents: Sequence[Content], content: Content, mechanism: Mechanism | None) -> list[np.ndarray]:
@@ -141,11 +189,11 @@ def key_times(path: str | Path) -> dict[str, np.ndarray]:
     found = find(Path(path))
     if found.tracks:  # tracks contain all key times and are fast to read
         found = Found(found.root, tracks=found.tracks)
-    contents = [c for _, c in _read(found, lambda label, fraction: None) if c is not None]
+    contents = [c for _, c in _read(found, lambda label, fraction: None, None) if c is not None]
     return {name: ref.clip.times for name, ref in references(contents, {}).items()}
 
 
-def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None]]:
+def _read(found: Found, tell: Progress, states: Callable[[], States] | None) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
     stages = (*found.stages, *found.usdz)
     if stages:
@@ -158,7 +206,8 @@ def _read(found: Found, tell: Progress) -> Iterator[tuple[Ledger, Content | None
     ]
     tracks: list[Content] = []
     for trees in (found.mjcf, found.urdf):
-        jobs += [(partial(_tree, tracks=tracks, models=[t.stem for t in trees]), p) for p in trees]
+        models = [t.stem for t in trees]
+        jobs += [(partial(_tree, tracks=tracks, models=models, states=states), p) for p in trees]
     for i, (read, path) in enumerate(jobs):
         name = found.name(path)
         tell(f"read {name}", 0.9 * i / len(jobs))
@@ -228,11 +277,18 @@ def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
     return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
 
 
-def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[str]) -> Content | None:
+def _tree(
+    path: Path,
+    ledger: Ledger,
+    tracks: list[Content],
+    models: Sequence[str],
+    states: Callable[[], States] | None,
+) -> Content | None:
     """Read an MJCF or URDF file, and compute its link poses for the joint values of every track.
 
     `models` contains the names, without suffix, of all model files of this format. A model can be valid for a single
-    clip, because each clip can have different trocar positions.
+    clip, because each clip can have different trocar positions. Without a track, the link poses are computed for the
+    drawn `states` of the mechanism.
     """
     admit(path)
     if path.suffix.lower() == ".urdf":
@@ -253,7 +309,10 @@ def _tree(path: Path, ledger: Ledger, tracks: list[Content], models: Sequence[st
                 tree.content.clips.append(tree.play(clip))
         low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
         tree.check_limits(track.file, low, high)
-    if not tracks:
+    names = tree.content.rest
+    if not tree.content.clips and states is not None and same_names(names, states().links):
+        tree.content.clips.append(tree.play(states().clip()))
+    elif not tracks:
         text = "there is no track with joint values, so this file's link poses along the motions are not checked."
         ledger.add("compare.no_track", "info", text)
     return tree.content

@@ -189,7 +189,7 @@ def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> Non
     _check_motions(text, contents, ledger)
     _check_list(text, contents, ledger)
     wrong = [f for f in ledger.found if f.severity != "info"]
-    ledger.row("README.txt against the files", float(len(wrong)), "found", 0.0)
+    ledger.row("README.txt against the files", float(len(wrong)), "found", 0.0, against="the files")
 
 
 def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: Ledger) -> None:

@@ -11,7 +11,7 @@ from twin.exchange.audit.between import midway
 from twin.exchange.audit.diagnose import why
 from twin.exchange.audit.motion import Clip, Content, largest
 from twin.exchange.audit.poses import Array, angle
-from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, Measured, quantity, told_apart, um
+from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, Measured, quantity, told_apart, um
 
 TIME_TOL = 1e-5
 """Maximum difference in s between the times of the same key in two files; glTF stores times in single precision."""
@@ -41,9 +41,7 @@ def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Map
     The reference for a clip is `truth` if it contains the clip, else the clip's track, else the first file with it. A
     .usdz is a reference only if no other file has a motion.
     """
-    out = {
-        name: Reference(Clip(name, np.asarray(t, float), links), "the mechanism") for name, (t, links) in truth.items()
-    }
+    out = {name: Reference(Clip(name, np.asarray(t, float), links), MECHANISM) for name, (t, links) in truth.items()}
     # A stage does not state the name of its clip, which is then that of the file: <robot>_<clip>. The other files do.
     stated = {clip.name: clip for c in contents if c.format not in (*STAGES, "usdz") for clip in c.clips}
     tracked = any(c.format == "tracks" for c in contents)
@@ -127,7 +125,8 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
     if len(mine):
         off = np.abs(clip.times[mine] - ref.clip.times[its])
         k = int(np.argmax(off))
-        ledger.row(f"{label}: key times {against}", float(off[k]), "s", TIME_TOL, when=_at(clip.times[mine][k]))
+        when = _at(clip.times[mine][k])
+        ledger.row(f"{label}: key times {against}", float(off[k]), "s", TIME_TOL, when=when, against=ref.source)
     if (len(clip.times) == len(ref.clip.times) and len(mine) < len(its)) or len(mine) < 2 < len(clip.times):
         mine = its = np.arange(min(len(clip.times), len(ref.clip.times)))  # times differ: compare key by key
     missing = [n for n in ref.clip.links if n not in clip.links]
@@ -149,7 +148,9 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
         ("position", far, rows[far][0], rows[far][1], "m", POSITION_TOL),
         ("rotation", turned, rows[turned][2], rows[turned][3], "rad", ROTATION_TOL),
     ):
-        ledger.row(f"{label}: {kind} {against}, {count}", worst, unit, tolerance, where=link, when=_at(times[k]))
+        check = f"{label}: {kind} {against}, {count}"
+        ledger.row(check, worst, unit, tolerance, where=link, when=_at(times[k]), against=ref.source)
+    ledger.placed |= ref.source == MECHANISM
     wrong = [n for n in shared if not (rows[n][0] <= POSITION_TOL and rows[n][2] <= ROTATION_TOL)]
     reason = why(found, meant) if wrong else ""
     for n in sorted(wrong, key=lambda n: -rows[n][0]):
@@ -206,7 +207,7 @@ def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> 
         link = max(shared, key=lambda n: off[n][at])
         worst, k = off[link][at], int(off[link][at + 1])
         check = f"clip '{name}': {kind} halfway between keys against {ref.source}"
-        content.ledger.row(check, worst, unit, limit, where=link)
+        content.ledger.row(check, worst, unit, limit, where=link, against=ref.source)
         if not worst <= limit:
             size = um(worst, limit) if unit == "m" else Measured(np.degrees(worst), np.degrees(limit), "deg")
             text = (
@@ -242,7 +243,7 @@ def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, min
                 "compare.joint", message, n, size=Measured(off[k], tolerance), when=_at(clip.times[mine][k])
             )
     text = f"clip '{name}': joint values against {ref.source}, {len(shared)} joints"
-    content.ledger.row(text, worst, "rad or m", ROTATION_TOL, where=where, when=when)
+    content.ledger.row(text, worst, "rad or m", ROTATION_TOL, where=where, when=when, against=ref.source)
 
 
 def _common(a: Array, b: Array) -> tuple[Array, Array]:
@@ -323,8 +324,12 @@ def compare_rest(contents: Sequence[Content]) -> None:
         apart = {n: float(np.linalg.norm(content.rest[n][:3, 3] - first.rest[n][:3, 3])) for n in shared}
         turn = {n: float(angle(content.rest[n][:3, :3], first.rest[n][:3, :3])) for n in shared}
         far, turned = max(apart, key=lambda n: apart[n]), max(turn, key=lambda n: turn[n])
-        content.ledger.row(f"rest: position against {first.file}", apart[far], "m", POSITION_TOL, where=far)
-        content.ledger.row(f"rest: rotation against {first.file}", turn[turned], "rad", ROTATION_TOL, where=turned)
+        for kind, worst, unit, tolerance, link in (
+            ("position", apart[far], "m", POSITION_TOL, far),
+            ("rotation", turn[turned], "rad", ROTATION_TOL, turned),
+        ):
+            check = f"rest: {kind} against {first.file}"
+            content.ledger.row(check, worst, unit, tolerance, where=link, against=first.file)
         if (apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL) and (clip := _begins(content)):
             text = f"the rest pose is the first pose of clip '{clip}'; it differs from the rest pose of {first.file}."
             content.ledger.add("compare.rest", "info", text, clip)
@@ -365,7 +370,8 @@ def compare_shapes(contents: Sequence[Content]) -> None:
             elif a.closed and b.closed and abs(a.volume - b.volume) > 0.01 * abs(b.volume):
                 text = f"the volume of link '{name}' is {a.volume:.4g} m3; in {first.file} it is {b.volume:.4g} m3."
                 content.ledger.wrong("compare.volume", text, name, size=Measured(a.volume, b.volume, "m3"))
-        content.ledger.row(f"shapes of links against {first.file}", worst, "m", BOX_TOL, where=where)
+        check = f"shapes of links against {first.file}"
+        content.ledger.row(check, worst, "m", BOX_TOL, where=where, against=first.file)
 
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:

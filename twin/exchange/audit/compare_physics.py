@@ -20,14 +20,15 @@ from twin.exchange.audit.colors import Rgba, apart
 from twin.exchange.audit.motion import Content, Shape
 from twin.exchange.audit.physics import TOOL, WORLD, Joint, Physics
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured, quantity
-
-TRUTH = "the mechanism"
+from twin.exchange.audit.report import MECHANISM, Ledger, Measured, quantity
 
 _TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
 _FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
 """Name of the source for a format, if different from the format: formats written from the same data are one source."""
 
+
+_GEOMETRY = ("place", "axis", "pose", "zero")
+"""Quantities that show where the joints of a robot are."""
 
 _ZERO = 1e-6
 """Maximum absolute value of a coupling's ratio that counts as zero (rounding of single precision).
@@ -136,6 +137,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "place": Compared(_line, 2e-6, "m"),
     "axis": Compared(_sense, 1e-5),
     "pose": Compared(_place, 5e-6, "m"),
+    "zero": Compared(_place, 5e-6, "m"),
     "limits": Compared(_ends, 1e-5, "m or rad"),
     "driven": Compared(_word, 0.0),
     "stiffness": Compared(_number, 1e-5, "N/m or N m/rad", True),
@@ -200,7 +202,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
         if c.physics is not None or c.shapes
     ]
     if truth is not None:
-        views.append(View(TRUTH, "truth", None, truth))
+        views.append(View(MECHANISM, "truth", None, truth))
     views.sort(key=_trust)
     if len(views) < 2:
         return
@@ -228,6 +230,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
                 view.said.setdefault((subject, "existence"), False)
     subjects = dict.fromkeys(key for v in views for key in v.said)
     worst: dict[str, dict[str, tuple[float, str]]] = {}
+    alone = truth is not None and len(views) == 2
     for subject, name in subjects:
         saying = [v for v in views if (subject, name) in v.said]
         if len(saying) > 1:
@@ -237,9 +240,9 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
             for name, (off, where) in worst.get(view.file, {}).items():
                 q = QUANTITIES[name]
                 unit = "" if q.relative else q.unit
-                view.ledger.row(
-                    f"{_WORDS.get(name, name)} against the other files", min(off, 1e300), unit, q.tolerance, where=where
-                )
+                others = MECHANISM if alone else "the other files"
+                check = f"{_WORDS.get(name, name)} against {others}"
+                view.ledger.row(check, min(off, 1e300), unit, q.tolerance, where=where, against=others)
 
 
 # --------------------------------------------------------------------------------------------- values of each file
@@ -451,9 +454,10 @@ def _state_joint(view: View, name: str, joint: Joint, canonical: Joint, movable:
         place = (point, direction) if joint.kind != "prismatic" and not movable else None
         axis = None if direction is None else (direction, not joint.tied)
         view.say(f"{subject} on '{link}'", {"place": place, "axis": axis})
-    if joint.kind == "fixed" and joint.T is not None and joint.parent and not movable:
+    placed = joint.kind in ("fixed", "revolute", "prismatic") and not joint.tied
+    if placed and joint.T is not None and joint.parent and not movable:
         first = joint if joint.parent < joint.child else joint.turned()
-        view.say(subject, {"pose": first.T})
+        view.say(subject, {"pose" if joint.kind == "fixed" else "zero": first.T})
     d = joint.drive
     if joint.kind in ("revolute", "prismatic"):
         drive = {
@@ -482,7 +486,10 @@ def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
         else:
             groups.append([view])
     right = max(groups, key=_weight)
+    expected = any(v.format == "truth" for v in views)
     for view in views:
+        if view.ledger is not None and expected:
+            view.ledger.placed |= name in _GEOMETRY
         off = q.apart(right[0].said[key], view.said[key])
         row = worst.setdefault(view.file, {})
         if name not in row or off > row[name][0]:
@@ -531,7 +538,7 @@ def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: s
         word = _WORDS.get(name, name)
         return f"{subject}: {word} is {mine:.6g} {q.unit}; in {others} it is {right:.6g} {q.unit}{ratio}."
     off = q.apart(mine, right)
-    if name in ("mass centre", "place", "frame pose", "pose"):
+    if name in ("mass centre", "place", "frame pose", "pose", "zero"):
         return f"{subject}: {_WORDS.get(name, name)} differs by {quantity(off, 'm')} from {others}."
     if name == "surface":
         return f"{subject}: a point of its mesh is {quantity(off, 'm')} from the mesh of {others}."
@@ -554,6 +561,7 @@ _SAID = {
 _WORDS = {
     "frame pose": "pose of the frame on its link",
     "pose": "relative pose of the two links",
+    "zero": "relative pose of the two links at zero",
     "place": "axis or centre of the joint",
     "link": "link of the frame",
     "largest effort": "maximum effort",

@@ -59,6 +59,13 @@ class Line:
         """Return the line transformed by the pose T (4, 4), with its direction multiplied by `sign`."""
         return Line(self.kind, T[:3, :3] @ self.point + T[:3, 3], sign * T[:3, :3] @ self.direction)
 
+    def moved(self, q: Array | float) -> Array:
+        """Return the motion (..., 4, 4) of the child, in the parent's frame, for q (...) in m or rad."""
+        if self.kind == "slide":
+            return poses.pose(None, np.multiply.outer(q, self.direction))
+        there = poses.pose(None, self.point)
+        return there @ poses.pose(poses.about(self.direction, q)) @ poses.inverse(there)
+
 
 @dataclass(frozen=True)
 class Drive:

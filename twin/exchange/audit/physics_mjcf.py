@@ -42,6 +42,8 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
         motions = tuple(line.seen(T) for j in own for line in _motions(m, j))
         single = [drives[j] for j in own] if len(own) == 1 else []
         known = [drives[j] for j in own if drives[j].driven]
+        if len(own) == 1 and m.jnt_type[own[0]] in (HINGE, SLIDE):  # a body is placed at `ref`, not at zero
+            T = motions[0].moved(-float(m.qpos0[m.jnt_qposadr[own[0]]])) @ T
         parent = names[m.body_parentid[i]]
         drive = single[0] if single else known[0] if len(known) == 1 else Drive()
         out.joints.append(Joint(_named(m.joint(j).name for j in own), parent, names[i], T, motions, drive))

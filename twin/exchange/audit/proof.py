@@ -37,7 +37,7 @@ def check_proof(path: Path, ledger: Ledger) -> dict[str, Any]:
         if not any(part.startswith(".") for part in Path(name).parts):
             text = f"'{name}' is in the folder, but not listed in proof.json."
             ledger.add("proof.unlisted", "warning", text, name, suggestion="export again, or remove the file")
-    ledger.row(f"hashes of {len(rows)} files", float(wrong), "differ", 0.0)
+    ledger.row(f"hashes of {len(rows)} files", float(wrong), "differ", 0.0, against="proof.json")
     if data.get("verdict") not in ("agree", None):
         text = f"the verdict in proof.json is '{data['verdict']}': the audit at the export found a fault."
         ledger.wrong("proof.verdict", text, "verdict")

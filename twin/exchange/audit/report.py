@@ -22,6 +22,9 @@ POSITION_TOL = 1e-6
 ROTATION_TOL = 1e-4
 """Maximum angle in rad between the rotations of a link in two files that agree."""
 
+MECHANISM = "the mechanism"
+"""Name of the expected mechanism as a source of values."""
+
 MOST = 5
 """Maximum number of findings with the same code in one file; the last finding states how many were omitted."""
 
@@ -40,6 +43,7 @@ class Check:
         verdict: "agree", "disagree" or "unchecked".
         where: link, or other object, with the deviation `worst`.
         when: time at which the deviation is `worst`.
+        against: what the file is compared with: "the mechanism", or the name of a file; "" for a check of one file.
     """
 
     check: str
@@ -52,6 +56,7 @@ class Check:
     verdict: Verdict
     where: str = ""
     when: str = ""
+    against: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the check as plain data for JSON."""
@@ -76,12 +81,25 @@ class AuditReport(Result):
         """Return the report as plain data for JSON."""
         return {"path": self.path, "files": self.files, "checks": [c.as_dict() for c in self.checks]}
 
+    @property
+    def headline(self) -> str:
+        """The verdict in one sentence; it states what could not be checked, and whether anything was compared."""
+        if self.verdict == "disagree":
+            return "FAIL: files are invalid or inconsistent with each other; see the findings"
+        if self.verdict == "unchecked":
+            causes = [f for f in self.findings if f.severity == "error"]
+            more = f" And {len(causes) - 1} more, see the findings." if len(causes) > 1 else ""
+            return f"UNCHECKED: {causes[0].message}{more}"
+        if any(c.against for c in self.checks):
+            return "PASS: all files are valid and consistent with each other"
+        return "VALID: the file is well formed; there is nothing to compare it with"
+
     def text(self, everything: bool = False) -> Iterator[Part]:
         """Yield the parts of the report: files, the worst check of each kind, all findings except notes.
 
         If `everything` is True, all checks and all findings are included.
         """
-        yield f"{self.path}\n\n  {_VERDICTS[self.verdict]}\n"
+        yield f"{self.path}\n\n  {self.headline}\n"
         if self.files:
             rows = [
                 (f["file"], *(str(f.get(k, "")) for k in ("units", "up_axis", "handedness")), _links(f), _clips(f))
@@ -102,11 +120,6 @@ class AuditReport(Result):
         )
 
 
-_VERDICTS = {
-    "agree": "PASS: all files are valid and consistent with each other",
-    "disagree": "FAIL: files are invalid or inconsistent with each other; see the findings",
-    "unchecked": "UNCHECKED: a file could not be read, or nothing could be checked",
-}
 _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
 
 
@@ -197,7 +210,8 @@ def um(value: float, limit: float | None = None) -> Measured:
 class Ledger:
     """Collection of checks and findings on one file, filled while the file is read.
 
-    `file` is the name of the file as shown in reports, relative to the audited folder.
+    `file` is the name of the file as shown in reports, relative to the audited folder. `placed` is whether geometry
+    of the file (poses of links, positions of joints) has been compared with the mechanism.
     """
 
     file: str
@@ -205,6 +219,7 @@ class Ledger:
     version: str = ""
     checks: list[Check] = field(default_factory=list)
     found: list[Finding] = field(default_factory=list)
+    placed: bool = False
     _count: Counter = field(default_factory=Counter)
 
     def add(
@@ -243,8 +258,9 @@ class Ledger:
         where: str = "",
         when: str = "",
         fits: bool | None = None,
+        against: str = "",
     ) -> None:
-        """Add a check; its verdict is "agree" or "disagree".
+        """Add a check; its verdict is "agree" or "disagree"; for the arguments see `Check`.
 
         If `fits` is given, the verdict is "agree" if `fits` is True. Otherwise, the verdict is "agree" if `worst` is at
         most `tolerance`, or if one of these two values is None.
@@ -253,7 +269,8 @@ class Ledger:
             fits = worst is None or tolerance is None or bool(worst <= tolerance)
         number = None if worst is None or not math.isfinite(worst) else float(worst)
         says: Verdict = "agree" if fits else "disagree"
-        self.checks.append(Check(check, self.file, self.tool, self.version, number, unit, tolerance, says, where, when))
+        source = (self.file, self.tool, self.version)
+        self.checks.append(Check(check, *source, number, unit, tolerance, says, where, when, against))
 
     @property
     def findings(self) -> list[Finding]:
