@@ -69,7 +69,7 @@ BAD = {
     "error_no_joints.usda": "no joints, so there is no mechanism",
     "error_not_usda.usda": "is not a readable USD file",
     "error_rotation_of_nothing.usda": "joint /fourbar/crank_joint: physics:localRot1: quaternion (w, x, y, z) = [0.0,",
-    "error_scaled_body.usda": "rigid body /fourbar/coupler is scaled by (1, 2, 1). Scale the meshes below the body ",
+    "error_scaled_body.usda": "rigid body /fourbar/coupler is scaled by (1, 2, 1), mirrored. Scale the meshes below ",
     "error_unknown_body.usda": "joint /fourbar/crank_joint: physics:body1 points to /fourbar/krank, but must point to",
     "error_ball_limited.xml": "ball joint 'r' has a range of its rotation angle, which is not supported",
     "error_locked_joint.xml": "equality 'equality0' locks joint 'q': remove the joint",

@@ -193,10 +193,16 @@ class Scene:
             T = spatial.pose(self.R_world_stage) @ T
         return T
 
-    def size(self, prim: Usd.Prim) -> float:
-        """Return the scale of a uniformly scaled prim: length in units of the stage per length in units of the prim."""
-        size = float(np.cbrt(abs(np.linalg.det(self.raw_transform(prim)[:3, :3]))))
-        return 1.0 if abs(size - 1) <= SCALE_TOL else size
+    def size(self, prim: Usd.Prim) -> Array:
+        """Return the scale (3,) along the axes of a prim: length in units of the stage per length in units of the prim.
+
+        A scale that is uniform up to rounding errors is returned with three equal numbers.
+        """
+        axes = self.raw_transform(prim)[:3, :3]
+        sizes = np.linalg.norm(axes, axis=0)
+        if np.ptp(sizes) <= SCALE_TOL * sizes.max():
+            sizes = np.full(3, np.cbrt(abs(np.linalg.det(axes))))
+        return np.ones(3) if np.abs(sizes - 1).max() <= SCALE_TOL else sizes
 
     def relative(self, prim: Usd.Prim, body: Usd.Prim) -> Array:
         """Return T_body_prim (4, 4) of a prim below a body, in units of the body, with scale.

@@ -109,7 +109,7 @@ BAD = {
     "error_scaled_body.usda": (
         USD,
         'double3 xformOp:translate = (0, 10, 0)\n        uniform token[] xformOpOrder = ["xformOp:translate"]',
-        'double3 xformOp:scale = (1, 2, 1)\n        uniform token[] xformOpOrder = ["xformOp:scale"]',
+        'double3 xformOp:scale = (1, 2, -1)\n        uniform token[] xformOpOrder = ["xformOp:scale"]',
     ),
     "error_distance_joint.usda": (USD, 'PhysicsRevoluteJoint "wrist"', 'PhysicsDistanceJoint "wrist"'),
     "error_limits_swapped.usda": (USD, "physics:upperLimit = 57.29578", "physics:upperLimit = -90"),

@@ -66,15 +66,15 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     rotations the precision of the orient op. Gravity is that of the robot (`twin:gravity`), else of the physics scene.
 
     The first body is the first of these that exists: the body named by `twin:base`; the body fixed to the world; the
-    articulation root; the only body that is never a child. If the frame of this body is the frame of the world, it is
-    the base. Otherwise, and if other joints connect to the world, the base is an added body "world". If no joint
-    connects the robot to the world, it floats: a free joint connects its first body to an added body "world". `root` is
-    the prim path of the robot, if the stage has several robots.
+    articulation root; the first body that is never a child; the first body of the stage. If the frame of this body is
+    the frame of the world, it is the base. Otherwise, and if other joints connect to the world, the base is an added
+    body "world". If no joint connects the robot to the world, it floats: a free joint connects its first body to an
+    added body "world". `root` is the prim path of the robot, if the stage has several robots.
 
     Raises:
-        StageError: the file is missing or not USD; it has no bodies or joints, several robots or an ambiguous base; a
-            body is scaled non-uniformly or mirrored; a joint is invalid or cannot be expressed; or a mesh uses vertices
-            that do not exist.
+        StageError: the file is missing or not USD; it has no bodies or joints, several robots or several fixed bodies;
+            a body is mirrored or sheared, or an ancestor of a body is scaled non-uniformly; a joint is invalid or
+            cannot be expressed; or a mesh uses vertices that do not exist.
     """
     scene = Scene(path)
     _refuse_unknown_types(scene)

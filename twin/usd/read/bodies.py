@@ -17,22 +17,27 @@ from twin.usd.scan import SCALE_TOL, Scene, rigid
 
 
 def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
-    """Add a note to `notes` if a body is uniformly scaled; the lengths of the body are read at the scaled size.
+    """Add a note to `notes` if a body is scaled; the lengths of the body are read at the scaled size.
+
+    The scale of the body may differ along its axes, as in UsdPhysics: it applies to shapes, joints and centre of mass,
+    but not to mass and inertia. The scale of the body's ancestors must be uniform.
 
     Raises:
-        StageError: the body or an ancestor is mirrored or scaled non-uniformly, so that frames and masses are
-            ambiguous.
+        StageError: the body is mirrored or sheared, or an ancestor is scaled non-uniformly, so that the shape of the
+            body would change with its orientation.
     """
     axes = scene.raw_transform(body)[:3, :3]
+    above = scene.raw_transform(body.GetParent())[:3, :3] if UsdGeom.Xformable(body.GetParent()) else np.eye(3)
     size = scene.size(body)
-    if np.linalg.det(axes) > 0 and np.abs(axes.T @ axes - size**2 * np.eye(3)).max() <= 2 * SCALE_TOL * size**2:
-        if size != 1.0:
+    if np.linalg.det(axes) > 0 and _scales(axes, size) and _scales(above, np.full(3, np.cbrt(np.linalg.det(above)))):
+        if np.any(size != 1.0):
             where = str(body.GetPath())
-            text = f"{where} is scaled by {size:.6g} (including parents): lengths are read at the scaled size"
+            shown = f"{size[0]:.6g}" if np.ptp(size) == 0 else _listed(size)
+            text = f"{where} is scaled by {shown} (including parents): lengths are read at the scaled size"
             notes.append(info("stage.read.scaled", where, text))
         return
     prim, scale = _culprit(body)
-    shown = f"({', '.join(f'{s:.6g}' for s in scale)}){', mirrored' if np.linalg.det(axes) < 0 else ''}"
+    shown = f"{_listed(scale)}{', mirrored' if np.linalg.det(axes) < 0 else ''}"
     above = "" if prim == body else f", because of the scale of its ancestor {prim.GetPath()}"
     raise StageError(
         f"{scene.path}: rigid body {body.GetPath()} is scaled by {shown}{above}. Scale the meshes "
@@ -40,8 +45,17 @@ def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
     )
 
 
+def _scales(axes: Array, size: Array) -> bool:
+    """Return whether `axes` (3, 3) are a rotation times the scale `size` (3,) along the axes, without shear."""
+    return bool(np.abs(axes.T @ axes - np.diag(size**2)).max() <= 2 * SCALE_TOL * size.max() ** 2)
+
+
+def _listed(scale: Array) -> str:
+    return f"({', '.join(f'{s:.6g}' for s in scale)})"
+
+
 def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
-    """Return (prim, scale (3,)) of the body or ancestor whose scale is not uniform."""
+    """Return (prim, scale (3,)) of the body that is mirrored or sheared, or of its ancestor with an uneven scale."""
     prim = body
     while prim and not prim.IsPseudoRoot():
         own = (
@@ -50,7 +64,8 @@ def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
             else np.eye(3)
         )
         size = np.linalg.norm(own, axis=0)
-        if np.ptp(size) > SCALE_TOL * size.max() or np.linalg.det(own) < 0:
+        even = np.ptp(size) <= SCALE_TOL * size.max()
+        if np.linalg.det(own) < 0 or not _scales(own, size) or not (even or prim == body):
             return prim, size
         prim = prim.GetParent()
     return body, np.linalg.norm(gf.affine(UsdGeom.XformCache().GetLocalToWorldTransform(body))[:3, :3], axis=0)

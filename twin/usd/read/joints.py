@@ -41,8 +41,8 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
     receives findings on unconnected bodies and disabled joints, which are omitted.
 
     Raises:
-        StageError: there are no bodies or joints, a joint is invalid, there are several robots, or the base is
-            ambiguous.
+        StageError: there are no bodies or joints, a joint is invalid, there are several robots, or several bodies are
+            fixed to the world.
     """
     within = (lambda path: path == root or path.startswith(f"{root}/")) if root else (lambda path: True)
     bodies = [p for p in scene.bodies if within(p)]
@@ -78,7 +78,7 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
         if p not in robots[0]
     )
     joints = [j for j in joints if _touches(j, robots[0])]
-    base, anchor = _base(scene, place, members, joints)
+    base, anchor = _base(scene, place, members, joints, notes)
     joints = [j for j in joints if j is not anchor]
     if not scene.is_stated_base(base):  # else the joints have the order of the description: the last ones close loops
         joints = sorted(joints, key=lambda j: j.excluded)
@@ -164,8 +164,14 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
     return list(groups.values())
 
 
-def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -> tuple[str, RawJoint | None]:
-    """Return (prim path of the base, or "" for the world; joint that only fixes the base, or None)."""
+def _base(
+    scene: Scene, place: str, bodies: list[str], joints: list[RawJoint], notes: list[Finding]
+) -> tuple[str, RawJoint | None]:
+    """Return (prim path of the base, or "" for the world; joint that only fixes the base, or None).
+
+    Each body of a robot without a joint to the world can be its base, because the robot floats; `notes` says which
+    body was chosen.
+    """
     grounded = [j for j in joints if not all(e.body for e in j.ends)]
     fixed = {next(e.body for e in j.ends if e.body): j for j in grounded if j.type == "fixed"}
     for body in bodies:
@@ -185,12 +191,14 @@ def _base(scene: Scene, place: str, bodies: list[str], joints: list[RawJoint]) -
         return roots[0], None
     children = {j.ends[1].body for j in joints if not j.excluded}
     never = [b for b in bodies if b not in children]
-    if len(never) == 1:
-        return never[0], None
-    raise StageError(
-        f"{place}: the base is ambiguous: no joint fixes a body to the world; candidates: "
-        f"{', '.join(never or bodies)}. Fix one candidate with a PhysicsFixedJoint whose body0 is empty."
-    )
+    candidates = never or roots or bodies
+    if len(candidates) > 1:
+        text = (
+            f"no joint fixes a body to the world, and the stage names no base: {candidates[0]} becomes the base of the "
+            f"floating robot, which each of {len(candidates)} bodies could be"
+        )
+        notes.append(info("stage.read.base", candidates[0], text))
+    return candidates[0], None
 
 
 def _cone(joint: RawJoint) -> float | None:
