@@ -256,3 +256,41 @@ def test_a_file_that_only_includes_a_model_of_a_server_says_what_is_missing(tmp_
     path.write_text('<sdf version="1.9"><include><uri>https://example.com/models/atmos</uri></include></sdf>')
     with pytest.raises(SourceError, match=r"no <model>, and include https://example\.com/models/atmos is missing"):
         read_sdf(path)
+
+
+COLORS = {
+    "0.1 0.2 0.3 0.4": (0.1, 0.2, 0.3, 0.4),
+    "0.1 0.2 0.3": (0.1, 0.2, 0.3, 1.0),
+    "0.1 0.2 0.3 0 1": None,
+    "": None,
+    "red": None,
+    "0.1 0.2 nan 1": None,
+}
+"""What a colour says in a file of the field, and the colour that is read; None: grey, with a warning."""
+
+
+@pytest.mark.parametrize("written", COLORS)
+@pytest.mark.parametrize("suffix", [".urdf", ".sdf"])
+def test_a_wrong_colour_is_told_and_grey(tmp_path, written, suffix):
+    if suffix == ".urdf":
+        shape = f'<visual><geometry><sphere radius="0.1"/></geometry><material name="m"><color rgba="{written}"/>'
+        found = read(tmp_path, text(shape=f"{shape}</material></visual>"))
+        mesh = found.mechanism.body("a").meshes[0]
+    else:
+        visual = f"<geometry><sphere><radius>0.1</radius></sphere></geometry><material><diffuse>{written}</diffuse>"
+        content = PART.format(name="arm", include="").replace(
+            '<link name="arm_link"/>', f'<link name="arm_link"><visual name="v">{visual}</material></visual></link>'
+        )
+        (tmp_path / "arm.sdf").write_text(content)
+        found = read_sdf(tmp_path / "arm.sdf")
+        mesh = found.mechanism.body("arm_link").meshes[0]
+    right = COLORS[written] or (0.8, 0.8, 0.8, 1.0)
+    said = [f.message for f in found.findings if f.code == "import.color"]
+    assert len(said) == (COLORS[written] is None)
+    np.testing.assert_allclose(mesh.color_rgba, (*linear(right[:3]), right[3]), atol=1e-6)
+
+
+def linear(color):
+    """Return linear components for sRGB components, by the formula of IEC 61966-2-1."""
+    c = np.asarray(color)
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)

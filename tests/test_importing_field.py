@@ -15,6 +15,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import twin
+from twin.exchange.audit.meshes import check_mesh
+from twin.exchange.audit.report import Ledger
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
@@ -374,6 +376,53 @@ def test_a_sheet_shows_no_density(tmp_path):
     found = imported(tmp_path, "arm.urdf", text)
     assert found.mechanism.body("l1").whole
     assert wrong(audited(tmp_path, found, ("mjcf", "urdf"))) == []
+
+
+@pytest.mark.slow
+def test_a_sheet_with_two_sides_is_not_inside_out(tmp_path):
+    """Its volume is a rounding error, with another sign in each format."""
+    rng = np.random.default_rng(5)
+    shapes = ""
+    for i in range(3):
+        outline = np.array([(0, 0, 0), (0.3, 0.01, 0), (0.31, 0.2, 0), (0, 0.17, 0)])
+        points = outline @ Rotation.random(random_state=rng.integers(99)).as_matrix().T + rng.uniform(-1, 1, 3)
+        corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in points.tolist())
+        (tmp_path / f"{i}.obj").write_text(f"{corners}f 1 2 3\nf 1 3 4\nf 1 3 2\nf 1 4 3\n")
+        shapes += f'<collision><geometry><mesh filename="{i}.obj"/></geometry></collision>'
+    text = serial([(-1.0, 1.0)]).replace('<link name="l1">', f'<link name="l1">{shapes}')
+    found = imported(tmp_path, "arm.urdf", text)
+    assert len(found.mechanism.body("l1").meshes) == 3
+    told = [
+        f for f in audited(tmp_path, found, ("usd", "mjcf", "urdf", "glb")).findings if f.severity == "disagreement"
+    ]
+    assert [f.code for f in told if "winding" in f.code or f.code in ("compare.volume", "physics.density")] == []
+
+
+@pytest.mark.parametrize("thickness", [1e-2, 1e-6])
+def test_a_thin_solid_that_is_inside_out_is_found(thickness):
+    solid = trimesh.creation.box((0.1, 0.2, thickness))
+    for faces, code in ((solid.faces, []), (solid.faces[:, ::-1], ["x.winding"])):
+        ledger = Ledger("file")
+        check_mesh(ledger, "plate", solid.vertices, faces, None, "x")
+        assert [f.code for f in ledger.found] == code
+
+
+def test_an_assumed_mass_is_not_judged_by_the_shape(tmp_path):
+    """The closed bars fill a small part of their bounding box, whose mass the export assumes."""
+    frame = trimesh.util.concatenate([trimesh.creation.box((0.004, 0.004, 0.4)) for _ in range(2)])
+    frame.vertices[8:] += (0.5, 0.5, 0)
+    frame.export(tmp_path / "frame.obj")
+    shape = '<geometry><mesh filename="frame.obj"/></geometry>'
+    bare = f'<link name="l1"><visual>{shape}</visual><collision>{shape}</collision>'
+    found = imported(tmp_path, "arm.urdf", serial([(-1.0, 1.0)]).replace(f'<link name="l1">{INERTIAL}', bare))
+    assert found.mechanism.body("l1").inertia is None
+    assert found.mechanism.body("l1").whole
+    assert wrong(audited(tmp_path, found, ("mjcf", "urdf"))) == []
+    # the same mass as a statement is wrong
+    stated = bare.replace("<visual>", f"{INERTIAL.replace('1', '100', 1)}<visual>", 1)
+    found = imported(tmp_path, "arm.urdf", serial([(-1.0, 1.0)]).replace(f'<link name="l1">{INERTIAL}', stated))
+    report = audited(tmp_path / "stated", found, ("urdf",))
+    assert any(f.code == "physics.density" and f.severity == "disagreement" for f in report.findings)
 
 
 # ----------------------------------------------------------------------------------------------------- weak motors

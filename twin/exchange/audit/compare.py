@@ -367,7 +367,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
                     f"The diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m here, {size:.4g} m in that file."
                 )
                 content.ledger.wrong("compare.shape", text, name, size=Measured(off * 1e3, BOX_TOL * 1e3, "mm"))
-            elif a.closed and b.closed and abs(a.volume - b.volume) > 0.01 * abs(b.volume):
+            elif a.closed and b.closed and abs(a.volume - b.volume) > max(0.01 * abs(b.volume), b.rounding):
                 text = f"the volume of link '{name}' is {a.volume:.4g} m3; in {first.file} it is {b.volume:.4g} m3."
                 content.ledger.wrong("compare.volume", text, name, size=Measured(a.volume, b.volume, "m3"))
         check = f"shapes of links against {first.file}"

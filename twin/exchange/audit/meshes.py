@@ -47,7 +47,7 @@ def check_mesh(
     if mixed:
         text = f"mesh '{where}' is closed, but its faces are not consistently oriented."
         ledger.wrong(f"{code}.winding_mixed", text, where)
-    elif closed and volume < 0:
+    elif closed and volume < -shape.rounding:
         text = f"mesh '{where}' is inside out (volume {volume:.3g} m3): viewers show its inner side."
         ledger.wrong(f"{code}.winding", text, where, size=Measured(volume, 0.0, "m3"))
     if normals is not None:

@@ -29,6 +29,10 @@ FAR = 50.0
 """Distance in m between a link and the origin above which the unit of length is probably wrong."""
 
 
+FLAT = 1e-7
+"""Volume per surface area and diagonal of the bounding box below which a closed mesh is a sheet with two sides."""
+
+
 @dataclass(frozen=True)
 class Shape:
     """Shape of all meshes of one link, in the frame of the link.
@@ -51,6 +55,16 @@ class Shape:
     points: Array
     triangles: Array
     area: float
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the bounding box in m."""
+        return float(np.linalg.norm(self.high - self.low))
+
+    @property
+    def rounding(self) -> float:
+        """Magnitude in m3 below which the volume is a rounding error, as that of a sheet with two sides."""
+        return FLAT * self.area * self.diagonal
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,8 @@ def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
     before = len(ledger.found)
     for link, mass in p.masses.items():
         _check_mass(ledger, link, mass)
-        if np.isfinite(mass.mass) and mass.mass > 0 and link in content.shapes:
+        known = np.isfinite(mass.mass) and mass.mass > 0 and link not in p.assumed
+        if known and link in content.shapes:
             _check_extent(ledger, link, mass, content.shapes[link], link not in p.partly)
     for joint in p.joints:
         if joint.names:
@@ -116,7 +117,7 @@ def _check_extent(ledger: Ledger, link: str, mass: Mass, shape: Shape, whole: bo
             )
             wrong("inertia_too_large", text, gyration, "m", diagonal)
     box = float(np.prod(np.maximum(shape.high - shape.low, SHEET)))
-    volume = shape.volume if shape.closed and shape.volume > 0 else box
+    volume = shape.volume if shape.closed and shape.volume > shape.rounding else box
     if volume == box and np.min(shape.high - shape.low) < SHEET:
         return  # a sheet, such as a sticker or a marker, shows no volume
     if mass.mass / volume > DENSEST:

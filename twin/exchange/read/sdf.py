@@ -16,7 +16,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.sdf_world import robot_of
-from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, served, shows_all, sized
+from twin.exchange.read.shapes import SIZES, Color, mesh_file, placed, served, shows_all, sized, stated_color
 from twin.exchange.read.source import (
     Findings,
     Imported,
@@ -348,8 +348,7 @@ class _Sdf:
             else:
                 self.findings.warn("shape", f"{where}: a <{shape.tag}> is not shown.", name)
             if solid is not None:
-                rgba = element.findtext("material/diffuse")
-                r, g, b, a = map(float, self.xml.numbers(where, "diffuse", rgba, 4, GREY))
+                r, g, b, a = stated_color(element.findtext("material/diffuse"), where, self.findings)
                 a *= 1.0 - self.xml.number(where, "transparency", element.findtext("transparency"), 0.0)
                 color: Color = (r, g, b, min(max(a, 0.0), 1.0))
                 label = identifier(f"{name}_shape") + (f"_{len(out) + 1}" if out else "")

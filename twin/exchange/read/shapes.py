@@ -71,6 +71,25 @@ def sized(
     return primitive(kind, size)
 
 
+def stated_color(text: str | None, where: str, findings: Findings) -> Color:
+    """Return the colour in a text of three or four numbers: red, green, blue and alpha (1 if it is missing).
+
+    Grey without a text; also, with a warning, if the text is not such numbers: a colour is no reason to refuse a robot.
+    """
+    if text is None:
+        return GREY
+    try:
+        values = [float(t) for t in text.split()]
+    except ValueError:
+        values = []
+    if len(values) not in (3, 4) or not np.all(np.isfinite(values)):
+        shown = " ".join(text.split())[:80]
+        findings.warn("color", f"{where}: the colour '{shown}' is not three or four numbers; grey is used.", where)
+        return GREY
+    alpha = values[3] if len(values) == 4 else 1.0
+    return (values[0], values[1], values[2], alpha)
+
+
 def shows_all(link: Element, read: int) -> bool:
     """Return whether the meshes of a link of a URDF or SDF show the whole link.
 

@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.read.closures import Closures, read_closures
-from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, served, shows_all, sized
+from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, served, shows_all, sized, stated_color
 from twin.exchange.read.source import Findings, Imported, Names, along, assemble, limits, named_apart, possible, rpy
 from twin.exchange.read.start import moved
 from twin.exchange.read.xml import Xml
@@ -661,8 +661,7 @@ class _Visuals:
         color = material.find("color") if material is not None else None
         if color is None:
             return self.colors.get(material.get("name", ""), GREY) if material is not None else GREY
-        r, g, b, a = self.xml.numbers(where, "color rgba", color.get("rgba"), 4, GREY)
-        return (float(r), float(g), float(b), float(a))
+        return stated_color(color.get("rgba"), where, self.findings)
 
     def _scale(self, mesh: Element, where: str) -> Array:
         """Return the scale (3,) of a mesh; of more numbers, the first three, with a warning."""

@@ -27,6 +27,9 @@ COM_MARGIN = 1 * MM
 GYRATION = (0.02, 1.0)
 """Plausible range of the maximum radius of gyration, divided by the diagonal of the meshes' bounding box."""
 
+FLAT = 1e-7
+"""Volume per surface area and diagonal of the bounding box below which a closed mesh is a sheet with two sides."""
+
 LARGEST = 20.0
 """Diagonal in m of a link's bounding box above which the unit of length is probably wrong."""
 
@@ -209,9 +212,11 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
             text = f"the extent of mesh {path}, which viewers use for culling, differs from the points"
             yield _EXTENT(path, text, mm(off * scene.meters), mm(slack * scene.meters))
         if _is_closed(triangles):
-            a, b, c = (points[triangles[:, i]] for i in range(3))
+            a, b, c = ((points - real.mean(axis=0))[triangles[:, i]] for i in range(3))
             volume = float(np.sum(a * np.cross(b, c)) / 6) * scene.meters**3
-            if volume < 0:
+            area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2) * scene.meters**2
+            diagonal = float(np.linalg.norm(real[1] - real[0])) * scene.meters
+            if volume < -FLAT * area * diagonal:
                 yield _WINDING(path, f"mesh {path} is inside out: its volume is negative", Quantity(volume, "m3"), 0.0)
 
 
