@@ -49,12 +49,15 @@ NIGHTLY = {
     "twin operate vsrs --task cholecystectomy --mistake cut_outside": "tests/test_procedure.py",
     "twin operate vsrs --task cholecystectomy --seed 1": "tests/test_procedure.py",
     "twin plan davinci_psm around/withdraw --avoid davinci --with psm2=around/across --clearance-mm 2":
-        "tests/test_together.py",
-    "twin plan pa10 --inverse points": "tests/test_column.py",
-    "twin plan raven_left around/dome": "tests/test_planning_bounds.py",
-    "twin run davinci_ecm": "tests/test_davinci.py",
-    "twin run davinci_psm": "tests/test_davinci.py",
-    "twin run davinci_psm_si": "tests/test_davinci.py",
+        "test_two_arms_of_a_scene_pass_each_other_and_one_stays_where_its_phases_end",
+    "twin plan pa10 --inverse points": "tests/test_point_search.py",
+    "twin plan raven_left around/dome": "test_the_way_out_of_the_dome_is_free_by_exact_geometry",
+    "twin run davinci_ecm":
+        "test_equations_and_mechanism_agree_over_the_range; test_toppra_confirms_every_phase_of_every_protocol",
+    "twin run davinci_psm":
+        "test_equations_and_mechanism_agree_over_the_range; test_toppra_confirms_every_phase_of_every_protocol",
+    "twin run davinci_psm_si":
+        "test_equations_and_mechanism_agree_over_the_range; test_toppra_confirms_every_phase_of_every_protocol",
     "twin run sher": "tests/test_sher.py, each protocol",
     "twin run sils": "make demo",
     "twin run vsrs": "test_three_robots_work_without_meeting",
@@ -63,8 +66,8 @@ NIGHTLY = {
     "twin serve davinci --haptics on": "tests/test_headset_page_haptics.py",
     "twin serve davinci --packets 9870": "tests/test_headset_page_packets.py",
     "twin serve davinci --session hands.session": "tests/test_headset_page_camera.py, with a task",
-    "twin serve davinci --session p7-1.session --participant 7 --run 1": "tests/test_headset_page_haptics.py",
-    "twin serve davinci --session p7-2.session --participant 7 --run 2": "tests/test_headset_page_haptics.py",
+    "twin serve davinci --session p7-1.session --participant 7 --run 1": "tests/test_haptics.py, test_haptics_world.py",
+    "twin serve davinci --session p7-2.session --participant 7 --run 2": "tests/test_haptics.py, test_haptics_world.py",
     "twin serve davinci --task camera": "tests/test_headset_page_camera.py",
     "twin serve davinci --task pegboard": "tests/test_headset_page_task.py",
     "twin serve davinci": "tests/test_headset_page_console.py",
@@ -85,18 +88,25 @@ NIGHTLY = {
     "twin sweep sils --vary l_p=125..145mm --vary l_2=330..450mm --samples 24": "tests/test_sweeps.py",
     "twin tolerance sher": "tests/test_sweeps.py",
     "twin tolerance sils --protocol table2": "test_the_requirement_of_a_robot_is_its_own",
-    "twin track pa10 circle --inertia cad": "tests/test_track.py",
-    "twin track pa10 circle": "tests/test_track.py",
-    "twin track pa10": "tests/test_track.py",
-    "twin track raven_left reach": "tests/test_raven_motion.py",
+    "twin track pa10 circle --inertia cad": "test_whole_curve_of_the_circle",
+    "twin track pa10 circle": "test_whole_curve_of_the_circle",
+    "twin track pa10": "test_whole_curve_of_the_circle",
+    "twin track raven_left reach": "test_every_kind_of_robot_is_tracked_whatever_closes_its_loops",
     "twin validate again": "tests/test_importing_folder.py",
-    "twin validate davinci_psm --all-protocols": "tests/test_davinci.py",
-    "twin validate davinci_psm_si --all-protocols": "tests/test_davinci.py",
-    "twin validate hibou": "tests/test_lapbot_hibou.py",
-    "twin validate lapbot --all-protocols": "tests/test_lapbot_hibou.py",
-    "twin validate pa10 --all-protocols": "tests/test_column.py",
-    "twin validate raven_left --all-protocols": "tests/test_raven.py",
-    "twin validate raven_right --all-protocols": "tests/test_raven.py",
+    "twin validate davinci_psm --all-protocols":
+        "test_equations_and_mechanism_agree_over_the_range; test_toppra_confirms_every_phase_of_every_protocol",
+    "twin validate davinci_psm_si --all-protocols":
+        "test_equations_and_mechanism_agree_over_the_range; test_toppra_confirms_every_phase_of_every_protocol",
+    "twin validate hibou":
+        "test_an_edited_key_of_a_stage_is_found_and_the_report_names_driver_and_judge, with an edited stage",
+    "twin validate lapbot --all-protocols":
+        "test_toppra_confirms_every_phase_of_every_protocol; tests/test_cad_lapbot_hibou.py",
+    "twin validate pa10 --all-protocols":
+        "test_toppra_confirms_every_phase_of_every_protocol; tests/test_point_search.py",
+    "twin validate raven_left --all-protocols":
+        "test_equations_and_mechanism_agree_over_the_range; test_toppra_confirms_every_phase_of_every_protocol",
+    "twin validate raven_right --all-protocols":
+        "test_equations_and_mechanism_agree_over_the_range; test_toppra_confirms_every_phase_of_every_protocol",
     "twin validate sher --all-protocols": "tests/test_sher.py, each protocol",
     "twin validate sher --protocol phantom": "tests/test_sher.py, each protocol",
     "twin validate sher --sweep --compare serial,mimic": "tests/test_validation_sweep.py",
