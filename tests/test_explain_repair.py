@@ -153,6 +153,7 @@ def test_a_name_that_is_not_there_is_put_right(faulty, sils_model, truth):
     x = explain("sils", formula, sils_model, truth=truth)
     (repair,) = x.repairs
     assert len(repair.rows) == 9  # none of them has a value
+    assert (x.verdict, x.exit_code) == ("unchecked", 2)
     assert not repair.tie
     assert repair.cures[0][0].changes[0].edit == "s_phy -> s_phi"
     assert any("name 's_phy' is not defined" in n for n in x.notes)

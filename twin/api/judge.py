@@ -151,7 +151,7 @@ def explain(
         robot: a robot with CAD (or a stage) and equations.
         variants: variants of the equations to explain; default: the robot's own.
         tolerance: accuracy of the CAD in m; default: ten times the placement precision of the CAD.
-        seconds: time limit in s of the search for two edits in one row.
+        seconds: time limit in s of processor time of the search for edits, numbers and conventions.
         progress: see `Progress`.
 
     Raises:

@@ -18,6 +18,12 @@ from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import read_bytes
 from twin.core.spatial import Array
 
+_TRIED_LENGTH, _TRIED_ANGLE = 0.02, 0.3
+"""Steps of a joint in m and rad to states at which forward equations are tried; see `Robot.path_kinematics`."""
+
+_TRIED_ERROR = 1e-6
+"""Largest difference of tool poses, in m or as an entry of a rotation, with which these equations count as right."""
+
 if TYPE_CHECKING:
     from twin.cad.build import CadModel
     from twin.cad.description import Description
@@ -431,6 +437,24 @@ class Robot:
                 vars(out)[name] = vars(self)[name]
         return out
 
+    def _forward_holds(self, kin: Kinematics) -> bool:
+        """Return whether the forward equations give the mechanism's tool poses at home and with each joint moved."""
+        from twin.core.errors import AssemblyError
+
+        model = self.reference()
+        home = model.home().q
+        active = model.mechanism.active
+        low = np.array([j.limits[0] if j.limits else -np.inf for j in active])
+        high = np.array([j.limits[1] if j.limits else np.inf for j in active])
+        steps = np.diag([_TRIED_ANGLE if j.is_angle else _TRIED_LENGTH for j in active])
+        moved = np.where(home + steps <= high, home + steps, home - steps)
+        try:
+            run = model.run(np.vstack([home, np.clip(moved, low, high)]))
+        except AssemblyError:  # the plan will name the loop that opens
+            return True
+        Ts = kin.forward_many(run.q)
+        return bool(np.nanmax(np.abs(Ts - run.Ts_base_tool), initial=0.0) <= _TRIED_ERROR and np.isfinite(Ts).any())
+
     def path_kinematics(self) -> PathKinematics:
         """Return the limits, the equations (if the robot has any) and the mechanism, for planning."""
         from twin.api.standing import standing
@@ -457,6 +481,8 @@ class Robot:
                 f"{self.name}: the driven joints are {', '.join(order)} in the description, but "
                 f"{', '.join(kin.joints)} in the equations; use the same names in the same order"
             )
+        if not kin.closed_inverse and not self._forward_holds(kin):
+            return mechanical  # an inverse by iteration of wrong equations would try every pose in vain
         inverse = kin.inverse_many
         if self.inverse_by == "points":
             from twin.kinematics.point_search import point_solver

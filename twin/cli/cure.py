@@ -24,11 +24,8 @@ the elapsed time is limited to `_PATIENCE` times this limit.
 
 _PATIENCE = 3.0
 
-_PAIRS = 0.4
-"""Fraction of `SECONDS` for the search for two edits in one row (one equation compared with the mechanism).
-
-The rest of the time is for poses, single edits and numbers.
-"""
+_SEARCH = 0.6
+"""Fraction of `SECONDS` for the search itself; the rest of the time is for poses and checks."""
 
 Progress = Callable[[str, float], None]
 
@@ -76,7 +73,7 @@ class Cures:
                 parameters=kin.parameters,
                 tolerance=Tolerance(*tolerance(report)),
                 progress=bounded,
-                budget=_PAIRS * self.seconds,
+                budget=_SEARCH * self.seconds,
                 root=Path.cwd(),
             )
         except (_LateError, TwinError):  # the report is valid without an explanation

@@ -237,8 +237,11 @@ class Compiled(ABC):
             )
 
     def _named(self, kind: str, Ts: ArrayLike | None, qs: ArrayLike | None) -> dict[str, Array]:
+        names = self.formula.scalars[kind]
+        if not names:  # without an inverse equation, the states would be solved for nothing
+            return {}
         values = self.program.group[kind].many(self._states(Ts, qs))
-        return {name: values[:, i] for i, name in enumerate(self.formula.scalars[kind])}
+        return {name: values[:, i] for i, name in enumerate(names)}
 
     def _states(self, Ts: ArrayLike | None, qs: ArrayLike | None) -> Array:
         """Return the input of the compiled functions: poses (k, 16), or joints (k, n)."""

@@ -111,11 +111,11 @@ def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, 
 def _beyond(kin: Kinematics, drawn: JointRange) -> dict[str, np.ndarray]:
     """Return {name of a row of reach: (k,) bool, whether a state is beyond it} for rows that exclude any state."""
     run = drawn.run
-    rows = dict(kin.reach(Ts=run.Ts_base_tool))
+    rows = dict(kin.reach(Ts=run.Ts_base_tool)) if kin.closed_inverse else {}
     out = {name: ~(margin >= 0) for name, margin in rows.items()}
     if kin.closed_forward:
         for name, margin in kin.reach(qs=run.q).items():
-            out[name] = out[name] | (margin < 0)
+            out[name] = out.get(name, margin < 0) | (margin < 0)
     return {name: beyond for name, beyond in out.items() if beyond.any()}
 
 

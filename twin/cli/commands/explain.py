@@ -20,7 +20,7 @@ def arguments(command: Command) -> None:
     command.robot()
     command.variants(VARIANT)
     command.accuracy()
-    text = "time limit in seconds of the search for two edits in one row (assignment) of an equation"
+    text = "time limit in seconds of processor time of the search for edits, numbers and conventions"
     command.number("--seconds", "S", text, 8.0)
 
 

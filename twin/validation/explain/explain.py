@@ -23,6 +23,7 @@ from twin.reference.boundary import Judged
 from twin.validation.explain.candidate import TOKENS, Candidate, Found
 from twin.validation.explain.conventions import conventions
 from twin.validation.explain.coverage import coverage, margins
+from twin.validation.explain.deadline import Deadline, LateError
 from twin.validation.explain.drawing import correct
 from twin.validation.explain.heldout import held_out
 from twin.validation.explain.identify import identify
@@ -51,6 +52,9 @@ Progress = Callable[[str, float], None]
 
 _OF_EACH = 12
 """Number of right and of wrong states at which equations are judged that are wrong in a part of the joint range."""
+
+_NUMBERS = 0.3
+"""Maximum part of the time limit for each of the two fits of numbers."""
 
 _FLOOR = 1e-6
 """Minimum divisor of a ratio of residuals, in units of the tolerance; it prevents a division by zero."""
@@ -123,7 +127,7 @@ def explain(
         tolerance: largest deviation that counts as agreement; None for the default.
         truth: the mechanism's values of the symbols; None: they are computed.
         progress: called with a description of the current step and the fraction done.
-        budget: time limit in s of the search for two edits.
+        budget: time limit in s of the search for edits, numbers and conventions.
         root: folder to which file names in messages are relative; None: absolute names.
         cad: the CAD of the model; joints whose parts do not meet are analysed first. None: not analysed.
 
@@ -149,7 +153,7 @@ def explain(
             raise
     judge = drawn or (corrected.judge if corrected is not None else None)
     assert judge is not None
-    skipped = any(s.missing and s.stage != "helper" for s in judge.steps)
+    skipped = any((s.missing or s.stuck) and s.stage != "helper" for s in judge.steps)
     made = partial(Explanation, robot, choose(formula, variants), seconds=laps.seconds)
     notes = [*_notes(judge), *judge.notes]
     if corrected is not None:
@@ -261,16 +265,23 @@ class _Cures:
 
 
 def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progress, laps: _Laps) -> _Cures:
-    """Search edits, parameter values and conventions with which the wrong rows agree."""
+    """Search edits, parameter values and conventions with which the wrong rows agree, for at most `budget` seconds."""
+    deadline = Deadline(budget)
+    late: list[str] = []
 
     def numbers(alone: bool = False) -> Identified | None:
         progress("identify parameters", 0.0)
-        out = identify(judge, lambda f: progress("identify parameters", f), alone=alone)
-        laps.end("identify")
-        return out
+        until = deadline.within(_NUMBERS * budget)
+        try:
+            return identify(judge, lambda f: progress("identify parameters", f), alone=alone, deadline=until)
+        except LateError:
+            late.append("the time ended before every number was fitted; a larger --seconds gives more time")
+            return None
+        finally:
+            laps.end("identify")
 
     identified = numbers(alone=True)
-    search = Search(judge, lambda f: progress("try edits", f))
+    search = Search(judge, lambda f: progress("try edits", f), deadline)
     if identified is None:
         edited = search.run(budget)
     else:  # one changed number explains everything: only a single edit would be equally simple
@@ -293,7 +304,7 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
     laps.end("conventions")
     cured = {r for c in conventional for r in c.rows}
     every = bool(conventional) and all(f"{k[0]}.{_symbol(judge, k)}" in cured for k in lost)
-    return _Cures(search, found, identified, conventional, "conventions" if every else "")
+    return _Cures(search, found, identified, conventional, "conventions" if every else "", tuple(late))
 
 
 def _notes(judge: Judge) -> list[str]:
@@ -420,9 +431,8 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
         runner = f"with {phrases}, the largest difference is {_size(judge, f.rows, f.next)}"
     note = ""
     if not f.cures:
-        tried = "" if f.complete else " among those tried"
         nearest = f"; the best one: {runner}" if runner else ""
-        note = f"no edit and no pair of edits{tried} makes the rows agree{nearest}"
+        note = f"no edit and no pair of edits among those tried makes the rows agree{nearest}"
     return Repair(
         tuple(f"{k[0]}.{_symbol(judge, k)}" for k in f.rows),
         before=max(search.base[k] for k in f.rows),

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
+from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.judge import Judge, worst
 from twin.validation.explain.result import Identified, Moved
 
@@ -16,6 +17,9 @@ _BLIND = 1e-7
 """A combination of parameters counts as without effect on the rows if its relative singular value is smaller."""
 
 _STEPS = 30
+_GAIN = 1e-3
+"""A fit ends if two successive steps reduce the sum of squares by less than this fraction."""
+
 _SLIPS = ((1e3, "metres instead of millimetres"), (1e-3, "millimetres instead of metres"),
           (np.pi / 180, "radians instead of degrees"), (180 / np.pi, "degrees instead of radians"),
           (-1.0, "a wrong sign"))  # fmt: skip
@@ -45,9 +49,10 @@ class Numbers:
         complete: whether all wrong rows have finite residuals.
     """
 
-    def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0) -> None:
+    def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0, deadline: Deadline | None = None) -> None:
         """Store the rows; `noise`: standard deviation, in units of the tolerance, added to the mechanism's values."""
         self.judge = judge
+        self.deadline = deadline or Deadline()
         self.start = {n: float(np.asarray(judge.truth.symbols[n])) for n in (p.name for p in judge.formula.parameters)}
         bad = judge.failing()
         # Helpers often only repeat the error of a printed row: helper rows are used only if all printed rows agree.
@@ -62,7 +67,12 @@ class Numbers:
         return self.judge.step(equation).stage != "helper"
 
     def residual(self, values: dict[str, float]) -> Array:
-        """Return the residuals of all rows for parameter values in SI, as one vector."""
+        """Return the residuals of all rows for parameter values in SI, as one vector.
+
+        Raises:
+            LateError: the time is over.
+        """
+        self.deadline.check()
         other = self.judge.on(self.judge.truth.with_parameters(values))
         missing = np.full(1, np.nan)
         return np.concatenate([other.residuals.get(p, missing).ravel() for p in self.rows]) + self.noise
@@ -89,6 +99,7 @@ class Numbers:
 
         r = at(x)
         J = np.zeros((len(r), len(names)))
+        slow = 0
         for _ in range(_STEPS):
             for i in range(len(names)):
                 h = np.zeros(len(names))
@@ -103,8 +114,10 @@ class Numbers:
                 new = at(x + factor * step)
             if not np.isfinite(new).all() or new @ new > r @ r:
                 break
+            gain = 1 - float(new @ new) / max(float(r @ r), 1e-300)
             x, done, r = x + factor * step, float(np.abs(factor * step / scale).max()), new
-            if done < 1e-13:
+            slow = slow + 1 if gain < _GAIN else 0
+            if done < 1e-13 or slow == 2:
                 break
         return Fit(names, x, r, J / scale)
 
@@ -114,6 +127,7 @@ def identify(
     progress: Callable[[float], None] = lambda f: None,
     noise: float = 0.0,
     alone: bool = False,
+    deadline: Deadline | None = None,
 ) -> Identified | None:
     """Return the parameters whose change explains the wrong rows; None if no parameter affects these rows.
 
@@ -125,8 +139,12 @@ def identify(
         progress: called with the fraction done.
         noise: standard deviation, in units of the tolerance, of noise added to the mechanism's values.
         alone: try single parameters only; return None if no single parameter makes every row agree.
+        deadline: time limit; None: none.
+
+    Raises:
+        LateError: the time is over.
     """
-    numbers = Numbers(judge, noise)
+    numbers = Numbers(judge, noise, deadline=deadline)
     if alone and not (numbers.complete and judge.failing()):
         return None
     parameters = numbers.used()

@@ -11,7 +11,6 @@ from __future__ import annotations
 import ast
 import dataclasses
 import itertools
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +21,7 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
 from twin.validation.explain import plain
 from twin.validation.explain.candidate import aliases, residuals
+from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix
 from twin.validation.explain.rows import Key, Step
@@ -56,13 +56,17 @@ class _Position:
 class Pairs:
     """Search for pairs of edits that fix one row, in an equation and in the functions that the equation calls."""
 
-    def __init__(self, judge: Judge, shaken: Judge, step: Step, row: Key, edits: Sequence[Edit]) -> None:
+    def __init__(
+        self, judge: Judge, shaken: Judge, step: Step, row: Key, edits: Sequence[Edit], deadline: Deadline
+    ) -> None:
         """Set up the search.
 
         `shaken` judges the formula at perturbed values; `edits` are single edits of one token that change the row.
         """
         self.judge, self.shaken, self.step, self.row = judge, shaken, step, row
+        self.deadline = deadline
         self.evaluated = 0
+        self._late = False
         self._tiled: dict[int, Judge] = {}
         self._pick = (_Choice(0), _Choice(1))
         r = next(r for p, r in judge.residuals.items() if p.key == row)
@@ -73,13 +77,13 @@ class Pairs:
         n = len(self.positions)
         self.total = n * (n - 1) // 2
 
-    def found(self, deadline: float) -> Iterator[tuple[Edit, Edit]]:
+    def found(self) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs that make the row agree at a few poses but not at perturbed values; stop at the deadline.
 
         Call this method with NumPy's warnings disabled.
         """
         for a, b in self._order():
-            if time.monotonic() > deadline:
+            if self.deadline.passed:
                 return
             self.evaluated += 1
             if a.edits[0].path == b.edits[0].path and a.start <= b.end and b.start <= a.end:
@@ -89,7 +93,7 @@ class Pairs:
     @property
     def complete(self) -> bool:
         """Whether every pair was tried."""
-        return self.evaluated >= self.total
+        return self.evaluated >= self.total and not self._late
 
     def _order(self) -> Iterator[tuple[_Position, _Position]]:
         """Yield pairs of positions, nearest first: in one statement, then in one function, then in different functions.
@@ -123,6 +127,9 @@ class Pairs:
                 alone.append(_Position((e,), False))
         free: list[_Position] = []
         for group in together.values():
+            if self.deadline.passed:
+                self._late = True
+                break
             position = _Position(tuple(group), True)
             done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
             if done is None:  # for example, a name that is not yet defined

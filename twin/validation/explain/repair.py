@@ -5,7 +5,8 @@ from __future__ import annotations
 import inspect
 import time
 import warnings
-from collections.abc import Callable, Container
+from collections import Counter
+from collections.abc import Callable, Container, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from twin.core.spatial import Array
 from twin.robots import load_formula
 from twin.validation.explain.candidate import REST, TOKENS, Candidate, Found, aliases, residuals
 from twin.validation.explain.canonical import canonical
+from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.dependence import Dependence
 from twin.validation.explain.edits import edits, pool
 from twin.validation.explain.judge import Judge, evaluate, worst
@@ -24,6 +26,12 @@ from twin.validation.explain.pairs import Pairs
 from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
+
+_WORSE = 1.001
+"""An edit is refused if the residual of a row is larger than before by this factor."""
+
+_MOST_EXACT = 60
+"""Maximum number of exact edits of one group of rows that are compared with each other."""
 
 _WHOLE = 12
 """Maximum number of repairs checked on the whole formula, of all repairs that result in one function."""
@@ -42,9 +50,16 @@ function."""
 class Search:
     """Repair search over one judged formula."""
 
-    def __init__(self, judge: Judge, progress: Callable[[float], None] = lambda f: None) -> None:
+    def __init__(
+        self,
+        judge: Judge,
+        progress: Callable[[float], None] = lambda f: None,
+        deadline: Deadline | None = None,
+    ) -> None:
+        """Set up a search for the wrong rows of `judge`; `deadline`: limit of the whole search, None: no limit."""
         self.judge = judge
         self.progress = progress
+        self.deadline = deadline or Deadline()
         self.base = {p.key: worst(r) for p, r in judge.residuals.items()}
         self.raw = {p.key: r for p, r in judge.residuals.items()}
         bad = judge.failing()
@@ -52,23 +67,47 @@ class Search:
         self.targets = [p for p in bad if judge.step(p.equation).stage != "helper"] or bad
         self.failing = [p.key for p in self.targets]
         self.tried = 0
+        self.complete = True
+        """Whether the deadline has not ended the search of single edits."""
         self.senseless: list[tuple[Step, Edit]] = []  # edits without a value; a second edit may change that
         self.parameters = {p.name for p in judge.formula.parameters}
 
     # -- one edit ------------------------------------------------------------------------------------------
 
-    def own_sites(self) -> list[tuple[Step, Statement]]:
-        """Return the statements on which a failing row depends."""
+    @cached_property
+    def _suspects(self) -> dict[Key, dict[str, set[int]]]:
+        """Statements on which each failing row depends: {row: {equation: indices}}."""
+        return {place.key: suspects(self.judge, place) for place in self.targets}
+
+    def own_sites(self, rows: Container[Key] | None = None) -> list[tuple[Step, Statement]]:
+        """Return the statements on which a failing row depends; `rows`: only of these rows."""
         out: dict[tuple[str, int], tuple[Step, Statement]] = {}
         for place in self.targets:
-            for equation, indices in suspects(self.judge, place).items():
+            if rows is not None and place.key not in rows:
+                continue
+            for equation, indices in self._suspects[place.key].items():
                 step = self.judge.step(equation)
                 for i in sorted(indices):
                     out.setdefault((equation, i), (step, step.source.statements[i]))
         return list(out.values())
 
+    def _shared_sites(self, groups: Sequence[Sequence[Key]]) -> tuple[set[tuple[str, int]], set[int]]:
+        """Return (statements, called functions) on which rows of several groups depend.
+
+        One edit can repair several groups only there. Statements are (equation, index), functions are identities.
+        """
+        statements: Counter[tuple[str, int]] = Counter()
+        functions: Counter[int] = Counter()
+        for group in groups:
+            sites = self.own_sites(group)
+            statements.update({(step.equation.name, s.index) for step, s in sites})
+            steps = {id(step): step for step, _ in sites}.values()
+            functions.update({id(h.function) for step in steps for h in self.judge.helpers(step)})
+        several = {site for site, count in statements.items() if count > 1}
+        return several, {function for function, count in functions.items() if count > 1}
+
     def singles(self, kinds: Container[str], only: Container[tuple[str, int]] | None = None) -> list[Candidate]:
-        """Evaluate single edits of the given kinds in the statements of `own_sites`.
+        """Evaluate single edits of the given kinds in the statements of `own_sites`, until the deadline.
 
         `only`: (equation, index) of the statements to edit; None for all.
         """
@@ -80,6 +119,8 @@ class Search:
             # Other equations may call this equation's function.
             others = [s for s in self.judge.steps if s is not step and not s.missing and self._calls(s, step.source)]
             for edit in edits(step.source, statement, choice, kinds):
+                if self._is_late():
+                    return out
                 candidate = self._everywhere([step, *others] if not edit.define else [step], [edit])
                 if candidate is not None:
                     out.append(candidate)
@@ -90,12 +131,21 @@ class Search:
     def _calls(self, step: Step, source: Source) -> bool:
         return any((h.source.name, h.source.path) == (source.name, source.path) for h in self.judge.helpers(step))
 
-    def in_helpers(self, kinds: Container[str]) -> list[Candidate]:
-        """Evaluate single edits of the given kinds in the plain functions that the statements of `own_sites` call."""
+    def _is_late(self) -> bool:
+        self.complete = self.complete and not self.deadline.passed
+        return not self.complete
+
+    def in_helpers(self, kinds: Container[str], only: Container[int] | None = None) -> list[Candidate]:
+        """Evaluate single edits of the given kinds in the plain functions that the statements of `own_sites` call.
+
+        `only`: identities of the functions to edit; None for all.
+        """
         out: list[Candidate] = []
         reached: dict[int, tuple[Helper, list[Step]]] = {}
         for step in {id(s): s for s, _ in self.own_sites()}.values():
             for h in self.judge.helpers(step):
+                if only is not None and id(h.function) not in only:
+                    continue
                 reached.setdefault(id(h.function), (h, []))[1].append(step)
         for n, (helper, steps) in enumerate(reached.values()):
             self.progress(n / len(reached))
@@ -106,6 +156,8 @@ class Search:
             for statement in source.statements:
                 choice = pool(source, statement, set(source.arguments), self.parameters, helper.function.__globals__)
                 for edit in edits(source, statement, choice, kinds):
+                    if self._is_late():
+                        return out
                     candidate = self._everywhere(every, [edit])
                     if candidate is not None:
                         out.append(candidate)
@@ -148,7 +200,7 @@ class Search:
             return None
         changed = {p.key: r for p, r in found.items()}
         worsts = {k: worst(r) for k, r in changed.items()}
-        broken = any(s > 1 and self.base.get(k, np.inf) <= 1 for k, s in worsts.items())
+        broken = any(s > max(1.0, _WORSE * self.base.get(k, np.inf)) for k, s in worsts.items())
         c = Candidate(step, change, extra or {}, worsts, broken, {k: changed[k] for k in changed if k in self.raw})
         if not broken:
             self.dependence.judged(c, [k for k in self.failing if worsts.get(k, np.inf) <= 1])
@@ -184,43 +236,38 @@ class Search:
 
     def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
         singles: list[Candidate] = []
-        left = list(self.failing)
         groups: list[list[Key]] = []
-        # First one token; if this is not enough, terms, factors and parentheses; then the called functions.
-        for more in (
-            lambda: self.singles(TOKENS),
-            lambda: self.singles(REST),
-            lambda: self.in_helpers(TOKENS),
-            lambda: self.in_helpers(REST),
-        ):
-            if not left:
+        left = list(self.failing)
+        # First one token; if this is not enough, terms, factors and parentheses; then the called functions. If several
+        # edits repair the rows, one that repairs more of them is searched where they have something in common.
+        for in_called, kinds in ((False, TOKENS), (False, REST), (True, TOKENS), (True, REST)):
+            if not left and len(groups) < 2:
                 break
-            singles += more()
-            new = self._cover(singles, left)
-            groups += new
-            left = [k for k in left if not any(k in g for g in new)]
+            statements, functions = (None, None) if left else self._shared_sites(groups)
+            singles += self.in_helpers(kinds, functions) if in_called else self.singles(kinds, statements)
+            groups = self._cover(singles, self.failing)
+            left = [k for k in self.failing if not any(k in g for g in groups)]
         # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
         looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
         if not any(c.edits[0].kind in REST for c in singles):
             singles += self.singles(REST, looked)
         out = [self._found(group, singles, singles) for group in groups]
         lost: list[Key] = []
-        if left:
-            deadline = time.monotonic() + budget
-            while left:
-                k, began = left[0], time.monotonic()
-                shared = [c for g in groups for c in self._exact(g, singles)[:_SHARED]]
-                pairs, complete = self._pairs(k, singles, shared, deadline) if budget > 0 else ([], False)
-                # An edit that fixes this row may also fix others.
-                group = next((g for g in self._cover(pairs, left) if k in g), [])
-                for f in [f for f in out if group and f.cures and self._exact([*group, *f.rows], pairs)]:
-                    group += f.rows  # the pair also fixes another wrong row
-                    out.remove(f)
-                f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
-                f.complete, f.seconds = complete, time.monotonic() - began
-                out.append(f)
-                lost += [] if group else [k]
-                left = [x for x in left if x not in f.rows]
+        deadline = self.deadline.within(budget)
+        while left:
+            k, began = left[0], time.monotonic()
+            shared = [c for g in groups for c in self._exact(g, singles)[:_SHARED]]
+            pairs, complete = self._pairs(k, singles, shared, deadline) if budget > 0 else ([], False)
+            # An edit that fixes this row may also fix others.
+            group = next((g for g in self._cover(pairs, left) if k in g), [])
+            for f in [f for f in out if group and f.cures and self._exact([*group, *f.rows], pairs)]:
+                group += f.rows  # the pair also fixes another wrong row
+                out.remove(f)
+            f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
+            f.complete, f.seconds = f.complete and complete, time.monotonic() - began
+            out.append(f)
+            lost += [] if group else [k]
+            left = [x for x in left if x not in f.rows]
         return out, lost
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
@@ -236,18 +283,19 @@ class Search:
         return groups
 
     def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:
-        exact = self._exact(rows, exact_from)
-        cures = self._best(self._distinct(sorted(exact, key=lambda c: c.rank), rows))
+        exact = self._exact(rows, exact_from)[:_MOST_EXACT]
+        cures = self._best(self._distinct(exact, rows))
         mine = {id(c) for c in exact}
         rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
         rest = [(s, c) for s, c in rest if s > 1 or c.broken]
         nearest = min((x for x in rest if x[0] > 1), key=lambda x: x[0], default=(float("inf"), None))
         after = min((c.over(rows, self.base) for c in exact), default=max(self.base[k] for k in rows))
-        return Found(rows, cures, nearest[1], after, nearest[0], self.tried)
+        return Found(rows, cures, nearest[1], after, nearest[0], self.tried, self.complete)
 
     def _exact(self, rows: list[Key], candidates: list[Candidate]) -> list[Candidate]:
         touching = [c for c in candidates if c.serves and any(k in c.scores for k in rows)]
-        return [c for c in touching if c.over(rows, self.base) <= 1 and (c.extra or self._runs(c))]
+        exact = sorted((c for c in touching if c.over(rows, self.base) <= 1), key=lambda c: c.rank)
+        return [c for c in exact if c.extra or self._runs(c)]
 
     def _runs(self, c: Candidate) -> bool:
         """Return whether a candidate also runs with a single sample; some errors occur only then.
@@ -322,7 +370,7 @@ class Search:
     # -- two edits --------------------------------------------------------------------------------------------
 
     def _pairs(
-        self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: float
+        self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
     ) -> tuple[list[Candidate], bool]:
         """Return (pairs of edits with which row k agrees or nearly agrees, whether all pairs were tried).
 
@@ -355,18 +403,20 @@ class Search:
             for i, c in enumerate(mine):
                 lo, hi = np.searchsorted(effect[order], [target - effect[i] - 20, target - effect[i] + 20])
                 for j in order[lo : min(hi, lo + 50)]:
+                    if deadline.passed:
+                        break
                     add(c, mine[j])
-        now = time.monotonic()
+        part = deadline.within(_SHARED_PART * deadline.left)
         for a in shared:  # an edit that fixes other rows may also be one of the two edits that fix this row
             for b in singles:
-                if k in b.scores and time.monotonic() < now + _SHARED_PART * (deadline - now):
+                if k in b.scores and not part.passed:
                     add(a, b)
         if any(c.serves and c.over([k], self.base) <= 1 for c in out):
             return out, True
         complete = True
         for step, some in self._moving(k, singles):
-            pairs = Pairs(self.judge, self.shaken, step, k, some)
-            for e, f in pairs.found(deadline):
+            pairs = Pairs(self.judge, self.shaken, step, k, some, deadline)
+            for e, f in pairs.found():
                 c = self.attempt(step, [e, f])
                 if c is not None:
                     out.append(c)

@@ -284,7 +284,9 @@ class Explanation(Result):
             )
         if not self.rows:
             return Line("  UNCHECKED: not every row could be checked", "bold yellow")
-        what = "explained" if self.explained else "NOT explained: no known kind of edit makes the rows agree"
+        if self.verdict == "unchecked":
+            wrong = wrong.replace("wrong", "wrong or without a value")
+        what = "explained" if self.explained else "NOT explained: no edit among those tried makes the rows agree"
         return Line(f"  {self.verdict.upper()}: {wrong}, {what}", f"bold {'green' if self.explained else 'red'}")
 
 
@@ -348,7 +350,8 @@ def _reading(r: Reading, mark: str) -> Iterator[Line]:
 
 def _tried(r: Repair) -> str:
     if not r.seconds:
-        return f"{r.tried} edits were tried"
+        more = "" if r.complete else "; not every edit (a larger --seconds gives more time)"
+        return f"{r.tried} edits were tried{more}"
     most = "every pair" if r.complete else "not every pair (a larger --seconds gives more time)"
     return f"{r.tried} edits and pairs of edits were tried; {most} was tried, in {r.seconds:.1f} s"
 
