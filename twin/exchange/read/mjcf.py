@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -464,13 +464,13 @@ def _left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] 
             kept.append(f"actuatorfrcrange {m.jnt_actfrcrange[i, 0]:g} .. {m.jnt_actfrcrange[i, 1]:g}")
         if kept:
             where = name("JOINT", i)
-            found.warn("friction", f"joint '{where}': {', '.join(kept)} are not imported.", where)
+            found.warn("friction", f"joint '{where}': {_not_imported(kept)}", where)
     tied = {int(m.eq_obj1id[i]) for i in range(m.neq) if m.eq_type[i] == mujoco.mjtEq.mjEQ_TENDON}
     for i in kept_tendons:
         told = {k: np.ravel(getattr(m, f"tendon_{k}")[i])[0] for k in ("stiffness", "damping", "frictionloss")}
         if kept := [f"{k} {v:g}" for k, v in told.items() if v]:
             where = name("TENDON", i)
-            found.warn("friction", f"tendon '{where}': {', '.join(kept)} are not imported.", where)
+            found.warn("friction", f"tendon '{where}': {_not_imported(kept)}", where)
     for i in set(range(m.ntendon)) - tied - set(kept_tendons):
         where = name("TENDON", i)
         found.warn("tendon", f"tendon '{where}' is not imported: no equality constrains its length.", where)
@@ -488,3 +488,8 @@ def _left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] 
     if m.nplugin:
         found.warn("plugin", f"{m.nplugin} plug-ins are not imported.", "plugin")
     return found
+
+
+def _not_imported(kept: Sequence[str]) -> str:
+    """Return the end of a sentence on values that are not imported."""
+    return f"{', '.join(kept)} {'is' if len(kept) == 1 else 'are'} not imported."

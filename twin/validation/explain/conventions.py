@@ -5,7 +5,7 @@ Each convention is tried as a whole, because no edit of a single row has the sam
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import permutations, product
@@ -21,7 +21,9 @@ from twin.validation.explain.invariants import said, said_pose
 from twin.validation.explain.judge import Judge, Place, worst
 from twin.validation.explain.numeric import Matrix, to_array, turn
 from twin.validation.explain.offsets import axes_text, offsets
+from twin.validation.explain.plain import enter, leave
 from twin.validation.explain.result import Convention
+from twin.validation.explain.rows import Helper, Step
 from twin.validation.explain.suspects import suspects
 
 _NAMED = (
@@ -38,10 +40,16 @@ def conventions(judge: Judge) -> list[Convention]:
     if not judge.failing():
         return []
     with np.errstate(all="ignore"):
-        found = [*_euler(judge), *_angles_in(judge), *_scalars(judge), *_axes(judge), *_frames(judge), *_dh(judge)]
+        found = [*general(judge), *_scalars(judge)]
         if not found:
             found = [*offsets(judge)]
     return sorted(found, key=lambda c: (-len(c.rows), c.after))
+
+
+def general(judge: Judge) -> list[Convention]:
+    """Return the conventions that are not of single rows: angles, units, axes, frames, Denavit-Hartenberg form."""
+    with np.errstate(all="ignore"):
+        return [*_dh(judge), *_angles_in(judge), *_axes(judge), *_frames(judge), *_euler(judge)]
 
 
 def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
@@ -252,29 +260,61 @@ def _dh(judge: Judge) -> Iterator[Convention]:
         if not bad or step.stage == "helper":
             continue
         for helper in judge.helpers(step):
-            form = dh_form(helper.function)  # type: ignore[arg-type] - a field, not a method
-            if form is None:
-                continue
-            kind, order = form
-            other = "standard" if kind == "modified" else "modified"
-            stand_in = partial(_dh_row, other, order)
-            undo = []
-            scopes = [step.scope, helper.function.__globals__, *(h.function.__globals__ for h in judge.helpers(step))]
-            for scope in scopes:
-                for name, value in list(scope.items()):
-                    if value is helper.function:
-                        undo.append((scope, name))
-                        scope[name] = stand_in
-            try:
-                found = _cured(judge, judge.on(judge.truth))
-            finally:
-                for scope, name in undo:
-                    scope[name] = helper.function
-            if found is not None:
-                yield Convention(
-                    "dh", f"{helper.source.name}() multiplies rows in {kind} Denavit-Hartenberg form; the table has "
-                    f"the {other} form", tuple(p.name for p in found[0]), found[1],
-                )  # fmt: skip
+            for stand_in, message in _other_forms(helper):
+                found = _with_helper(judge, step, helper, stand_in)
+                if found is not None:
+                    yield Convention("dh", message, tuple(p.name for p in found[0]), found[1])
+                    break
+
+
+def _other_forms(helper: Helper) -> Iterator[tuple[Callable[..., Any], str]]:
+    """Yield (function in the other form, message) for a helper that returns poses."""
+    name = helper.source.name
+    function: Any = helper.function
+    form = dh_form(function)
+    if form is not None:
+        kind, order = form
+        other = "standard" if kind == "modified" else "modified"
+        text = f"{name}() multiplies rows in {kind} Denavit-Hartenberg form; the table has the {other} form"
+        yield partial(_dh_row, other, order), text
+        return
+    swap = "moves first and then rotates, as in modified Denavit-Hartenberg form; the rows agree if it rotates first"
+    yield partial(_swapped, function, False), f"{name}() {swap} (standard form): swap rotation and translation"
+    swap = "rotates first and then moves, as in standard Denavit-Hartenberg form; the rows agree if it moves first"
+    yield partial(_swapped, function, True), f"{name}() {swap} (modified form): swap rotation and translation"
+
+
+def _with_helper(
+    judge: Judge, step: Step, helper: Helper, stand_in: Callable[..., Any]
+) -> tuple[list[Place], float] | None:
+    """Return the result of `_cured` if a function replaces a helper of an equation."""
+    undo = []
+    for scope in (step.scope, helper.function.__globals__, *(h.function.__globals__ for h in judge.helpers(step))):
+        for name, value in list(scope.items()):
+            if value is helper.function:
+                undo.append((scope, name))
+                scope[name] = stand_in
+    try:
+        return _cured(judge, judge.on(judge.truth))
+    finally:
+        for scope, name in undo:
+            scope[name] = helper.function
+
+
+def _swapped(function: FunctionType, back: bool, *values: Any) -> Any:
+    """Return the pose Rot Trans instead of Trans Rot of a function; `back`: Trans Rot instead of Rot Trans.
+
+    Raises:
+        TypeError: the function returns no poses (4, 4).
+    """
+    value = function(*values)
+    pose = leave(value)
+    if not isinstance(pose, Matrix) or pose.shape != (4, 4):
+        raise TypeError("no pose")
+    T = pose.a.copy()
+    R = np.swapaxes(T[:, :3, :3], 1, 2) if back else T[:, :3, :3]
+    T[:, :3, 3] = (R @ T[:, :3, 3:])[..., 0]
+    return enter(Matrix(T)) if not isinstance(value, Matrix) else Matrix(T)
 
 
 def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:

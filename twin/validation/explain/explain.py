@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from twin.kinematics import compile_formula
 from twin.reference import ReferenceModel
 from twin.reference.boundary import Judged
 from twin.validation.explain.candidate import TOKENS, Candidate, Found
-from twin.validation.explain.conventions import conventions
+from twin.validation.explain.conventions import conventions, general
 from twin.validation.explain.coverage import coverage, margins
 from twin.validation.explain.deadline import Deadline, LateError
 from twin.validation.explain.drawing import correct
@@ -53,8 +53,8 @@ Progress = Callable[[str, float], None]
 _OF_EACH = 12
 """Number of right and of wrong states at which equations are judged that are wrong in a part of the joint range."""
 
-_NUMBERS = 0.3
-"""Maximum part of the time limit for each of the two fits of numbers."""
+_NUMBERS, _LEAST_NUMBERS, _LEAST_EDITS = 0.3, 2.5, 4.0
+"""Time limits: each of the two fits of numbers has 0.3 of the time, but at least 2.5 s; single edits at least 4 s."""
 
 _FLOOR = 1e-6
 """Minimum divisor of a ratio of residuals, in units of the tolerance; it prevents a division by zero."""
@@ -265,13 +265,15 @@ class _Cures:
 
 
 def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progress, laps: _Laps) -> _Cures:
-    """Search edits, parameter values and conventions with which the wrong rows agree, for at most `budget` seconds."""
-    deadline = Deadline(budget)
+    """Search edits, parameter values and conventions with which the wrong rows agree.
+
+    `budget` is the time limit in s; see `_LEAST_NUMBERS` and `_LEAST_EDITS` for short ones.
+    """
     late: list[str] = []
 
     def numbers(alone: bool = False) -> Identified | None:
         progress("identify parameters", 0.0)
-        until = deadline.within(_NUMBERS * budget)
+        until = Deadline(max(_NUMBERS * budget, _LEAST_NUMBERS))
         try:
             return identify(judge, lambda f: progress("identify parameters", f), alone=alone, deadline=until)
         except LateError:
@@ -281,9 +283,16 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
             laps.end("identify")
 
     identified = numbers(alone=True)
-    search = Search(judge, lambda f: progress("try edits", f), deadline)
+    search = Search(judge, lambda f: progress("try edits", f), Deadline(max(budget, _LEAST_EDITS)))
     if identified is None:
-        edited = search.run(budget)
+        edited = search.run(0.0)
+        if edited[1]:
+            progress("conventions", 0.0)
+            conventional = tuple(general(judge))
+            laps.end("conventions")
+            if _all_cured(judge, conventional, search.failing):
+                return _Cures(search, [], None, conventional, "conventions", tuple(late))
+            edited = search.pairs(*edited, budget)
     else:  # one changed number explains everything: only a single edit would be equally simple
         edited = search.run(0.0) if shared(judge, search.targets) else ([], search.failing)
     found, lost = held_out(judge, model, *edited)
@@ -302,9 +311,14 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
     progress("conventions", 0.0)
     conventional = tuple(conventions(judge))
     laps.end("conventions")
-    cured = {r for c in conventional for r in c.rows}
-    every = bool(conventional) and all(f"{k[0]}.{_symbol(judge, k)}" in cured for k in lost)
-    return _Cures(search, found, identified, conventional, "conventions" if every else "", tuple(late))
+    lead = "conventions" if _all_cured(judge, conventional, lost) else ""
+    return _Cures(search, found, identified, conventional, lead, tuple(late))
+
+
+def _all_cured(judge: Judge, found: Sequence[Convention], rows: Sequence[Key]) -> bool:
+    """Return whether conventions fix all the given rows."""
+    cured = {r for c in found for r in c.rows}
+    return bool(found) and all(f"{k[0]}.{_symbol(judge, k)}" in cured for k in rows)
 
 
 def _notes(judge: Judge) -> list[str]:

@@ -23,12 +23,16 @@ from twin.validation.explain.dependence import Dependence
 from twin.validation.explain.edits import edits, pool
 from twin.validation.explain.judge import Judge, evaluate, worst
 from twin.validation.explain.pairs import Pairs
+from twin.validation.explain.required import Required
 from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
 
 _WORSE = 1.001
 """An edit is refused if the residual of a row is larger than before by this factor."""
+
+_REQUIRED = 0.5
+"""Maximum part of the remaining time for edits found from required values."""
 
 _MOST_EXACT = 60
 """Maximum number of exact edits of one group of rows that are compared with each other."""
@@ -69,6 +73,8 @@ class Search:
         self.tried = 0
         self.complete = True
         """Whether the deadline has not ended the search of single edits."""
+        self._singles: list[Candidate] = []
+        self._groups: list[list[Key]] = []
         self.senseless: list[tuple[Step, Edit]] = []  # edits without a value; a second edit may change that
         self.parameters = {p.name for p in judge.formula.parameters}
 
@@ -165,6 +171,26 @@ class Search:
                         self.senseless.append((every[0], edit))
         return out
 
+    def required(self, rows: Sequence[Key]) -> list[Candidate]:
+        """Evaluate the edits that give an expression the value with which wrong rows agree; see `Required`."""
+        out: list[Candidate] = []
+        until = self.deadline.within(_REQUIRED * self.deadline.left)
+        sites = [(step, step.source, s) for step, s in self.own_sites(rows)]
+        steps = {id(step): step for step, _, _ in sites}.values()
+        for step in list(steps):
+            sites += [(step, h.source, s) for h in self.judge.helpers(step) for s in h.source.statements]
+        done: set[tuple[Path, int]] = set()
+        for step, source, statement in sites:
+            if (source.path, statement.start) in done:
+                continue
+            done.add((source.path, statement.start))
+            others = [s for s in self.judge.steps if s is not step and not s.missing and self._calls(s, source)]
+            for edit in Required(self.judge, step, rows, until).edits(source, statement):
+                candidate = self._everywhere([step, *others], [edit])
+                if candidate is not None:
+                    out.append(candidate)
+        return out
+
     def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
         """Return the candidate for an edited helper, judged in all equations that call it; None if it cannot run."""
         first: Candidate | None = None
@@ -226,15 +252,24 @@ class Search:
     def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
         """Search repairs; return (results by group of rows, rows without a repair).
 
-        `budget` is the time limit in s of the search for pairs of edits.
+        `budget` is the time limit in s of the search for pairs of edits; 0: single edits only.
         """
+        found, left = self._quiet(self._run)
+        return self.pairs(found, left, budget) if left else (found, left)
+
+    def pairs(self, found: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
+        """Search pairs of edits for rows that single edits do not repair; arguments and result are those of `run`."""
+        found = [f for f in found if f.cures]
+        return self._quiet(lambda: self._pairs_of(found, left, budget))
+
+    def _quiet(self, search: Callable[[], tuple[list[Found], list[Key]]]) -> tuple[list[Found], list[Key]]:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter(
                 "ignore", SyntaxWarning
             )  # Python warns about a call of a number after a moved parenthesis; such an edit fails when tried
-            return self._run(budget)
+            return search()
 
-    def _run(self, budget: float) -> tuple[list[Found], list[Key]]:
+    def _run(self) -> tuple[list[Found], list[Key]]:
         singles: list[Candidate] = []
         groups: list[list[Key]] = []
         left = list(self.failing)
@@ -247,11 +282,19 @@ class Search:
             singles += self.in_helpers(kinds, functions) if in_called else self.singles(kinds, statements)
             groups = self._cover(singles, self.failing)
             left = [k for k in self.failing if not any(k in g for g in groups)]
+        if left:
+            singles += self.required(left)
+            groups = self._cover(singles, self.failing)
+            left = [k for k in self.failing if not any(k in g for g in groups)]
         # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
         looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
         if not any(c.edits[0].kind in REST for c in singles):
             singles += self.singles(REST, looked)
-        out = [self._found(group, singles, singles) for group in groups]
+        self._singles, self._groups = singles, groups
+        return [self._found(group, singles, singles) for group in groups], left
+
+    def _pairs_of(self, out: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
+        singles, groups = self._singles, self._groups
         lost: list[Key] = []
         deadline = self.deadline.within(budget)
         while left:
