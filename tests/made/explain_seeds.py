@@ -220,11 +220,18 @@ def same_function(formula, other, truth):
     return True
 
 
+def _worse(judge, key, score):
+    """Whether a residual exceeds the tolerance and the residual of the same row before."""
+    before = max(np.abs(r).max() for p, r in judge.residuals.items() if p.key == key)
+    return score > max(1.0, 1.01 * before)
+
+
 def outcome(case, faulty, folder, budget):
     """Return how a fault was explained: "rank 1", "tie", or why it was not.
 
     "no fault": no row is wrong. "no formula": an equation cannot be run.
     """
+    from twin.validation.explain.deadline import Deadline
     from twin.validation.explain.judge import Judge
     from twin.validation.explain.repair import Search
 
@@ -234,7 +241,10 @@ def outcome(case, faulty, folder, budget):
         return "no formula"  # Python itself reports this error
     if not judge.failing():
         return "no fault"
-    found, lost = Search(judge).run(budget)
+    found, lost = Search(judge, deadline=Deadline(max(budget, 4.0))).run(budget)
+    cures = [c for f in found for way in f.cures for c in way]
+    worse = [c.edits[0].text for c in cures if any(_worse(judge, k, s) for k, s in c.scores.items())]
+    assert not worse, f"a cure makes a row worse: {worse}"
     if lost:
         return f"nothing exact found for {lost}"
 

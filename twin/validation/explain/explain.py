@@ -14,6 +14,7 @@ import numpy as np
 from twin.cad.build import CadModel
 from twin.core.errors import TwinError
 from twin.core.findings import Verdict
+from twin.core.provenance import Parameter
 from twin.core.units import display_unit
 from twin.formula.contract import Formula
 from twin.formula.flow import choose
@@ -44,6 +45,7 @@ from twin.validation.explain.source import Edit, diff, patched
 from twin.validation.explain.suspects import shared
 from twin.validation.explain.truth import Truth, gather, sample
 from twin.validation.explain.unvalued import unvalued
+from twin.validation.explain.varied import coincidences
 from twin.validation.explain.weigh import weigh
 from twin.validation.joint_range import range_errors
 from twin.validation.rows import Tolerances
@@ -180,6 +182,12 @@ def explain(
         if wider is not None:
             judge = wider
             notes.append("the rows agree near the postures; they are wrong in another part of the joint range")
+    by_chance = coincidences(judge) if not judge.failing() else []
+    if any(p.name == judge.truth.free for g in by_chance for p in g):
+        # At the values of the formula, the rows agree; at other states of the redundant mechanism they do not.
+        other = Judge(formula, variants, gather(formula, sample(model, regular=True), model, parameters), tolerance)
+        judge = other if other.failing() else judge
+    notes += [_by_chance(g) for g in by_chance]
     if not judge.failing():
         progress("reach and singularity measures", 0.0)
         measured = [] if skipped else margins(judge, model, dict(parameters or {}))
@@ -213,6 +221,16 @@ def explain(
         notes=(*notes, *cures.notes),
         lead=cures.lead,
     )
+
+
+def _by_chance(group: Sequence[Parameter]) -> str:
+    """Return a note on equations that belong together only for the present values of parameters."""
+    if len(group) > 1:
+        names = " = ".join(p.name for p in group)
+        return f"inverse and forward equations belong together only because {names}: with other values they differ"
+    (p,) = group
+    value = f"{p.name} = {p.shown:g} {p.unit}"
+    return f"inverse and forward equations belong together only for {value}: with other values they differ"
 
 
 def _over_range(
@@ -352,7 +370,7 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
         place.line,
         _short(text if not statement.returns else text.splitlines()[0], 400),
         _means(judge, place.symbol),
-        float(size[known].max()) * scale if known.any() else float("nan"),
+        float(size[known].max()) * scale if (size[known] > 1).any() else float("nan"),
         name,
         float((~(size <= 1)).mean()),
         truth.pose_text(int(np.argmax(np.where(known, size, np.inf)))),

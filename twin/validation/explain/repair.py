@@ -7,6 +7,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from twin.validation.explain.required import Required
 from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
+from twin.validation.explain.varied import coincidences
 
 _WORSE = 1.001
 """An edit is refused if the residual of a row is larger than before by this factor."""
@@ -49,6 +51,17 @@ _SHARED_PART = 0.2
 _SAME = 1e-7
 """Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
 function."""
+
+
+@dataclass(frozen=True)
+class _After:
+    """State of a whole formula after edits: number of wrong rows, and whether it holds only by chance.
+
+    By chance means: only for the present values of equal or assumed parameters; see `varied`.
+    """
+
+    wrong: int
+    by_chance: bool
 
 
 class Search:
@@ -364,21 +377,37 @@ class Search:
         return [w[1] for w in cures]
 
     def _best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
-        """Keep the repairs after which the fewest rows of the whole formula are wrong."""
+        """Keep the repairs after which the fewest rows of the whole formula are wrong.
+
+        Of these, repairs that hold only for the present values of equal or assumed parameters are left out, unless no
+        other repair is left.
+        """
         if sum(map(len, cures)) < 2:
             return cures
-        left = {id(c): self._left(c) for way in cures for c in way[:_WHOLE]}
-        least = min((n for n in left.values() if n is not None), default=None)
-        kept = [[c for c in way if left.get(id(c), least) in (None, least)] for way in cures]
-        return [way for way in kept if way]
+        after = {id(c): self._after(c) for way in cures for c in way[:_WHOLE]}
+        least = min((a.wrong for a in after.values() if a is not None), default=None)
 
-    def _left(self, c: Candidate) -> int | None:
-        """Return the number of wrong rows in the whole formula file after the edits; None if it cannot be evaluated."""
+        def keeps(c: Candidate) -> bool:
+            a = after.get(id(c))
+            return a is None or a.wrong == least
+
+        kept = [way for way in ([c for c in way if keeps(c)] for way in cures) if way]
+        if len(kept) < 2:
+            return kept
+        general = []
+        for way in kept:
+            a = after.get(id(way[0]))
+            if a is None or not a.by_chance:
+                general.append(way)
+        return general or kept
+
+    def _after(self, c: Candidate) -> _After | None:
+        """Return the state of the whole formula file after the edits; None if it cannot be evaluated."""
         formula = self.judge.formula
         home = formula.equations[0]
         path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
         joints = [(j.name, j.kind == "revolute") for j in formula.joints]
-        if any(e.path != path or e.kind == "left side" for e in c.edits):
+        if self.deadline.passed or any(e.path != path or e.kind == "left side" for e in c.edits):
             return None
         with Scratch() as folder:
             file = Path(folder) / "formula.py"
@@ -387,7 +416,8 @@ class Search:
                 formula = load_formula(file, formula.name, lambda: (joints, np.eye(4), None), trial=True)
             except KinematicsError:
                 return None
-            return len(Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance).failing())
+            judge = Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance)
+            return _After(len(judge.failing()), bool(coincidences(judge)))
 
     def _text(self, c: Candidate) -> str:
         parts = []

@@ -1,0 +1,112 @@
+"""Mutants of eight robots, among them missing terms, factors, squares and signs: are they found and undone, in time?
+
+`TWIN_MUTANTS=300` and `TWIN_MUTANT_PAIRS=60` are the long counts, `TWIN_MUTANTS_SEED` other mutants.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from itertools import cycle
+
+import numpy as np
+import pytest
+
+from made import explain_mutants as mutants
+from made import explain_seeds as seeds
+from twin import api
+from twin.core.errors import TwinError
+from twin.validation.explain.explain import explain
+from twin.validation.explain.judge import Judge
+from twin.validation.explain.varied import coincidences
+
+COUNT = int(os.environ.get("TWIN_MUTANTS", "8"))
+PAIRS = int(os.environ.get("TWIN_MUTANT_PAIRS", "1"))
+SEED = int(os.environ.get("TWIN_MUTANTS_SEED", "7"))
+SECONDS = 8.0
+
+
+def check(count, tokens, folder, capsys):
+    """Return (share of mutants with an exact or tied cure, processor times in s)."""
+    cases = seeds.built_ins()
+    rng = np.random.default_rng(SEED)
+    told, times, done = Counter(), [], 0
+    for i, case in enumerate(cycle(cases)):
+        if done == count:
+            break
+        path = folder / f"{tokens}_{i}" / "formula.py"
+        path.parent.mkdir()
+        slip = mutants.mutant(case, path, rng, tokens)
+        if slip is None:
+            continue
+        try:
+            faulty = case.load(path)
+        except TwinError:
+            continue
+        began = time.process_time()
+        why = seeds.outcome(case, faulty, path.parent, SECONDS)
+        if why in ("no fault", "no formula"):
+            continue
+        done += 1
+        times.append(time.process_time() - began)
+        kind = why if why in ("rank 1", "tie") else "missed"
+        told[kind] += 1
+        if kind == "missed" or times[-1] > 10:
+            with capsys.disabled():
+                print(f"\n{times[-1]:5.1f} s {case.name} {slip}: {why}", end="", flush=True)
+    with capsys.disabled():
+        print(f"\n{tokens} token(s): {dict(told)}; p95 {np.quantile(times, 0.95):.1f} s, maximum {max(times):.1f} s")
+    return 1 - told["missed"] / count, times
+
+
+@pytest.mark.slow
+def test_mutants_of_one_token_are_undone_in_time(tmp_path, capsys):
+    share, times = check(COUNT, 1, tmp_path, capsys)
+    assert share >= (0.95 if COUNT >= 100 else 0.85)
+    assert np.quantile(times, 0.95) <= 10
+    assert max(times) <= 20
+
+
+@pytest.mark.slow
+def test_the_time_of_mutants_of_two_tokens_is_bounded(tmp_path, capsys):
+    _, times = check(PAIRS, 2, tmp_path, capsys)
+    assert max(times) <= 20
+
+
+MISSING = (
+    ("pa10", "sqrt(P_c[0] ** 2 + P_c[1] ** 2), P_c[2])", "sqrt(P_c[0] ** 2 + P_c[1]), P_c[2])"),
+    ("pa10", "(RL7 + RL8) * T_base_tool", "RL7 * T_base_tool"),
+)
+
+
+@pytest.mark.parametrize(("name", "right", "wrong"), MISSING, ids=["square", "term"])
+def test_a_missing_square_or_term_is_found(name, right, wrong, tmp_path):
+    case = seeds.built_in(name)
+    text = case.path.read_text(encoding="utf-8")
+    assert text.count(right) == 1
+    path = tmp_path / "formula.py"
+    path.write_text(text.replace(right, wrong), encoding="utf-8")
+    assert seeds.outcome(case, case.load(path), tmp_path, 4.0) in ("rank 1", "tie")
+
+
+@pytest.mark.parametrize("name", ["pa10", "sher", "hibou", "davinci_psm"])
+def test_right_equations_hold_for_other_values_of_equal_and_assumed_parameters(name):
+    case = seeds.built_in(name)
+    assert coincidences(Judge(case.formula, None, case.truth)) == []
+
+
+@pytest.mark.slow
+def test_an_error_that_a_swivel_of_zero_hides_is_found(tmp_path):
+    """At swivel 0, w[1] is zero at every pose: an elbow row without its square agrees there, and only there."""
+    case = seeds.built_in("pa10")
+    text = case.path.read_text(encoding="utf-8")
+    right = "atan2(sqrt(w[0] ** 2 + w[1] ** 2), w[2])"
+    assert text.count(right) == 1
+    path = tmp_path / "formula.py"
+    path.write_text(text.replace(right, "atan2(sqrt(w[0] ** 2), w[2])"), encoding="utf-8")
+    x = explain("pa10", case.load(path), api.load("pa10").reference())
+    assert (x.verdict, x.explained) == ("disagree", True)
+    assert [r.symbol for r in x.rows] == ["q4"]
+    assert x.repairs[0].cures[0][0].changes[0].edit == "w[0] ** 2 -> w[0] ** 2 + w[1]**2"
+    assert any("only for swivel = 0 deg" in n for n in x.notes)
