@@ -223,7 +223,7 @@ def same_function(formula, other, truth):
 def _worse(judge, key, score):
     """Whether a residual exceeds the tolerance and the residual of the same row before."""
     before = max(np.abs(r).max() for p, r in judge.residuals.items() if p.key == key)
-    return score > max(1.0, 1.01 * before)
+    return np.isfinite(before) and score > max(1.0, 1.01 * before)
 
 
 def outcome(case, faulty, folder, budget):
