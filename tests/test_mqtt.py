@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import time
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 import aiomqtt
 import numpy as np
@@ -103,6 +104,73 @@ def test_a_tablet_sets_the_scale_and_sees_it(broker, bare_theatre):
             assert late.last(f"{TOPIC}/available") == "offline", "and that the server has ended"
 
     asyncio.run(go())
+
+
+CONNACK, SUBACK = b"\x20\x02\0\0", b"\x90\x03\0\1\1"
+
+WRONG = {
+    "another protocol": [b"HTTP/1.1 400 Bad Request\r\n\r\n"],
+    "no answer": [],
+    "refused": [b"\x20\x02\0\5"],
+    "a short CONNACK": [b"\x20\x01\0"],
+    "an unknown packet": [CONNACK, b"\0\0"],
+    "a short SUBACK": [CONNACK, b"\x90\0"],
+    "the end after CONNACK": [CONNACK, None],
+    "the end": [CONNACK, SUBACK, None],
+    "a short PUBLISH": [CONNACK, SUBACK, b"\x30\1\0"],
+    "a topic that is not UTF-8": [CONNACK, SUBACK, b"\x30\5\0\2\xff\xfe1"],
+    "a length without end": [CONNACK, SUBACK, b"\x30" + b"\xff" * 6],
+    "DISCONNECT": [CONNACK, SUBACK, b"\xe0\0"],
+}
+"""Answers of a broker that breaks the protocol, one for each packet; None closes the connection."""
+
+
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # aiomqtt leaves sockets to its keep-alive
+@pytest.mark.parametrize("answers", WRONG.values(), ids=WRONG.keys())
+def test_a_broker_that_breaks_the_protocol_is_reported_and_nothing_else_is_logged(answers, monkeypatch):
+    monkeypatch.setattr(mqtt, "_RETRY", 0.01)
+    monkeypatch.setattr(mqtt, "_TIMEOUT", 0.3)
+    connections, logged, told = [], [], []
+
+    async def answered(reader, writer):
+        connections.append(writer)
+        with suppress(ConnectionError):
+            for answer in answers:
+                await reader.read(4096)
+                if answer is None:
+                    writer.close()
+                    return
+                writer.write(answer)
+            while await reader.read(4096):  # until the client leaves
+                pass
+        writer.close()
+
+    async def go():
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: logged.append(context["message"]))
+        server = await asyncio.start_server(answered, "127.0.0.1", 0)
+        topic = ScaleTopic("127.0.0.1", server.sockets[0].getsockname()[1], "a", (0.05, 1.0), 0.5, told.append)
+        topic.reports.tell = told.append
+        running = asyncio.ensure_future(topic.run())
+        end = time.monotonic() + 60
+        while len(connections) < 3:  # it has tried again, twice
+            assert time.monotonic() < end
+            assert not running.done()
+            await asyncio.sleep(0.01)
+        while not running.done():  # `asyncio.wait_for` of Python 3.11 may lose a cancellation
+            running.cancel()
+            await asyncio.wait((running,), timeout=0.1)
+        server.close()
+        for writer in connections:
+            writer.close()
+        await asyncio.sleep(0.05)
+        gc.collect()  # asyncio logs an error that nothing has retrieved when its future is deleted
+
+    asyncio.run(go())
+    gc.collect()
+    assert "the motion scale stays 0.5; trying again every" in told[0]
+    assert [text for text in logged if "never retrieved" in text] == []
 
 
 REFUSED = {

@@ -11,8 +11,8 @@ import asyncio
 import logging
 import socket
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from twin.core.errors import TwinError
@@ -93,7 +93,7 @@ class ScaleTopic:
         lost = False
         while True:
             try:
-                async with self._client() as client:
+                async with self._connection() as client:
                     codes = await client.subscribe(f"{self.topic}/set", qos=1)
                     if any(code.is_failure for code in codes):
                         raise self._mqtt.MqttError(f"the broker refuses the topic {self.topic}/set ({codes[0]})")
@@ -111,6 +111,21 @@ class ScaleTopic:
                     self.reports.tell(self.problem)
                 self.connected, lost = False, True
             await asyncio.sleep(_RETRY)
+
+    @asynccontextmanager
+    async def _connection(self) -> AsyncIterator[Client]:
+        """Yield a connected client; close its socket at the end.
+
+        After an invalid message of the broker, the library would close the socket only after the keep-alive interval.
+        """
+        client = self._client()
+        _retrieve_end(client)
+        try:
+            async with client:
+                _retrieve_end(client)
+                yield client
+        finally:
+            client._client._sock_close()
 
     def _client(self) -> Client:
         will = self._mqtt.Will(f"{self.topic}/available", "offline", qos=1, retain=True)
@@ -172,3 +187,16 @@ class ScaleTopic:
         if not low <= scale <= high:  # also true for NaN
             raise TwinError(f"{scale:g} is outside {low:g} to {high:g}")
         return scale
+
+
+def _retrieve_end(client: Client) -> None:
+    """Retrieve the error with which a connection ends; otherwise asyncio logs it when nothing waits for the end.
+
+    The library sets the error of a broker's invalid message in a future, and replaces the future when it has connected.
+    """
+
+    def retrieve(end: asyncio.Future[None]) -> None:
+        if not end.cancelled():
+            end.exception()
+
+    client._disconnected.add_done_callback(retrieve)
