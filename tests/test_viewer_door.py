@@ -12,7 +12,7 @@ import socket
 import time
 import urllib.error
 import urllib.request
-from contextlib import asynccontextmanager, contextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -26,11 +26,12 @@ import twin
 from twin.cli.terminal import Terminal
 from twin.core.errors import TwinError
 from twin.robots import NO_CODE
+from twin.ui.door import limits
 from twin.ui.door.gate import Gate
 from twin.ui.session import session as session_files
 from twin.ui.session.desk import Desk
 from twin.ui.session.session import Session
-from twin.ui.viewer import letters
+from twin.ui.viewer import letters, seats
 from twin.ui.viewer import server as servers
 from twin.ui.viewer.front import Actor
 from twin.ui.viewer.page import open_page
@@ -435,6 +436,78 @@ def test_who_sends_nonsense_again_and_again_is_cut_and_moves_nothing(front, capl
     assert not caplog.records
 
 
+# ------------------------------------------------------------------------------------------------------ the seats
+
+
+class Guest(Someone):
+    def __init__(self, household="a", heard=0.0):
+        self.household, self.heard = household, heard
+
+
+def test_a_seat_is_taken_after_a_valid_message_and_given_back():
+    room = seats.Seats()
+    mute = [Guest() for _ in range(seats.WAITING_OF_ONE + 3)]
+    for guest in mute:
+        room.enter(guest)
+    assert [guest.was_cut for guest in mute] == [True] * 3 + [False] * seats.WAITING_OF_ONE
+    assert not room.sit(mute[0], 0.0)
+    good = [Guest(heard=float(k)) for k in range(seats.SEATS_OF_ONE)]
+    for guest in good:
+        room.enter(guest)
+        assert room.sit(guest, guest.heard)
+        assert room.sit(guest, guest.heard), "a seat is kept"
+    assert not any(guest.was_cut for guest in good)
+    late, other = Guest(heard=30.0), Guest("b", heard=30.0)
+    room.enter(late)
+    room.enter(other)
+    assert not room.sit(late, seats.IDLE), "nobody is idle"
+    assert room.sit(other, seats.IDLE), "another address has seats of its own"
+    assert room.sit(late, seats.IDLE + 0.5), "the first one is idle now"
+    assert [guest.was_cut for guest in good] == [True] + [False] * (seats.SEATS_OF_ONE - 1)
+    room.leave(good[1])
+    last = Guest(heard=30.0)
+    room.enter(last)
+    assert room.sit(last, seats.IDLE + 0.6)
+    assert not any(guest.was_cut for guest in good[1:])
+    for k in range(seats.SEATS):
+        guest = Guest(f"c{k}", heard=30.0)
+        room.enter(guest)
+        assert room.sit(guest, 21.0) == (k < seats.SEATS - seats.SEATS_OF_ONE - 1)
+
+
+def test_garbage_takes_no_seat_of_a_page(front):
+    """More clients than there are seats send nothing, or nonsense; then as many pages as there are seats come."""
+
+    async def go():
+        async with AsyncExitStack() as stack:
+            where = f"ws://127.0.0.1:{front.server.get_port()}/"
+            for k in range(seats.WAITING_OF_ONE + 4):
+                other = connect(where, subprotocols=[PROTOCOL], max_size=None)  # type: ignore[list-item]
+                ws = await stack.enter_async_context(other)
+                if k % 2:
+                    with suppress(ConnectionClosed):
+                        await ws.send(b"nonsense")
+            pages = [await stack.enter_async_context(joined(front)) for _ in range(seats.SEATS_OF_ONE)]
+            await until(lambda: _seated(front) == seats.SEATS_OF_ONE, "the pages have seats")
+            for page in pages:
+                await (await page.ping())
+            async with joined(front) as late:
+                await asyncio.wait_for(late.wait_closed(), 20)
+                assert late.close_code == 1013
+            await pages.pop().close()
+            async with joined(front) as late:
+                await until(lambda: _seated(front) == seats.SEATS_OF_ONE, "the free seat is taken")
+                await (await late.ping())
+            assert all(page.close_code is None for page in pages)
+
+    asyncio.run(go())
+
+
+def _seated(front):
+    """Return the number of clients whose camera is known."""
+    return sum(client.camera._state.update_timestamp > 0 for client in front.server.get_clients().values())
+
+
 # ------------------------------------------------------------------------------------------------------ the files
 
 
@@ -566,6 +639,10 @@ def test_what_security_says_is_so():
     for figure in (
         f"at most {letters.UPLOAD / 1e6:.1f} MB", f"{session_files.MOST:,} moments are read".replace(",", " "),
         f"{recording.LONGEST // 60} minutes and {recording.LARGEST / 1e6:.0f} MB each",
+        f"has {seats.SEATS} seats for pages, {seats.SEATS_OF_ONE} of them for one address",
+        f"up to {seats.WAITING_OF_ONE} clients of one address wait, each for at most {seats.FIRST:g} s",
+        f"silent for {seats.IDLE:g} s",
+        f"accepts {limits.CLIENTS} WebSockets, {limits.CLIENTS_OF_ONE} from one address",
         f"{recording.FILES} files and {recording.IN_ALL / 1e9:.0f} GB for one start", NO_CODE,
     ):  # fmt: skip
         assert figure in text, figure

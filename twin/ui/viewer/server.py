@@ -7,6 +7,7 @@ differently, the server is stopped.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import io
 import threading
@@ -26,13 +27,11 @@ from websockets.http11 import Request, Response
 from twin.core.errors import TwinError
 from twin.ui.door.answers import File
 from twin.ui.door.connection import Connection
-from twin.ui.door.entrance import listen, page, stranger, visit
+from twin.ui.door.entrance import CLOSED, listen, page, stranger, visit
 from twin.ui.door.gate import Gate
-from twin.ui.door.limits import GARBAGE, MESSAGES, Bucket, Doorman
+from twin.ui.door.limits import GARBAGE, MESSAGES, SOCKETS, SOCKETS_OF_ONE, Bucket, Doorman
 from twin.ui.viewer.letters import LONGEST, Letters, NonsenseError, StaleError
-
-CLIENTS, CLIENTS_OF_ONE = 16, 8
-"""Maximum number of simultaneous WebSockets: in total, and from one address."""
+from twin.ui.viewer.seats import FIRST, Seats
 
 BYTES = (8e6, 40e6)
 """Limit of bytes from one page: (per second, burst); the page sends the 36 pictures of a turntable."""
@@ -57,17 +56,37 @@ _lock = threading.Lock()
 
 
 class PageConnection(Connection):
-    """A connection whose messages are filtered by `letters`."""
+    """A connection whose messages are filtered by `letters`, and which has one of the `seats` after its first one.
+
+    Attributes:
+        heard: time in s of the last frame of any type.
+    """
 
     letters: ClassVar[Letters]
+    seats: ClassVar[Seats]
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         now = time.monotonic()
         self._messages, self._garbage = Bucket(*MESSAGES, now), Bucket(*GARBAGE, now)
+        self.heard = now
+        self._unseated: asyncio.TimerHandle | None = None
+
+    def process_event(self, event: Any) -> None:
+        """Note the time of a frame."""
+        self.heard = time.monotonic()
+        super().process_event(event)
+
+    def wait_for_seat(self) -> None:
+        """Let the client wait for a seat, for a limited time."""
+        self.seats.enter(self)
+        self._unseated = self.loop.call_later(FIRST, self.cut)
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """Return the next valid message; disconnect clients that repeatedly send invalid messages."""
+        """Return the next valid message; disconnect clients that repeatedly send invalid messages.
+
+        The first valid message gives the client a seat; if none is free, the connection is closed.
+        """
         while True:
             raw = await super().recv(decode)
             now = time.monotonic()
@@ -81,10 +100,19 @@ class PageConnection(Connection):
                 if not self._garbage.take(now):
                     self.cut()
                 continue
+            if self._unseated is not None:
+                self._unseated.cancel()
+                self._unseated = None
+                if not self.seats.sit(self, now):
+                    await self.close(CLOSED, "too many clients")
+                    continue  # the next call of `recv` says that the connection is closed
             return raw
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Remove the connection from the counts, and cancel an upload of this connection."""
+        """Remove the connection from the counts, give back its seat, and cancel its upload."""
+        if self._unseated is not None:
+            self._unseated.cancel()
+        self.seats.leave(self)
         self.letters.forget(self)
         super().connection_lost(exc)
 
@@ -114,13 +142,19 @@ class Door:
     ) -> Any:
         """Open viser's socket instead of `websockets.serve`, with the access control and limits of this module."""
         self.stands = True
+
+        async def seated(connection: Connection) -> None:
+            assert isinstance(connection, PageConnection)
+            connection.wait_for_seat()
+            await handler(connection)
+
         return listen(
-            handler,
+            seated,
             host,
             port,
             self._request,
-            Doorman(CLIENTS, CLIENTS_OF_ONE),
-            kind=type("OwnPage", (PageConnection,), {"letters": self.letters}),
+            Doorman(SOCKETS, SOCKETS_OF_ONE),
+            kind=type("OwnPage", (PageConnection,), {"letters": self.letters, "seats": Seats()}),
             longest=LONGEST,
             bytes=BYTES,
             frames=FRAMES,
