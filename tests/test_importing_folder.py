@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from twin import api, cli
+from twin.core import spatial
 from twin.core.errors import KinematicsError, OutputError
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
+from twin.exchange.read.templates import protocol
 from twin.ui.session.desk import Desk
 
 DATA = Path(__file__).parent / "data/importing"
@@ -58,6 +61,66 @@ def test_info_validate_build_and_view_work_on_a_new_folder_at_once(name, tmp_pat
     assert desk.kin is None
     assert desk.move_joint(0, desk.assembly.q[0] + 0.05).good
     assert api.load(folder / "usd/own.usda").reference().home().worst_gap < 1e-6
+
+
+def stretched(axes, finger):
+    """Return a URDF of a chain of hinges about `axes`, each 0.2 m along x from the one before, with a tool at its end.
+
+    `finger` adds a driven slide that does not move the tool.
+    """
+    inertia = '<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/>'
+    rows = ['<link name="base"/>']
+    for i, axis in enumerate(axes):
+        parent = f"link{i}" if i else "base"
+        rows.append(f'<link name="link{i + 1}"><inertial><mass value="1"/>{inertia}</inertial></link>')
+        rows.append(f'<joint name="q{i + 1}" type="revolute"><parent link="{parent}"/><child link="link{i + 1}"/>')
+        rows.append(f'<origin xyz="{0.2 if i else 0.0} 0 0"/><axis xyz="{AXES[axis]}"/>')
+        rows.append('<limit lower="-0.5" upper="2.5" velocity="1" effort="9"/></joint>')
+    if finger:
+        rows.append(f'<link name="finger"><inertial><mass value="0.1"/>{inertia}</inertial></link>')
+        rows.append(f'<joint name="grip" type="prismatic"><parent link="link{len(axes)}"/><child link="finger"/>')
+        rows.append('<axis xyz="0 1 0"/><limit lower="0" upper="0.05" velocity="1" effort="9"/></joint>')
+    rows.append(f'<link name="tool"/><joint name="flange" type="fixed"><parent link="link{len(axes)}"/>')
+    rows.append('<child link="tool"/><origin xyz="0.2 0 0"/></joint>')
+    return "\n".join(['<robot name="stretched">', *rows, "</robot>"])
+
+
+AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+STRETCHED = [("yyy", False), ("yyyx", True), ("yyy", True), ("zyyxyx", False), ("zyyxyxy", True)]
+
+
+def regularity(axes, q):
+    """Return smallest by largest singular value of the Jacobian of `stretched`, with lengths in 0.1 m."""
+    T, places = np.eye(4), []
+    for axis, value in zip(axes, q, strict=True):
+        direction = np.array(AXES[axis].split(), float)
+        places.append((T[:3, 3], T[:3, :3] @ direction))
+        T = T @ spatial.pose(spatial.exp_so3(value * direction)) @ spatial.pose(p=[0.2, 0.0, 0.0])
+    columns = [[*(np.cross(w, T[:3, 3] - p) / 0.1), *w] for p, w in places]
+    values = np.linalg.svd(np.array(columns).T, compute_uv=False)
+    return values[-1] / values[0]
+
+
+@pytest.mark.parametrize(("axes", "finger"), STRETCHED)
+def test_the_first_motion_of_a_stretched_arm_starts_where_it_is_not_singular(axes, finger, tmp_path):
+    source = tmp_path / "stretched.urdf"
+    source.write_text(stretched(axes, finger))
+    told = tomllib.loads(protocol(close(read(source)).mechanism))
+    for name in ("home", "near"):
+        joints = told["waypoints"][name]["joints"]
+        q = [np.radians(joints[f"q{i + 1}_deg"]) for i in range(len(axes))]
+        assert min(q) >= -0.5
+        assert max(q) <= 2.5
+        assert regularity(axes, q) > 1e-4
+    assert regularity(axes, np.zeros(len(axes))) < 1e-9
+
+
+@pytest.mark.slow
+def test_a_stretched_arm_with_a_gripper_validates(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("stretched.urdf").write_text(stretched("yyy", True))
+    assert cli.main(["new", "own", "stretched.urdf"]) == 0
+    assert cli.main(["validate", "own/"]) == 0
 
 
 @pytest.mark.slow

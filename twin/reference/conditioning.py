@@ -16,7 +16,8 @@ class Conditioning:
 
     Attributes:
         stands: (k,) smallest divided by largest singular value of the tool Jacobian (twist per rate of the active
-            joints); 0 at a type I singularity, where the joints can move while the tool is at rest.
+            joints that can move the tool); 0 at a type I singularity, where the joints can move while the tool is at
+            rest.
         moves: (k,) inverse of the largest rate of the passive joints per unit rate of the active joints, at most 1; 0
             at a type II singularity, where the mechanism can move while all active joints are at rest.
     """
@@ -34,9 +35,13 @@ def conditioning(model: ReferenceModel, states: Array, length: float) -> Conditi
     tool = np.concatenate([tool[:, :3] / length, tool[:, 3:]], axis=1)
     slides = np.array([not j.is_angle for j in model.mechanism.active])
     tool = np.where(slides, length, 1.0) * tool  # rates of sliding joints in units of `length`
+    auxiliary = model.mechanism.auxiliary
+    tool = tool[..., [j not in auxiliary for j in model.mechanism.active]]  # a jaw never moves the tool
     values = np.linalg.svd(tool, compute_uv=False)
     passive = np.ones(tree.model.nv)
     passive[[tree.coordinate[j.name] for j in model.mechanism.tree if j.type == "prismatic"]] = 1 / length
     answers = np.where(slides, length, 1.0) * (passive[:, None] * gain)[:, tree.passive]
     largest = np.linalg.norm(answers, ord=2, axis=(1, 2)) if answers.shape[1] else np.zeros(len(states))
-    return Conditioning(values[:, -1] / values[:, 0], 1.0 / np.maximum(largest, 1.0))
+    most = values[:, 0]
+    stands = np.divide(values[:, -1], most, out=np.zeros(len(states)), where=most > 0)  # 0 at a dead centre
+    return Conditioning(stands, 1.0 / np.maximum(largest, 1.0))

@@ -11,6 +11,18 @@ from twin.core.units import DEG, MM
 from twin.exchange.read.text import one_line, toml
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
+from twin.reference.conditioning import conditioning
+from twin.reference.loops import LENGTH_SCALE
+from twin.reference.states import Assembly
+
+_REGULAR = 1e-3
+"""Conditioning (0: singular, 1: best) from which the initial protocol may start and pass; `validate` requires 1e-6."""
+
+_SPREADS = (0.1, 0.3, 0.6, 1.0)
+"""Maximum distances of a start from a singular home, in rad; for slides, a tenth of these in m."""
+
+_DRAWS = 8
+"""Number of starts drawn at each distance."""
 
 _STEP = {"revolute": 5 * DEG, "prismatic": 10 * MM}
 """Displacement of the moved joint in the initial protocol, in rad (revolute) or m (prismatic)."""
@@ -48,10 +60,15 @@ def inverse(pose, length):
 def protocol(mechanism: Mechanism) -> str:
     """Return a protocol that moves a driven joint by a small amount and back; all its numbers are ASSUMED.
 
-    The protocol moves a joint instead of the tool, so that every mechanism can execute it.
+    The protocol moves a joint instead of the tool, so that every mechanism can execute it. It starts at home or, if the
+    mechanism is singular there, such as a stretched arm, at a state beside home at which it is not.
     """
-    home, near, how = _near(mechanism)
-    return f"""# A first motion: the driven joints move from home to nearby values and back. {how}
+    model = ReferenceModel(mechanism)
+    start = _start(model)
+    home, near, how = _near(model, start or model.home())
+    place = "a pose beside home, where the mechanism is singular," if start else "home"
+    note = "Beside the home position, which is singular" if start else "The home position of the mechanism"
+    return f"""# A first motion: the driven joints move from {place} to nearby values and back. {how}
 # Try it: twin plan, twin validate. To move the tool to a pose, use a phase of type "positioning" and a waypoint with
 # position_mm and angles_deg; see docs/your-own-robot.md.
 name = "first"
@@ -72,7 +89,7 @@ waypoint_mm = 0.01
 waypoint_deg = 0.01
 provenance = "ASSUMED"
 note = "To be replaced."
-{_limits("joints")}{_limits("home")}{_waypoint("home", home)}{_waypoint("near", near)}
+{_limits("joints")}{_limits("home")}{_waypoint("home", home, note)}{_waypoint("near", near, "Near the start")}
 [[phases]]
 type = "joints"
 name = "go"
@@ -84,14 +101,42 @@ name = "back"
 """
 
 
-def _near(mechanism: Mechanism) -> tuple[dict[str, float], dict[str, float], str]:
-    """Return (values at home, values near home, description of the difference) for the driven joints.
+def _start(model: ReferenceModel) -> Assembly | None:
+    """Return a state near home that is not singular; None if home is not, or if no such state was found."""
+    home = model.home()
+    if _regularity(model, home) >= _REGULAR:
+        return None
+    rng = np.random.default_rng(0)
+    active = model.mechanism.active
+    low, high = model.mechanism.limits.T
+    unit = np.array([1.0 if j.is_angle else 0.1 for j in active])
+    for spread in _SPREADS:
+        for _ in range(_DRAWS):
+            q = np.clip(home.q + spread * unit * rng.uniform(-1.0, 1.0, len(active)), low, high)
+            try:
+                state = model.solve(q, home)
+            except TwinError:
+                continue
+            if _regularity(model, state) >= _REGULAR:
+                return state
+    return None
+
+
+def _regularity(model: ReferenceModel, state: Assembly) -> float:
+    """Return the smaller of the two measures of `conditioning` at a state; infinite without driven joints."""
+    if not model.mechanism.active:
+        return np.inf
+    found = conditioning(model, state.x[None], LENGTH_SCALE)
+    return float(min(found.stands[0], found.moves[0]))
+
+
+def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict[str, float], str]:
+    """Return (values at `home`, values near it, description of the difference) for the driven joints.
 
     Keys of the values are TOML keys: the name of a joint and its unit. Only one joint differs: the first driven joint
     that can move the tool within the joint limits. If no joint can, the first joint that can be moved at all differs.
     """
-    model = ReferenceModel(mechanism)
-    home = model.home()
+    mechanism = model.mechanism
     values, found = _values(mechanism, home.q), None
     for i, joint in enumerate(mechanism.active):
         low, high = joint.limits or (-np.inf, np.inf)
@@ -134,10 +179,10 @@ note = "Slow; to be replaced."
 """
 
 
-def _waypoint(name: str, values: dict[str, float]) -> str:
+def _waypoint(name: str, values: dict[str, float], note: str) -> str:
     return f"""
 [waypoints.{name}]
 joints = {toml(values)} # joints that are not listed stay at home
 provenance = "ASSUMED"
-note = "The home position of the mechanism; to be replaced."
+note = "{note}; to be replaced."
 """
