@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 
 import pytest
 
@@ -154,15 +155,15 @@ def lanes():
 
 
 @pytest.fixture(scope="module")
-def users(tmp_path_factory):
-    """The new users who read the pages, by page."""
-    return {page: NewUser(tmp_path_factory.mktemp("page")) for page in {step.page for step in all_steps()}}
+def user_of(tmp_path_factory):
+    """The new user who reads a page."""
+    return cache(lambda page: NewUser(tmp_path_factory.mktemp("page")))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("step", lanes())
-def test_step(step, users):
-    users[step.page].take(step)
+def test_step(step, user_of):
+    user_of(step.page).take(step)
 
 
 def test_every_command_of_the_nightly_lane_is_on_a_page():

@@ -204,7 +204,7 @@ def squeezed(text: str) -> str:
 
 
 class NewUser:
-    """Who reads a page in an empty folder, in which `make demo` has installed twin."""
+    """Who reads a page in a folder that holds nothing of twin's but `.venv`, by `make demo`, and `docs/examples`."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
