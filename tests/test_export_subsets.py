@@ -83,7 +83,7 @@ def read_once(reader):
     """Return a reader of folders that reads each file once; MJCF and URDF are read with and without tracks."""
     known: dict = {}
 
-    def again(found, tell):
+    def again(found, tell, states):
         kinds = {name: list(files) for name, files in vars(found).items() if isinstance(files, list)}
         for kind in ("tracks", "csv", "gltf", "stages", "usdz", "mjcf", "urdf"):
             key = (kind, bool(found.tracks), tuple(found.name(p) for p in kinds[kind]))
@@ -91,7 +91,7 @@ def read_once(reader):
                 alone = audits.Found(found.root, **{kind: kinds[kind]})
                 if kind in ("mjcf", "urdf"):
                     alone.tracks = found.tracks
-                rows = list(reader(alone, tell))
+                rows = list(reader(alone, tell, states))
                 known[key] = rows[len(alone.tracks) if kind in ("mjcf", "urdf") else 0 :]
             yield from copy.deepcopy(known[key])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,22 +38,24 @@ class Reference:
 def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
     """Return {clip name: `Reference`}.
 
-    The reference for a clip is `truth` if it contains the clip, else the clip's track, else the first file with it. A
-    .usdz is a reference only if no other file has a motion.
+    The reference for a clip is `truth` if it contains the clip, else the clip's track, else the first file with it. If
+    there are tracks, other files are references only for the motions of tracks that cannot be used. A .usdz is a
+    reference only if no other file has a motion.
     """
     out = {name: Reference(Clip(name, np.asarray(t, float), links), MECHANISM) for name, (t, links) in truth.items()}
     # A stage does not state the name of its clip, which is then that of the file: <robot>_<clip>. The other files do.
     stated = {clip.name: clip for c in contents if c.format not in (*STAGES, "usdz") for clip in c.clips}
     tracked = any(c.format == "tracks" for c in contents)
+    unusable = dict.fromkeys(str(c.facts.get("protocol")) for c in contents if c.format == "tracks" and not c.clips)
     for content in sorted(contents, key=lambda c: _RANK.get(c.format, 9)):
-        if tracked and content.format != "tracks":
-            continue
         if content.format == "usdz" and any(not r.source.endswith(".usdz") for r in out.values()):
             continue  # <robot>_ar.usdz has the motion of another file, which `_counterpart` finds
         for clip in content.clips:
             name = clip.name
             if content.format in (*STAGES, "usdz"):
-                name = _named(clip.name, out) or _named(clip.name, stated) or clip.name
+                name = _named(clip.name, out) or _named(clip.name, {**stated, **unusable}) or clip.name
+            if tracked and content.format != "tracks" and name not in unusable:
+                continue
             out.setdefault(name, Reference(clip, content.file))
     return out
 
@@ -61,9 +63,10 @@ def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Map
 def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
     """Compare the clips of each file with the references, and report differences in the file's ledger."""
     agreeing: dict[str, list[tuple[Content, Clip, bool]]] = {}
+    prefixes = _prefixes(contents, refs)
     for content in contents:
         for clip in content.clips:
-            name = _counterpart(content, clip, refs)
+            name = _counterpart(content, clip, refs, prefixes)
             if name is None:
                 if len(contents) > 1 and refs:
                     text = f"clip '{clip.name}' is in no other file; the known clips are {', '.join(sorted(refs))}."
@@ -87,13 +90,25 @@ def _named(name: str, known: Mapping[str, object]) -> str | None:
     return max(fits, key=len) if fits else None
 
 
-def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference]) -> str | None:
+def _prefixes(contents: Sequence[Content], refs: Mapping[str, Reference]) -> frozenset[str]:
+    """Return the parts before the name of the clip in the names of stages, such as <robot>_ in <robot>_<clip>."""
+    out = set()
+    for clip in (clip for c in contents if c.format in (*STAGES, "usdz") for clip in c.clips):
+        if (name := _named(clip.name, refs)) is not None:
+            out.add(clip.name.removesuffix("_ar").removesuffix(name))
+    return frozenset(out - {""})
+
+
+def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference], prefixes: Collection[str]) -> str | None:
+    """Return the name of the reference clip for a clip; None if the clip has a name of its own, or nothing is alike."""
     if clip.name in refs:
         return clip.name
     if content.format not in (*STAGES, "usdz"):
         return None
     if (name := _named(clip.name, refs)) is not None:
         return name
+    if clip.name.removesuffix("_ar").startswith(tuple(prefixes)):
+        return None
     # The file does not state the name of its clip: choose the clip with the most similar first and last poses.
     scores = {name: _score(clip, ref.clip) for name, ref in refs.items()}
     scores = {name: s for name, s in scores.items() if s is not None}
@@ -304,8 +319,11 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
                 content.ledger.wrong("compare.missing_clip", text, name)
     for kinds in (STAGES, ("tracks",), ("csv",)):
         group = [c for c in contents if c.format in kinds and c.clips]
-        have = {_counterpart(c, clip, refs) for c in group for clip in c.clips}
-        if len(group) and (missing := sorted(set(refs) - have)):
+        prefixes = _prefixes(contents, refs)
+        have = {_counterpart(c, clip, refs, prefixes) for c in group for clip in c.clips}
+        # A track with faults has no clip, but it is there, and its faults have been reported.
+        faulty = {str(c.facts.get("protocol")) for c in contents if c.format in kinds and not c.clips}
+        if len(group) and (missing := sorted(set(refs) - have - faulty)):
             text = f"no file of this format contains clip '{missing[0]}' of {refs[missing[0]].source}."
             group[0].ledger.wrong("compare.missing_clip", text, missing[0])
 

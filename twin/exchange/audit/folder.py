@@ -99,9 +99,9 @@ def _sort(out: Found, file: Path, alone: bool) -> None:
         out.readmes.append(file)
     elif file.name == "proof.json":
         out.proofs.append(file)
-    elif suffix == ".json" and (alone or (not file.name.endswith(".schema.json") and _starts(file, b'"twin-track"'))):
+    elif suffix == ".json" and (alone or (not file.name.endswith(".schema.json") and _is_track(file))):
         out.tracks.append(file)
-    elif suffix == ".csv" and (alone or _starts(file, b"twin-track")):
+    elif suffix == ".csv" and (alone or _is_table(file)):
         out.csv.append(file)
 
 
@@ -112,6 +112,37 @@ def _starts(file: Path, mark: bytes) -> bool:
             return mark in f.read(4096)
     except OSError:
         return False
+
+
+def _is_track(file: Path) -> bool:
+    """Return whether a JSON file is a track: its entry `schema` says so, wherever it stands.
+
+    A file that names the schema, but is not JSON, is a damaged track.
+    """
+    try:
+        data = file.read_bytes()
+        if b'"twin-track"' not in data:
+            return False
+        told = json.loads(data)
+    except OSError:
+        return False
+    except (ValueError, RecursionError):
+        return True
+    return isinstance(told, dict) and told.get("schema") == "twin-track"
+
+
+def _is_table(file: Path) -> bool:
+    """Return whether a CSV file is a track: one of the lines `# name: value` at its start names the schema."""
+    try:
+        with file.open("rb") as f:
+            for line in f:
+                if not line.startswith(b"#"):
+                    return False
+                if b"twin-track" in line:
+                    return True
+    except OSError:
+        return False
+    return False
 
 
 def _is_package(file: Path) -> bool:
