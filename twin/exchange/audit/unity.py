@@ -11,6 +11,7 @@ from typing import Any
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.unity_frames import check_frames
 from twin.exchange.audit.unity_golden import check_golden
+from twin.exchange.audit.unity_shipped import check_shipped
 
 REQUIRED = ("name", "version", "displayName", "unity")
 _GUID = re.compile(r"^guid:\s*([0-9a-f]{32})\s*$", re.MULTILINE)
@@ -28,6 +29,7 @@ def check_package(folder: Path, ledger: Ledger) -> None:
     guids = _check_metas(folder, seen, ledger)
     _check_assemblies(folder, seen, guids, ledger)
     _check_scripts(folder, seen, ledger)
+    check_shipped(folder, data, ledger)
     for file in seen:
         name = file.relative_to(folder).as_posix()
         if file.name == "Frames.cs":
