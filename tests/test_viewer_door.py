@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import logging
 import math
 import os
@@ -26,6 +27,7 @@ import twin
 from twin.cli.terminal import Terminal
 from twin.core.errors import TwinError
 from twin.robots import NO_CODE
+from twin.simulation.machine import server as machines
 from twin.ui.door import limits
 from twin.ui.door.gate import Gate
 from twin.ui.session import session as session_files
@@ -646,5 +648,7 @@ def test_what_security_says_is_so():
         f"{recording.FILES} files and {recording.IN_ALL / 1e9:.0f} GB for one start", NO_CODE,
     ):  # fmt: skip
         assert figure in text, figure
+    assert f"at most {machines.READERS} connections" in text
+    assert ipaddress.ip_address(machines.HOST).is_loopback  # whoever changes this adds a token to the buttons
     assert "eleven kinds" in text
     assert len(letters._ORDINARY) + len(letters._LONG) == 11

@@ -24,8 +24,11 @@ from twin.simulation.machine.states import State, pack
 
 HOST = "127.0.0.1"
 
-_READERS = 4
+READERS = 32
 """Maximum number of connections for states."""
+
+_NEW = 4
+"""Maximum number of connections accepted in one tick, so that many new ones do not delay the tick."""
 
 _PACKETS = 2
 """Maximum number of packets read in one tick, so that waiting packets do not move the arm all at once."""
@@ -102,7 +105,7 @@ class Server:
                 self.close()
                 raise DeviceError(f"{kind} port {wanted} of {HOST}: {error.strerror}; give another port") from error
             sock.setblocking(False)
-        self._tcp.listen(_READERS)
+        self._tcp.listen(READERS)
         self.port, self.state_port = self._udp.getsockname()[1], self._tcp.getsockname()[1]
         self._readers: dict[socket.socket, bytes] = {}
 
@@ -157,9 +160,10 @@ class Server:
 
     def _buttons(self) -> None:
         with contextlib.suppress(OSError):  # nobody connects, or a connection was aborted before it was accepted
-            while True:
+            for _ in range(_NEW):
                 reader, _ = self._tcp.accept()
-                if len(self._readers) == _READERS:
+                if len(self._readers) == READERS:
+                    self.refusal = f"a connection was closed: there are {READERS} connections, the maximum"
                     reader.close()
                     continue
                 reader.setblocking(False)
