@@ -102,6 +102,7 @@ NIGHTLY = {
         "test_an_edited_key_of_a_stage_is_found_and_the_report_names_driver_and_judge, with an edited stage",
     "twin validate lapbot --all-protocols":
         "test_toppra_confirms_every_phase_of_every_protocol; tests/test_cad_lapbot_hibou.py",
+    "twin validate my_robot/": "twin validate my_hexapod, the same robot",
     "twin validate pa10 --all-protocols":
         "test_toppra_confirms_every_phase_of_every_protocol; tests/test_point_search.py",
     "twin validate raven_left --all-protocols":
