@@ -16,7 +16,7 @@ import numpy as np
 
 from twin import api
 from twin.analysis.tolerance import Spread, Tolerances
-from twin.analysis.workspace import Grid, centre, gaps_of, volume_error
+from twin.analysis.workspace import Grid, centre, shared_bounds, volume_error
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
@@ -265,8 +265,8 @@ def _good(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
         q = kin.inverse_many(Ts)
         limits = robot.mechanism.limits
         good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)
-        for i, j, least in gaps_of(robot):
-            good &= q[:, j] - q[:, i] >= least
+        for bound in shared_bounds(robot):
+            good &= q @ bound.weights >= bound.least
         if kin.formula.aspects:
             preferred = np.sign([a.preferred for a in kin.formula.aspects])
             good &= (kin.aspect_signs(Ts, q) == preferred).all(axis=1)

@@ -15,10 +15,11 @@ import numpy as np
 
 from twin import robots
 from twin.analysis import measure
-from twin.analysis.workspace import CHUNK, Grid, Workspace, shared_bounds
+from twin.analysis.workspace import CHUNK, Grid, Workspace, limit_facts, passive_check, shared_bounds
 from twin.api import Robot
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
+from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 
 _FIRST = 50_000
 """Number of samples from which the extent of the grid is estimated."""
@@ -49,7 +50,8 @@ def by_joints(
         TwinError: a prismatic joint has no limits, there are too many cells, or no sample can be assembled.
     """
     ranges = _ranges(robot)
-    sample = _sampler(robot, ranges)
+    passive = passive_check(robot)
+    sample = _sampler(robot, ranges, passive)
     values, p = sample(0, min(_FIRST, count))
     p = p[(values[:, 0] > 0) & np.isfinite(p).all(axis=1)]
     if not len(p):
@@ -95,7 +97,7 @@ def by_joints(
     out[:, 3] = np.where(np.isfinite(singular), singular, np.nan)
     open_ended = [j.name for j in robot.mechanism.active if j.limits is None or not np.isfinite(j.limits).all()]
     facts: dict[str, Any] = {"sampled": "joints", "samples": count, "assembled": reached / count}
-    facts |= {"outside_of_box": outside, "without_limits": open_ended}
+    facts |= {"outside_of_box": outside, "without_limits": open_ended, **limit_facts(robot, passive)}
     return Workspace(robot.name, grid, out, facts, _dimension(robot, ranges, int((~flat).sum())))
 
 
@@ -138,7 +140,7 @@ def _root(n: int) -> float:
     return x
 
 
-def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, Array]]:
+def _sampler(robot: Robot, ranges: Array, passive: PassiveCheck | None) -> Callable[[int, int], tuple[Array, Array]]:
     """Return a function of (first, last) that computes the samples with indices first to last - 1.
 
     The function returns the values (k, 4) of the samples, with the columns `measure.NAMES`, and the tool positions
@@ -154,7 +156,8 @@ def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, A
     if robot.name in robots.names() or (robot.files is not None and robot.files.has_equations):
         kin = robot.kinematics()
         if kin.closed_forward:
-            kernel = measure.kernel(kin, ranges, at, bounds=shared_bounds(robot), from_joints=True)
+            bounds = shared_bounds(robot)
+            kernel = measure.kernel(kin, ranges, at, bounds=bounds, passive=passive, from_joints=True)
 
             def by_equations(first: int, last: int) -> tuple[Array, Array]:
                 *values, p = kernel(np.arange(first, last, dtype=np.float64)[None])
@@ -170,6 +173,8 @@ def _sampler(robot: Robot, ranges: Array) -> Callable[[int, int], tuple[Array, A
         closed = np.isfinite(found.Ts_base_tool).all(axis=(1, 2))
         for bound in bounds:
             closed &= q @ bound.weights >= bound.least
+        if passive is not None:
+            closed &= passive.within(q, found.states)
         near = 2 * np.minimum(q - ranges[:, 0], ranges[:, 1] - q) / np.ptp(ranges, axis=1)
         values: Array = np.stack([closed.astype(float), 0 * found.offset, near.min(axis=1), found.margin], axis=1)
         return values, found.Ts_base_tool[:, :3, 3]

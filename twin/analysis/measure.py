@@ -8,6 +8,7 @@ computed together.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import reduce
 from itertools import combinations
 
@@ -15,9 +16,11 @@ import casadi as ca
 import numpy as np
 
 from twin.codegen import Kernel, Stage
+from twin.core import spatial
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.kinematics.closed_loops.dragging import Bound
+from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 from twin.kinematics.compile import POSE_TOL
 
 NAMES = ("reached", "inverse_condition", "limit_margin", "singularity")
@@ -40,24 +43,36 @@ def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
     return tuple(b for b in bounds if b.kind in ("motor", "gap"))
 
 
+def agree(kin: Kinematics, passive: PassiveCheck, T: Array) -> bool:
+    """Return whether the loops of a mechanism close at the joint values that the equations give for a pose T (4, 4).
+
+    Limits of passive joints can be checked only then; it is not so if parameters of the equations have been changed.
+    The equations must have a closed-form inverse.
+    """
+    q = kin.inverse_many(T[None])
+    return bool(np.isfinite(q).all() and passive.placed(q, T[None])[1].all())
+
+
 def kernel(
     kin: Kinematics,
     limits: Array,
     pose: Callable[[ca.SX], ca.SX],
     *,
     bounds: Sequence[Bound] = (),
+    passive: PassiveCheck | None = None,
     from_joints: bool = False,
     size: int = 1,
-) -> Kernel:
-    """Return a kernel that computes the values named in `NAMES` and the tool position from each sample.
+) -> Kernel | Checked:
+    """Return a function that computes the values named in `NAMES` and the tool position from each sample.
 
-    The kernel's input is the index of a sample, or the sample itself (a pose or joint values).
+    Its input is the index of a sample, or the sample itself (a pose or joint values).
 
     Args:
         kin: compiled equations of the robot.
         limits: (n, 2) limits of the active joints in m or rad, infinite where a joint has no limit.
         pose: function from the input (size,) to the pose (4, 4) or, with `from_joints`, to the joint values (n,).
         bounds: limits that involve several joints, see `shared`.
+        passive: limits of passive joints; None: there are none, or they are not checked.
         from_joints: whether samples are joint values; requires forward equations.
         size: number of entries of the input.
     """
@@ -76,14 +91,38 @@ def kernel(
     gram = J @ J.T if J.shape[0] <= J.shape[1] else J.T @ J
     m = gram.shape[0]
     entries = ca.vertcat(*[gram[r, c] for r in range(m) for c in range(r + 1)])
-    first = ca.Function("pose", [i], [entries, reached, margin, singularity, T[:3, 3]], {"cse": True})
-    known = ("gram", "reached", "margin", "singularity", "position")
+    results = {"gram": entries, "reached": reached, "margin": margin, "singularity": singularity}
+    results |= {"position": T[:3, 3]}
+    if passive is not None:
+        results |= {"joints": q, "rotation": ca.vec(T[:3, :3].T)}
+    first = ca.Function("pose", [i], [ca.densify(x) for x in results.values()], {"cse": True})
     stages = [
-        Stage(first, ("i",), known),
+        Stage(first, ("i",), tuple(results)),
         Stage(_sweep(m), ("gram",), ("gram", "error"), _SWEEPS, _BESIDE),
         Stage(_last(m), ("gram", "reached", "margin", "singularity"), NAMES),
     ]
-    return Kernel(stages, {"i": size}, [*NAMES, "position"])
+    if passive is None:
+        return Kernel(stages, {"i": size}, [*NAMES, "position"])
+    return Checked(Kernel(stages, {"i": size}, [*NAMES, "position", "joints", "rotation"]), passive)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A kernel that also returns joints and rotations, and the limits of passive joints for the samples it reaches."""
+
+    kernel: Kernel
+    passive: PassiveCheck
+
+    def __call__(self, samples: Array) -> tuple[Array, ...]:
+        """Return the values `NAMES`, each (1, k), and the tool positions (3, k) of samples (size, k)."""
+        *values, position, joints, rotation = self.kernel(samples)
+        reached = np.flatnonzero(values[0][0] > 0)
+        if len(reached):
+            Ts = spatial.pose(rotation[:, reached].T.reshape(-1, 3, 3), position[:, reached].T)
+            lost = reached[~self.passive.kept(joints[:, reached].T, Ts)]
+            for value, nothing in zip(values, (0.0, 0.0, 0.0, np.nan), strict=True):
+                value[0, lost] = nothing
+        return *values, position
 
 
 def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:

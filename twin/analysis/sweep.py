@@ -19,6 +19,7 @@ from twin.core.findings import Finding
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.core.units import MM
+from twin.kinematics.closed_loops.passive_limits import passive_limits
 
 _SHOWN = 20
 """Maximum number of Pareto-optimal designs in the text."""
@@ -34,6 +35,7 @@ class Sweep(Result):
         judged: (k, objectives) values, in the units of `design.OBJECTIVES`.
         best: (k,) bool, whether a design is Pareto-optimal.
         before: number of designs with results that a previous run had stored in the folder.
+        unchecked: names of the passive joints with limits, which are not checked for designs.
     """
 
     robot: str
@@ -42,6 +44,7 @@ class Sweep(Result):
     judged: Array
     best: np.ndarray
     before: int
+    unchecked: tuple[str, ...] = ()
 
     kind = "sweep"
     judges = False
@@ -73,6 +76,7 @@ class Sweep(Result):
             "judged_before": self.before,
             "objectives": {n: {"unit": unit, "meaning": meaning} for n, (unit, _, meaning) in known.items()},
             "grid": grid,
+            "passive_limits_unchecked": list(self.unchecked),
             "drawn": rows[0],
             "pareto": [r for r in rows if r["pareto"]],
         }
@@ -85,6 +89,9 @@ class Sweep(Result):
         if (grid := data["grid"]) is not None:
             cells = f"a grid of {grid['step_mm']:.3g} mm, the same for every design"
             yield f"  volumes are sums of cells of {cells}: ± {grid['volume_error_dm3']:.1g} dm³ for the CAD's design"
+        if self.unchecked:
+            names, why = ", ".join(self.unchecked), "a design changes the equations, but not the mechanism of the CAD"
+            yield f"  not checked: limits of the passive joints {names}: {why}"
         yield ""
         head = [n for n in data["drawn"] if n != "pareto"]
         best = [r for r in data["pareto"] if r["design"] != 0]
@@ -156,7 +163,14 @@ def sweep(
             _judge(work, designs, todo, kept, scheduler or HERE, workers, progress)
     judged = np.array([[kept.done[i][n] for n in objectives] for i in range(len(designs))])
     best = design.pareto(judged, [design.OBJECTIVES[n][1] for n in objectives])
-    return Sweep(robot.name, work, designs, judged, best, before)
+    return Sweep(robot.name, work, designs, judged, best, before, _unchecked(robot, objectives))
+
+
+def _unchecked(robot: Robot, objectives: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the passive joints with limits, if an objective depends on the reached positions."""
+    if set(objectives) == {"tolerance"}:
+        return ()
+    return tuple(dict.fromkeys(limit.joint.name for limit in passive_limits(robot.mechanism)))
 
 
 def _judge(

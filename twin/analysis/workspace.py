@@ -1,7 +1,8 @@
 """Compute a workspace on a grid of positions, in several orientations near a central orientation.
 
 Poses are not stored: in chunks of indices, a compiled kernel computes each pose from its index. Only a few values are
-stored for each position. Collisions are not checked; passive joints are limited only by the equations.
+stored for each position. Hard limits of driven joints, motors, rails and passive joints are kept; collisions are not
+checked.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ import numpy as np
 from twin.analysis import measure
 from twin.analysis.cluster import each
 from twin.api import Robot, load
-from twin.codegen import Kernel
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.findings import Finding
 from twin.core.result import Part, Result
@@ -28,9 +28,13 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.formula import symbolic
 from twin.kinematics.closed_loops.dragging import Bound, bounds_of
+from twin.kinematics.closed_loops.passive_limits import PassiveCheck, passive_limits
 
 if TYPE_CHECKING:
     from distributed import Client
+
+Judge = Callable[[Array], tuple[Array, ...]]
+"""Function of samples (size, k), see `twin.analysis.measure.kernel`."""
 
 CHUNK = 1 << 18
 """Number of poses in a chunk; a chunk requires tens of milliseconds and a few MB."""
@@ -267,7 +271,14 @@ class Workspace(Result):
         if s["best_position_mm"] is not None:
             why = " (largest inverse condition number)" if s["global_conditioning_index"] is not None else ""
             yield f"  best position     {', '.join(f'{x:.0f}' for x in s['best_position_mm'])} mm{why}"
-        yield "  collisions are not checked"
+        if names := s.get("passive_limits_kept"):
+            yield f"  passive joints    limits of {', '.join(names)} are kept"
+        if names := s.get("passive_limits_unchecked"):
+            why = "the equations do not describe the mechanism of the CAD"
+            yield f"  not checked       limits of the passive joints {', '.join(names)}: {why}"
+        if names := s.get("soft_limits_unchecked"):
+            yield f"  not checked       soft limits of {', '.join(names)}, which only cause warnings"
+        yield "  not checked       collisions"
         yield ""
 
 
@@ -317,8 +328,44 @@ def gaps_of(robot: Robot) -> list[tuple[int, int, float]]:
     return [(order.index(lower), order.index(upper), least) for lower, upper, least in pairs]
 
 
-def judge(robot: Robot, grid: Grid) -> Kernel:
-    """Return the compiled function that decides which poses of a grid a robot can reach.
+def passive_check(robot: Robot) -> PassiveCheck | None:
+    """Return the check of limits of passive joints.
+
+    The result is None in two cases: no passive joint has limits, or the equations do not describe the mechanism. In the
+    second case, its loops do not close at poses of the equations; the central pose is tested.
+    """
+    if not passive_limits(robot.mechanism):
+        return None
+    check = robot.passive_check
+    if robot.files is None or not robot.files.has_equations:
+        return check
+    kin, T = robot.kinematics(), centre(robot)
+    if kin.closed_inverse:
+        return check if measure.agree(kin, check, T) else None
+    q = _home(robot)[None]
+    Ts = kin.forward_many(q)
+    return check if np.isfinite(Ts).all() and check.placed(q, Ts)[1].all() else None
+
+
+def limit_facts(robot: Robot, passive: PassiveCheck | None) -> dict[str, list[str]]:
+    """Return the names of passive joints whose limits are kept, and of joints with limits that are not checked."""
+    joints = dict.fromkeys(limit.joint.name for limit in passive_limits(robot.mechanism))
+    soft = []
+    for joint in robot.mechanism.active:
+        if joint.soft_limits is None:
+            continue
+        low, high = joint.limits or (-np.inf, np.inf)
+        if joint.soft_limits[0] > low or joint.soft_limits[1] < high:
+            soft.append(joint.name)
+    return {
+        "passive_limits_kept": list(joints) if passive is not None else [],
+        "passive_limits_unchecked": list(joints) if passive is None else [],
+        "soft_limits_unchecked": soft,
+    }
+
+
+def judge(robot: Robot, grid: Grid) -> Judge:
+    """Return the function that decides which poses of a grid a robot can reach.
 
     Raises:
         KinematicsError: the robot's equations have no closed-form inverse.
@@ -328,7 +375,8 @@ def judge(robot: Robot, grid: Grid) -> Kernel:
         raise KinematicsError(
             f"{robot.name}: the equations have no closed-form inverse; a numerical inverse would take hours"
         )
-    return measure.kernel(kin, robot.mechanism.limits, grid.pose, bounds=shared_bounds(robot))
+    bounds, passive = shared_bounds(robot), passive_check(robot)
+    return measure.kernel(kin, robot.mechanism.limits, grid.pose, bounds=bounds, passive=passive)
 
 
 def chunks(grid: Grid) -> Iterator[tuple[int, int]]:
@@ -338,7 +386,7 @@ def chunks(grid: Grid) -> Iterator[tuple[int, int]]:
         yield first, min(first + many, grid.positions)
 
 
-def evaluate(kernel: Kernel, grid: Grid, first: int, last: int) -> np.ndarray:
+def evaluate(kernel: Judge, grid: Grid, first: int, last: int) -> np.ndarray:
     """Return the values (last - first, 4) float32, in the order of `COLUMNS`, of the positions first to last - 1."""
     number = np.arange(first * grid.turns, last * grid.turns, dtype=np.float64)[None]
     reached, inverse, margin, singularity, _ = (x.reshape(-1, last - first, grid.turns) for x in kernel(number))
@@ -353,10 +401,13 @@ def evaluate(kernel: Kernel, grid: Grid, first: int, last: int) -> np.ndarray:
 
 def centre(robot: Robot) -> Array:
     """Return T_base_tool (4, 4) in the posture `home`, else in the first posture, else in the rest poses."""
+    return robot.loops.forward(_home(robot))
+
+
+def _home(robot: Robot) -> Array:
+    """Return the joint values (n,) of the posture `home`, else of the first posture, else of the rest poses."""
     names = [n for n in ("home", *robot.mechanism.postures) if n in robot.mechanism.postures]
-    if names:
-        return robot.loops.forward(robot.mechanism.posture(names[0]))
-    return robot.loops.forward(robot.loops.q)
+    return robot.mechanism.posture(names[0]) if names else robot.loops.q
 
 
 def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Array, Array]:
@@ -398,7 +449,7 @@ def _reached(robot: Robot, low: Array, high: Array, T: Array, tilt: float, turns
 
 
 @lru_cache(maxsize=4)
-def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[Kernel, Grid]:
+def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[Judge, Grid]:
     robot = load(source)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
@@ -442,9 +493,9 @@ def workspace(
         for done, (i, result) in enumerate(each(client, _remote, tasks)):
             values[parts[i][0] : parts[i][1]] = result
             progress(f"{grid.poses:.3g} poses", (done + 1) / len(parts))
-        return Workspace(robot.name, grid, values)
+        return Workspace(robot.name, grid, values, limit_facts(robot, passive_check(robot)))
     kernel = judge(robot, grid)
     for first, last in chunks(grid):
         values[first:last] = evaluate(kernel, grid, first, last)
         progress(f"{grid.poses:.3g} poses", last / grid.positions)
-    return Workspace(robot.name, grid, values)
+    return Workspace(robot.name, grid, values, limit_facts(robot, passive_check(robot)))

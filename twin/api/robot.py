@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from twin.cad.description import Description
     from twin.kinematics import Formula, Kinematics, Solution, Task
     from twin.kinematics.closed_loops import LoopSolver
+    from twin.kinematics.closed_loops.passive_limits import PassiveCheck
     from twin.kinematics.compiled import ExtraJoint
     from twin.model.mechanism import Mechanism
     from twin.planning.link_motion import LinkMotion
@@ -227,6 +228,13 @@ class Robot:
         from twin.kinematics.closed_loops import LoopSolver
 
         return LoopSolver(self.mechanism)
+
+    @cached_property
+    def passive_check(self) -> PassiveCheck:
+        """Check of the limits of passive joints at many tool poses, by the compiled loops."""
+        from twin.kinematics.closed_loops.passive_limits import PassiveCheck
+
+        return PassiveCheck(self.loops)
 
     def link_motion(self, trajectory: Trajectory, times: Array) -> LinkMotion:
         """Return joint values and poses of all bodies at times (k,) in s, by equations and compiled loops.

@@ -71,6 +71,11 @@ class Joint:
     mating: tuple[str, ...] = ()
 
     @property
+    def limited(self) -> bool:
+        """Whether the joint has hard limits or a cone."""
+        return self.limits is not None or self.cone is not None
+
+    @property
     def free_axes(self) -> tuple[int, ...]:
         """Free directions in the joint frame; see `FREE_AXES`."""
         return FREE_AXES[self.type]
@@ -103,6 +108,21 @@ class Joint:
         shifted = middle + np.mod(angle - middle + np.pi, 2 * np.pi) - np.pi
         # without the tolerance, a joint drawn at its limit 0 of 0..2 pi would be at 2 pi after a rounding error
         return np.where((angle >= low - ROUNDING) & (angle <= high + ROUNDING), angle, shifted)
+
+    def beyond(self, T_base_parent: Array, T_base_child: Array) -> Array:
+        """Return by how much (...) the joint exceeds its limits or its cone at two body poses (..., 4, 4).
+
+        The result is in m or rad, and negative within the limits; without limits, it is minus infinity.
+        """
+        T = self.relative(T_base_parent, T_base_child)
+        out = np.full(T.shape[:-2], -np.inf)
+        if self.cone is not None:
+            tilt = np.arctan2(np.linalg.norm(T[..., :2, 2], axis=-1), T[..., 2, 2])
+            out = np.maximum(out, tilt - self.cone)
+        if self.limits is not None and len(self.free_axes) == 1:
+            value = self.angle(T) if self.is_angle else T[..., 2, 3]
+            out = np.maximum(out, np.maximum(self.limits[0] - value, value - self.limits[1]))
+        return out
 
 
 def reversed_joint(joint: Joint) -> Joint:

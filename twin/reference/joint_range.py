@@ -125,16 +125,12 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
 
 
 def _within_limits(model: ReferenceModel, run: Run) -> np.ndarray:
-    """Return (k,) bool: whether all joints are within their limits and cones, and whether the loops are closed."""
-    links = None
+    """Return (k,) bool: whether all passive joints are within their limits and cones."""
     good = np.ones(len(run.x), bool)
-    for joint in model.mechanism.passive:
-        if joint.cone is not None:
-            links = links or model.link_poses(run.x)
-            z0 = (links[joint.parent] @ joint.T_parent_joint)[:, :3, 2]
-            z1 = (links[joint.child] @ joint.T_child_joint)[:, :3, 2]
-            good &= np.sum(z0 * z1, axis=1) >= np.cos(joint.cone)
-        elif joint.limits is not None:
-            value = run.q_passive[joint.name]
-            good &= (value >= joint.limits[0]) & (value <= joint.limits[1])
+    joints = [j for j in model.mechanism.joints if not j.active and j.limited]
+    if not joints:
+        return good
+    links = model.link_poses(run.x)
+    for joint in joints:
+        good &= joint.beyond(links[joint.parent], links[joint.child]) <= 0
     return good

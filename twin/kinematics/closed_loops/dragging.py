@@ -20,8 +20,10 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.equations import LENGTH_SCALE, STATES, STEPS
+from twin.kinematics.closed_loops.passive_limits import PassiveLimit
 from twin.kinematics.closed_loops.sight import Look, Sight
 from twin.kinematics.closed_loops.solver import LoopSolver
+from twin.model.joint import ROUNDING
 from twin.model.mechanism import Mechanism
 
 _STEP = 1e-3
@@ -60,6 +62,15 @@ _TRIES, _LAST_TRIES = 4, 25
 _LEFT = 1e-3
 """Minimum determinant relative to its value in the rest poses; a smaller determinant counts as another assembly."""
 
+_BACK = 4
+"""Maximum number of steps back to the limits of passive joints, after a step along them."""
+
+_ALIKE = 1e-6
+"""Difference of two gradients, whose largest entry is 1, below which only the first of two stops is named."""
+
+_STILL = 1e-9
+"""Change of the slack of a passive joint per m of the active joints, below which they do not move this joint."""
+
 _NEAR = 1e-7
 """Distance (m; rad times `LENGTH_SCALE`) from a limit at which the limit counts as reached."""
 
@@ -86,13 +97,17 @@ class Bound:
         return float(self.weights @ q - self.least)
 
 
+Stop = Bound | PassiveLimit
+"""What blocks a motion."""
+
+
 @dataclass(frozen=True, eq=False)
 class Dragged:
     """Result of a motion.
 
     Attributes:
         q, u: active joints (n,) and loop unknowns (m,) after the motion; see `Closed.states`.
-        stops: bounds that block the motion.
+        stops: bounds of active joints and limits of passive joints that block the motion.
         singular: the matrix that becomes singular: that of a loop (such as "loop r13") or of the "tool"; "" if the
             motion meets no singularity.
         more: whether the motion stopped only because its processor time was used up.
@@ -100,7 +115,7 @@ class Dragged:
 
     q: Array
     u: Array
-    stops: tuple[Bound, ...] = ()
+    stops: tuple[Stop, ...] = ()
     singular: str = ""
     more: bool = False
 
@@ -181,13 +196,58 @@ class Dragger:
             ahead = min(s + step, part)
             goal = np.asarray(target, float) if ahead == 1 else q + ahead * way
             further, why = self._moved(now, goal - now.q, held, tool=False)
-            if further is not None:
+            passed = () if further is None else self.passed(now, further)
+            if further is not None and not passed:
                 now, s, step = further, ahead, min(stride, 2 * step)
                 continue
             step /= 2
             if step < stride / 2**14:
-                return Dragged(now.q, now.u, singular=why or self.nearest(now))
+                return Dragged(now.q, now.u, passed, "" if passed else why or self.nearest(now))
         return Dragged(now.q, now.u, tuple(stops))
+
+    # -- limits ---------------------------------------------------------------------------------------
+
+    def held(self, look: Look) -> tuple[Array, Array]:
+        """Return (G (b, n), slack (b,)) in a state: for each stop, the gradient of its distance, and its distance.
+
+        The largest entry of a gradient is 1. Distances are in m (rad times `LENGTH_SCALE`), at least 0.
+        """
+        slopes = look.slopes * self._scale
+        size = np.abs(slopes).max(axis=1, initial=0.0)
+        moving = size > _STILL
+        slopes = np.where(moving[:, None], slopes / np.where(moving, size, 1.0)[:, None], 0.0)
+        left = np.where(moving, np.maximum(0.0, look.slacks) / np.where(moving, size, 1.0), np.inf)
+        slack = np.maximum(0.0, np.array([b.slack(look.q) for b in self.bounds])) / self._size
+        return np.vstack([self._G, slopes]), np.concatenate([slack, left])
+
+    def passed(self, before: Look, look: Look) -> tuple[PassiveLimit, ...]:
+        """Return the limits of passive joints that a step passes; beyond a limit, a joint may only move back."""
+        beyond = look.slacks < _floor(before)
+        return tuple(limit for limit, out in zip(self.look.limits, beyond, strict=True) if out)
+
+    def brought_back(self, before: Look, look: Look, held: tuple[str, Array]) -> Look | None:
+        """Return the state after a step, moved back to the limits of passive joints that the step passes; else None.
+
+        Steps follow the tangent of such a limit, and leave it by an amount of second order.
+        """
+        for _ in range(_BACK):
+            out = look.slacks < _floor(before)
+            if not out.any():
+                return look
+            slopes = look.slopes[out] * self._scale
+            missing = np.maximum(0.0, _floor(before) + ROUNDING - look.slacks)[out]
+            slack = np.array([b.slack(look.q) for b in self.bounds])
+            at = slack / self._size < _NEAR  # the way back must not pass these limits
+            ways = np.vstack([slopes, self._G[at]])
+            dq: Array = self._scale * (np.linalg.pinv(ways) @ np.append(missing, np.zeros(int(at.sum()))))
+            after = np.array([b.slack(look.q + dq) for b in self.bounds])
+            if (after < np.minimum(0.0, slack) - 1e-12).any():
+                return None
+            further, _ = self._moved(look, dq, held)
+            if further is None:
+                return None
+            look = further
+        return None
 
     # -- one step -------------------------------------------------------------------------------------
 
@@ -292,8 +352,9 @@ class _Walk:
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
         self.dragger, self.look, self.held = dragger, look, held
-        self.singular, self.open = "", False
-        self._pull, self._slack = np.zeros(len(look.q)), np.zeros(len(dragger.bounds))
+        self.singular, self.open, self._passed = "", False, False
+        self._pull = np.zeros(len(look.q))
+        self._G, self._slack = dragger.held(look)
         self._part, self._within, self._gain, self._tries = 1.0, _THERE, _GAIN, 0
 
     def begin(self, goal: Array, last: bool = False) -> None:
@@ -330,9 +391,10 @@ class _Walk:
         scale, miss = dragger._scale, goal - now.p
         # The total joint motion from `first` is minimised. With the mean Jacobian of both ends, the error of this
         # minimum is of second order.
-        J, here, G = 0.5 * (first.J + now.J) * scale, now.J * scale, dragger._G
-        self.singular, self.open, self._pull = "", False, -here.T @ miss
-        self._slack = np.maximum(0.0, np.array([b.slack(now.q) for b in dragger.bounds])) / dragger._size
+        J, here = 0.5 * (first.J + now.J) * scale, now.J * scale
+        G, self._slack = dragger.held(now)
+        self._G = G
+        self.singular, self.open, self._passed, self._pull = "", False, False, -here.T @ miss
         size, near = float(np.sum(J * J)), self._slack < _NEAR
         if size < _WEAK**2:  # no joint moves this point noticeably
             return None
@@ -356,10 +418,10 @@ class _Walk:
             for _ in range(_HALVINGS):
                 if self._taken(y, goal):
                     return y * self._part
-                if not (self.open or self.singular):
+                if not (self.open or self.singular or self._passed):
                     break  # the step makes no progress: change its direction, not its length
                 y = y * self._part / 2
-            if self.open or self.singular:
+            if self.open or self.singular or self._passed:
                 return None
             y = P @ _least_motion(strong.T @ here @ P, strong.T @ miss, 0 * total, damping * size)
         return None
@@ -371,14 +433,18 @@ class _Walk:
         accepted.
         """
         dragger, now = self.dragger, self.look
-        used = -(dragger._G @ y)
+        used = -(self._G @ y)
         part = min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
         self._part = float(np.min(self._slack[used > 0] / used[used > 0], initial=part))
         reached, why = dragger._moved(now, dragger._scale * (self._part * y), self.held)
         if reached is None:
-            self.singular, self.open = why, not why
+            self.singular, self.open, self._passed = why, not why, False
             return False
         self.singular, self.open = "", False
+        reached = dragger.brought_back(now, reached, self.held)
+        self._passed = reached is None
+        if reached is None:
+            return False
         if np.linalg.norm(goal - reached.p) >= np.linalg.norm(goal - now.p):
             return False
         if easy and np.linalg.svd(reached.J * dragger._scale, compute_uv=False)[-1] <= _WEAK:
@@ -386,13 +452,24 @@ class _Walk:
         self.look = reached
         return True
 
-    def stops(self) -> tuple[Bound, ...]:
-        """Return the bounds that block the point."""
-        dragger, out = self.dragger, []
-        for b, g, size in zip(dragger.bounds, dragger._G, dragger._size, strict=True):
-            if b.slack(self.look.q) / size < _NEAR and g @ self._pull > 1e-6 * np.linalg.norm(self._pull):
-                out.append(b)
+    def stops(self) -> tuple[Stop, ...]:
+        """Return the bounds and limits that block the point."""
+        dragger = self.dragger
+        out: list[Stop] = []
+        known: list[Array] = []
+        G, slack = dragger.held(self.look)
+        for stop, g, left in zip((*dragger.bounds, *dragger.look.limits), G, slack, strict=True):
+            blocks = left < _NEAR and g @ self._pull > 1e-6 * np.linalg.norm(self._pull)
+            # Pins of a parallelogram reach their limits together with the joint that moves them: name that joint only.
+            if blocks and not any(np.abs(g - other).max() < _ALIKE for other in known):
+                out.append(stop)
+                known.append(g)
         return tuple(out)
+
+
+def _floor(look: Look) -> Array:
+    """Return the smallest slacks (c,) of passive joints that a step from this state may reach."""
+    return np.where(look.slacks < -ROUNDING, look.slacks, -ROUNDING)
 
 
 def _against(bounds: np.ndarray, G: Array, y: Array) -> np.ndarray:

@@ -150,6 +150,18 @@ class Equations:
         T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
 
+    def frames(self, joint: Joint, stepping: bool = False) -> tuple[list[ca.SX], list[ca.SX]]:
+        """Return (origin, x, y, z) of the joint's frame on its parent and on its child, in one common frame.
+
+        With `stepping`, these are the frames after a step of the unknowns, to first order in the step.
+        """
+        a, b, _ = self._sides(joint)
+        sides = []
+        for chain in (a, b):
+            axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
+            sides.append([self._carried(chain, ca.SX.zeros(3), True, stepping), *axes])
+        return sides[0], sides[1]
+
     def split(self) -> ca.Function:
         """Return the function that splits the values of all unknowns into the states of the passive joints."""
         seed, ends = ca.SX.sym("seed", self.states.numel()), np.cumsum([0, *(p.state.numel() for p in self.passive)])
@@ -201,11 +213,7 @@ class Equations:
 
         Only the locked directions of the joint are counted.
         """
-        ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
-        while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
-            ways = [w[1:] for w in ways]
-        a = self._chain(ways[0]) + self._frame(joint, "parent")
-        b = self._chain(ways[1]) + self._frame(joint, "child")
+        a, b, parted = self._sides(joint)
         gap = self._carried(b, ca.SX.zeros(3), True, stepping) - self._carried(a, ca.SX.zeros(3), True, stepping)
         locked = [i for i in range(6) if i not in joint.free_axes]
         frame = [self._carried(a, ca.SX(e), False, stepping) for e in np.eye(3)]
@@ -213,7 +221,6 @@ class Equations:
             # The gap is expressed in a fixed frame (that of the rest poses), so that the out-of-plane components of a
             # planar loop are exactly zero.
             rest = self.mechanism.rest
-            parted = ways[0][0].parent if ways[0] else ways[1][0].parent if ways[1] else joint.parent
             R = spatial.inverse(rest.get(parted, np.eye(4))) @ rest.get(joint.parent, np.eye(4)) @ joint.T_parent_joint
             length = ca.SX(_rounded(R[:3, :3]).T) @ gap
         else:
@@ -225,6 +232,16 @@ class Equations:
             return length, ca.vertcat(*[ca.dot(frame[i], others[2]) for i in (0, 1)]), ca.dot(frame[2], others[2])
         R = ca.horzcat(*frame).T @ ca.horzcat(*others)
         return length, ca.inv_skew((R - R.T) / 2), (ca.trace(R) - 1) / 2
+
+    def _sides(self, joint: Joint) -> tuple[Chain, Chain, str]:
+        """Return (chain to the joint frame on the parent, to that on the child, body at which the chains start)."""
+        ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
+        while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
+            ways = [w[1:] for w in ways]
+        a = self._chain(ways[0]) + self._frame(joint, "parent")
+        b = self._chain(ways[1]) + self._frame(joint, "child")
+        parted = ways[0][0].parent if ways[0] else ways[1][0].parent if ways[1] else joint.parent
+        return a, b, parted
 
     def _coordinate(self, name: str, stepping: bool) -> ca.SX:
         if name in self._active:

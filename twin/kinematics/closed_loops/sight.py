@@ -11,6 +11,7 @@ import numpy as np
 from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.equations import LENGTH_SCALE
+from twin.kinematics.closed_loops.passive_limits import passive_limits, slacks
 from twin.kinematics.closed_loops.solver import LoopSolver
 
 _FLAT = 1e-9
@@ -29,6 +30,8 @@ class Look:
             of the unknowns, see `Equations`.
         loops: Jacobian of each loop with respect to its unknowns; with full rank, the loop determines these unknowns.
         tool: (6, n) tool twist per rate of each active joint, rotations times `LENGTH_SCALE`.
+        slacks: (c,) slacks of the limits of passive joints, see `passive_limits`.
+        slopes: (c, n) change of each slack per change of each active joint.
     """
 
     q: Array
@@ -38,10 +41,16 @@ class Look:
     answers: Array
     loops: tuple[Array, ...]
     tool: Array
+    slacks: Array
+    slopes: Array
 
 
 class Sight:
-    """Function object that computes a `Look`; loops and tool are compiled once, each body when first used."""
+    """Function object that computes a `Look`; loops and tool are compiled once, each body when first used.
+
+    Attributes:
+        limits: the limits of passive joints, in the order of `Look.slacks`.
+    """
 
     def __init__(self, solver: LoopSolver) -> None:
         """Compile the functions of the loops and the tool."""
@@ -54,12 +63,16 @@ class Sight:
             self._parts.append((slice(i, i + len(b.rows)), slice(j, j + len(b.columns))))
             i, j = i + len(b.rows), j + len(b.columns)
         self._n, self._k, self._m = e.q.numel(), e.steps.numel(), len(rows)
+        self.limits = passive_limits(e.mechanism)
         tool = e.mechanism.frame(e.mechanism.tool)
         T, z = e.pose(tool.body, tool.T_body_frame, stepping=True), ca.vertcat(e.q, e.steps)
         turn = sum((ca.skew(T[:3, i]) @ ca.jacobian(T[:3, i], z) / 2 for i in range(3)), ca.SX(3, z.numel()))
         twist = ca.substitute(ca.vertcat(ca.jacobian(T[:3, 3], z), LENGTH_SCALE * turn), e.steps, 0)
         A = ca.horzcat(ca.jacobian(e.residual, e.q), e.jacobian)[rows, :] if rows else ca.SX(0, z.numel())
-        self._common = self._compiled("loops", ca.vertcat(twist, A))
+        left = slacks(e, self.limits, stepping=True)
+        held = ca.substitute(ca.horzcat(left, ca.jacobian(left, z)), e.steps, 0)
+        moved = ca.horzcat(ca.SX(6 + len(rows), 1), ca.vertcat(twist, A))
+        self._common = self._compiled("loops", ca.vertcat(moved, held))
         self._bodies: dict[str, Callable[..., Array]] = {}
 
     def __call__(self, q: Array, u: Array, body: str, p_body: Array) -> Look:
@@ -67,17 +80,25 @@ class Sight:
         n = self._n
         if body not in self._bodies:
             self._bodies[body] = self._point(body)
-        seen = self._common(q, u).reshape(6 + self._m, -1)
-        tool, A = seen[:6], seen[6:]
+        seen = self._common(q, u).reshape(6 + self._m + len(self.limits), -1)
+        tool, A, limits = seen[:6, 1:], seen[6 : 6 + self._m, 1:], seen[6 + self._m :]
         point = self._bodies[body](q, u, p_body).reshape(3, -1)
         held = A[:, n + self._columns]
         answers = np.zeros((self._k, n))
         if self._m:
             answers[self._columns] = -_solved(held, A[:, :n], self._square)
         loops = tuple(held[part] for part in self._parts)
-        J = point[:, 1:]
+        J, left = point[:, 1:], limits[:, 1:]
         return Look(
-            q, u, point[:, 0], J[:, :n] + J[:, n:] @ answers, answers, loops, tool[:, :n] + tool[:, n:] @ answers
+            q,
+            u,
+            point[:, 0],
+            J[:, :n] + J[:, n:] @ answers,
+            answers,
+            loops,
+            tool[:, :n] + tool[:, n:] @ answers,
+            limits[:, 0],
+            left[:, :n] + left[:, n:] @ answers,
         )
 
     def _point(self, body: str) -> Callable[..., Array]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.ui.headset.protocol import RefusedError, floats
 from twin.ui.session.desk import Desk
-from twin.ui.session.workspace import Cloud, Job
+from twin.ui.session.workspace import Cloud, Job, without_meshes
 
 POSES = 100_000
 """Number of evaluated poses."""
@@ -59,7 +59,10 @@ class Reach:
         T = desk.assembly.T_base_tool.copy()
         limits, half = desk.mechanism.limits, 0.5 * self._size
         self._cloud.start(
-            Job(self._source, dict(desk.kin.variants), parameters, limits, T, half, POSES, desk.hand.bounds)
+            Job(
+                *(self._source, dict(desk.kin.variants), parameters, limits, T, half, POSES, desk.hand.bounds),
+                mechanism=without_meshes(desk.mechanism),
+            )
         )
 
     def poll(self) -> list[dict[str, Any]]:

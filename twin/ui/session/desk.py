@@ -20,7 +20,8 @@ from twin.core.errors import AssemblyError, KinematicsError, TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics, Pose, solve
-from twin.kinematics.closed_loops.dragging import Bound, Dragged
+from twin.kinematics.closed_loops.dragging import Bound, Dragged, Stop
+from twin.kinematics.closed_loops.passive_limits import PassiveLimit
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
@@ -277,7 +278,18 @@ class Desk:
                 lower, upper = bound.name.split()
                 least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM
                 raise KinematicsError(f"{upper} - {lower} = {left:.3f} mm is below its minimum of {least:.3f} mm")
-        return self.model.solve(q, self.assembly)
+        found = self.model.solve(q, self.assembly)
+        for joint in self.mechanism.joints:
+            if joint.active or not joint.limited:
+                continue
+            now, then = (
+                float(joint.beyond(a.link_poses[joint.parent], a.link_poses[joint.child]))
+                for a in (self.assembly, found)
+            )
+            if then > max(0.0, now) + 1e-9:
+                by = _shown(joint, then)
+                raise KinematicsError(f"{joint.name} would exceed its limits of {_range(joint)} by {by}")
+        return found
 
     def _led(self, body: str, p_body: Array, target: Array) -> Moved:
         """Move a point; the result states the remaining distance and the reason if the target was not reached."""
@@ -310,7 +322,11 @@ class Desk:
             reasons.append(_ended(dragged.singular))
         return ", ".join(reasons) or "no joint motion brings the point nearer"
 
-    def _bound(self, bound: Bound) -> str:
+    def _bound(self, bound: Stop) -> str:
+        if isinstance(bound, PassiveLimit):
+            joint, low, high = bound.joint, *(bound.joint.limits or (0.0, 0.0))
+            ends = {"lower": _shown(joint, low), "upper": _shown(joint, high)}
+            return f"{joint.name} is at a limit ({ends.get(bound.kind, _range(joint))})"
         if bound.kind == "gap":
             lower, upper = bound.name.split()
             return f"{upper} - {lower} is at its minimum of {bound.least / MM:.3f} mm ({self._rail(lower, upper)})"
@@ -341,7 +357,7 @@ class Desk:
                 at = _shown(joint, float(q[[j.name for j in self.joints].index(other)]))
                 least = f"at least {bound.least / MM:.3f} mm {side} {other} = {at} ({self._rail(lower, upper)})"
                 reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least}")
-        reasons += [self._bound(b) for b in dragged.stops if b.kind == "motor"]
+        reasons += [self._bound(b) for b in dragged.stops if isinstance(b, PassiveLimit) or b.kind == "motor"]
         at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
         if dragged.singular:
             reasons.append(f"{at}: {_ended(dragged.singular)}")
@@ -391,7 +407,13 @@ def _ended(singular: str) -> str:
 
 
 def _shown(joint: Joint, value: float) -> str:
-    return f"{value / DEG:.3f}°" if joint.is_angle else f"{value / MM:.3f} mm"
+    return f"{value / DEG:.3f}°" if joint.is_angle or joint.cone is not None else f"{value / MM:.3f} mm"
+
+
+def _range(joint: Joint) -> str:
+    if joint.cone is not None:
+        return f"a cone of {_shown(joint, joint.cone)}"
+    return " .. ".join(_shown(joint, value) for value in joint.limits or ())
 
 
 def _beyond(joint: Joint, value: float, low: float, high: float) -> str:

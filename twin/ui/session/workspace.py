@@ -16,7 +16,10 @@ from twin.analysis import measure
 from twin.core.errors import KinematicsError
 from twin.core.jobs import Stream
 from twin.core.spatial import Array
+from twin.kinematics.closed_loops import LoopSolver
 from twin.kinematics.closed_loops.dragging import Bound
+from twin.kinematics.closed_loops.passive_limits import PassiveCheck, passive_limits
+from twin.model.mechanism import Mechanism
 
 if TYPE_CHECKING:
     from twin.kinematics import Kinematics
@@ -37,6 +40,7 @@ class Job:
         reach: half the edge length of the searched box in m.
         count: total number of poses.
         bounds: limits of joints, of motors, and of the distances between two carriages on a rail.
+        mechanism: the mechanism, without meshes, whose passive joints have limits; None: these are not checked.
     """
 
     robot: str
@@ -47,6 +51,7 @@ class Job:
     reach: float
     count: int = 1_000_000
     bounds: tuple[Bound, ...] = ()
+    mechanism: Mechanism | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +96,9 @@ def evaluate(job: Job) -> Iterator[Chunk]:
 
     kin = load(job.robot, variants=job.variants, parameters=job.parameters).kinematics()
     _check(kin, job)
-    kernel = measure.kernel(
-        kin, job.limits, lambda T: ca.reshape(T, 4, 4).T, bounds=measure.shared(job.bounds), size=16
-    )
+    passive = _passive(kin, job)
+    bounds = measure.shared(job.bounds)
+    kernel = measure.kernel(kin, job.limits, lambda T: ca.reshape(T, 4, 4).T, bounds=bounds, passive=passive, size=16)
     reached = 0
     for first in range(0, job.count, CHUNK):
         last = min(first + CHUNK, job.count)
@@ -108,6 +113,19 @@ def evaluate(job: Job) -> Iterator[Chunk]:
         with np.errstate(divide="ignore"):
             condition = 1 / inverse[0, good]
         yield Chunk(Ts[good, :3, 3].astype(np.float32), condition.astype(np.float32), last, job.count)
+
+
+def without_meshes(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism without meshes, which is fast to send to another process."""
+    return replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
+
+
+def _passive(kin: Kinematics, job: Job) -> PassiveCheck | None:
+    """Return the check of limits of passive joints; None: none is checked."""
+    if job.mechanism is None or not passive_limits(job.mechanism):
+        return None
+    check = PassiveCheck(LoopSolver(job.mechanism))
+    return check if measure.agree(kin, check, job.T_base_tool) else None
 
 
 def _check(kin: Kinematics, job: Job) -> None:

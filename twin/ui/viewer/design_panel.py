@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.ui.session.desk import Desk, Moved
 from twin.ui.session.instruments import Reading, read
-from twin.ui.session.workspace import Chunk, Cloud, Job
+from twin.ui.session.workspace import Chunk, Cloud, Job, without_meshes
 from twin.ui.viewer import readout
 from twin.ui.viewer.design import distances, with_distance
 from twin.ui.viewer.front import Actor, Front
@@ -261,7 +261,9 @@ class DesignPanel:
             poses = int(count.value.replace(" ", ""))
             parameters = {n: v for n, v in desk.kin.parameters.items() if n in desk.parameters}
             limits, variants = desk.mechanism.limits, dict(desk.kin.variants)
-            self._cloud.start(Job(a.source, variants, parameters, limits, T, edge.value * MM, poses, desk.hand.bounds))
+            half, mechanism = edge.value * MM, without_meshes(desk.mechanism)
+            bounds = desk.hand.bounds
+            self._cloud.start(Job(a.source, variants, parameters, limits, T, half, poses, bounds, mechanism))
 
         def hide() -> None:
             self._cloud.cancel()

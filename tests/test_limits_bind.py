@@ -1,0 +1,230 @@
+"""Limits that a robot declares bind in workspace and drag: every state is checked again by code of this file alone."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+from scipy.stats import qmc
+
+import twin
+from made.lanes import contrasting
+from twin.analysis import joints, search
+from twin.analysis import workspace as reach
+from twin.core import spatial
+from twin.ui.session.desk import Desk
+
+POSES = int(os.environ.get("TWIN_LIMIT_POSES", "20000"))
+DRAGS = int(os.environ.get("TWIN_LIMIT_DRAGS", "2"))
+
+ROUNDED = 2e-9
+"""Excess in m or rad that counts as rounding."""
+
+
+def bound(name):
+    robot = twin.load(name)
+    return robot.bound(robot.protocol()) if robot.mechanism.trocars else robot
+
+
+def frames(joint, links):
+    """Return the frames (k, 4, 4) of a joint on its parent and on its child, in base."""
+    return links[joint.parent] @ joint.T_parent_joint, links[joint.child] @ joint.T_child_joint
+
+
+def coordinate(joint, A, B):
+    """Return the coordinate (k,) of a joint with one, in m or rad."""
+    if joint.type == "prismatic":
+        return np.sum(A[:, :3, 2] * (B[:, :3, 3] - A[:, :3, 3]), axis=1)
+    return np.arctan2(np.sum(A[:, :3, 1] * B[:, :3, 0], axis=1), np.sum(A[:, :3, 0] * B[:, :3, 0], axis=1))
+
+
+def open_by(mechanism, links):
+    """Return by how much in m or rad (times 0.1 m) any joint is apart in the directions that it locks."""
+    worst = 0.0
+    for joint in mechanism.joints:
+        A, B = frames(joint, links)
+        shift = np.einsum("kji,kj->ki", A[:, :3, :3], B[:, :3, 3] - A[:, :3, 3])
+        turned = np.swapaxes(A[:, :3, :3], 1, 2) @ B[:, :3, :3]
+        free = {"prismatic": (2,), "cylindrical": (2,), "free": (0, 1, 2)}.get(joint.type, ())
+        worst = max(worst, *(np.abs(shift[:, i]).max() for i in range(3) if i not in free), 0.0)
+        if joint.type in ("fixed", "prismatic"):
+            worst = max(worst, 0.1 * np.abs(turned - np.eye(3)).max())
+        elif joint.type in ("revolute", "cylindrical"):
+            worst = max(worst, 0.1 * np.abs(turned[:, :2, 2]).max())
+    return worst
+
+
+def excess(mechanism, links, q):
+    """Return (largest excess in m or rad over any declared limit, its name) at poses (k, 4, 4) of all bodies."""
+    found = {"none": -np.inf}
+    values = {}
+    for joint in mechanism.joints:
+        A, B = frames(joint, links)
+        if joint.cone is not None:
+            across = np.linalg.norm(np.cross(A[:, :3, 2], B[:, :3, 2]), axis=1)
+            found[joint.name] = (np.arctan2(across, np.sum(A[:, :3, 2] * B[:, :3, 2], axis=1)) - joint.cone).max()
+        if joint.type in ("prismatic", "revolute"):
+            values[joint.name] = coordinate(joint, A, B)
+        if joint.limits is None or joint.name not in values:
+            continue
+        low, high = joint.limits
+        turns = 2 * np.pi * np.arange(-2, 3) if joint.type == "revolute" else np.zeros(1)
+        x = values[joint.name][:, None] + turns
+        found[joint.name] = np.maximum(low - x, x - high).min(axis=1).max()
+    for i, joint in enumerate(mechanism.active):
+        if joint.limits is not None:
+            found[f"motion of {joint.name}"] = np.maximum(joint.limits[0] - q[:, i], q[:, i] - joint.limits[1]).max()
+    column = {joint.name: q[:, i] for i, joint in enumerate(mechanism.active)}
+    for transmission in mechanism.transmissions:
+        motors = np.linalg.solve(transmission.matrix, np.array([column[n] for n in transmission.joints]))
+        for name, m in zip(transmission.actuators, motors, strict=True):
+            limits = mechanism.actuator(name).limits
+            if limits is not None:
+                found[name] = np.maximum(limits[0] - m, m - limits[1]).max()
+    for coupling in mechanism.couplings:
+        terms = [ratio * values[n] for n, ratio in zip(coupling.joints, coupling.ratios, strict=True)]
+        found[coupling.name] = np.abs(sum(terms) - coupling.total).max() - 1e-7
+    name = max(found, key=lambda n: found[n])
+    return found[name], name
+
+
+# -- SILS ----------------------------------------------------------------------------------------------
+
+L0, L1, L2, LP, LH, LV = (
+    0.05,
+    0.182,
+    0.392,
+    0.135,
+    0.612,
+    0.657,
+)  # Ro. J. Techn. Sci. - Appl. Mech. 68(1), 2023, eq. (3)
+BALLS = LP * np.array([[np.sqrt(3) / 6, -0.5, 0], [-np.sqrt(3) / 3, 0, 0], [np.sqrt(3) / 6, 0.5, 0]])
+CONE = np.deg2rad(85.0)
+LOW, HIGH = np.array([20, 20, -10, -10, 20, 20]) / 1e3, np.array([580, 580, 600, 600, 580, 580]) / 1e3
+GAP = 0.04
+
+
+def sils_reaches(P, R, home):
+    """Return (k,) bool: whether SILS reaches positions P (k, 3) with the rotation R (3, 3), from plain geometry.
+
+    Each ball is on a bar of length L1 + L2, whose other end is at the distance L0 from the rail. The carriages follow
+    from the distance of the ball from its rail. `home` (3,) is a position in the drawn assembly mode.
+    """
+    ok = P[:, 0] > 0
+    ok &= np.sign(platform(P, R)) == np.sign(platform(home[None], R))
+    q = []
+    S = [P + R @ a for a in BALLS]
+    zero = np.zeros(len(P))
+    limbs = (
+        (S[0][:, 0], S[0][:, 1], S[0][:, 2], 1, np.array([0, 0, 1.0])),
+        (S[1][:, 0], LV - S[1][:, 2], S[1][:, 1], -1, np.array([0, 1.0, 0])),
+        (S[2][:, 0], LH - S[2][:, 1], S[2][:, 2], 1, np.array([0, 0, 1.0])),
+    )
+    for number, (x, y, along, sign, rail) in enumerate(limbs):
+        rho = np.hypot(x, y)
+        radial = [(x, y, zero), (x, zero, -y), (x, -y, zero)][number]
+        square = (L1 + L2) ** 2 - (rho - L0) ** 2
+        ok &= square >= 0
+        h = np.sqrt(np.maximum(square, 0))
+        q += [along + sign * h - 2 * sign * L1 * h / (L1 + L2), along + sign * h]
+        bar = ((rho - L0) / (L1 + L2) / rho)[:, None] * np.stack(radial, axis=1) - sign * (h / (L1 + L2))[
+            :, None
+        ] * rail
+        ok &= bar @ -R[:, 2] >= np.cos(CONE)
+    q = np.stack(q, axis=1)
+    ok &= ((q >= LOW) & (q <= HIGH)).all(axis=1)
+    for lower, upper in ((0, 1), (3, 2), (4, 5)):
+        ok &= q[:, upper] - q[:, lower] >= GAP
+    return ok
+
+
+def platform(P, R):
+    """Return the determinant (k,) of the rates of the three sides of the platform per rate of the limbs' rotations."""
+    S = [P + R @ a for a in BALLS]
+    zero = np.zeros(len(P))
+    ways = (
+        np.stack([-S[0][:, 1], S[0][:, 0], zero], axis=1),
+        np.stack([S[1][:, 2] - LV, zero, -S[1][:, 0]], axis=1),
+        np.stack([LH - S[2][:, 1], S[2][:, 0], zero], axis=1),
+    )
+    M = np.zeros((len(P), 3, 3))
+    for row, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
+        side = S[i] - S[j]
+        M[:, row, i] = np.sum(side * ways[i], axis=1)
+        M[:, row, j] = -np.sum(side * ways[j], axis=1)
+    return np.linalg.det(M)
+
+
+def test_the_workspace_of_sils_is_that_of_plain_geometry():
+    """Pose by pose, and in volume by random positions; without the cones of its ball joints, 7.06 dm³ were stated."""
+    robot = twin.load("sils")
+    T = reach.centre(robot)
+    found = search.workspace(robot, 600_000)
+    p = found.grid.position(np.arange(found.grid.positions))
+    assert np.array_equal(found.reached, sils_reaches(p, T[:3, :3], T[:3, 3]))
+    low, high = np.array([0, 0.04, 0]), np.array([0.56, 0.68, 0.37])
+    drawn = low + (high - low) * qmc.Sobol(3, rng=0).random(2**19)
+    share = sils_reaches(drawn, T[:3, :3], T[:3, 3]).mean()
+    volume = share * np.prod(10 * (high - low))
+    assert volume == pytest.approx(6.19, rel=0.02)
+    said = found.content()
+    assert said["volume_dm3"] == pytest.approx(volume, rel=0.02)
+    text = "\n".join(map(str, found.text()))
+    assert "limits of s1, s2, s3 are kept" in text
+    assert "soft limits of q3, q4" in text
+
+
+# -- all robots ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", contrasting())
+def test_every_state_of_a_workspace_keeps_all_limits(name):
+    """Joints that are together and limits that are kept are both judged by the code above."""
+    robot = bound(name)
+    mechanism = robot.mechanism
+    kin = robot.kinematics()
+    found = search.workspace(robot, POSES)
+    assert found.reached.any()
+    if "sampled" in found.facts:
+        ranges = joints._ranges(robot)
+        values, _ = joints._sampler(robot, ranges, reach.passive_check(robot))(0, POSES)
+        rows = np.flatnonzero(values[:, 0] > 0)
+        steps = joints._root(len(ranges)) ** -np.arange(1, len(ranges) + 1)
+        q = ranges[:, 0] + np.ptp(ranges, axis=1) * ((0.5 + rows[:, None] * steps) % 1)
+        Ts = kin.forward_many(q)
+    else:
+        rows = np.flatnonzero(found.reached)
+        Ts = spatial.pose(found.grid.R_base_tool, found.grid.position(rows))
+        q = kin.inverse_many(Ts)
+    states, placed = robot.passive_check.placed(q, Ts)
+    assert placed.all()
+    links = robot.loops.link_poses(q, states)
+    tool = mechanism.frame(mechanism.tool)
+    assert np.abs(links[tool.body] @ tool.T_body_frame - Ts).max() < 1e-5
+    assert open_by(mechanism, links) < 1e-7
+    beyond, where = excess(mechanism, links, q)
+    assert beyond < ROUNDED, where
+
+
+DRAGGED = ["sils", pytest.param("sher", marks=pytest.mark.slow), pytest.param("davinci_psm", marks=pytest.mark.slow)]
+DRAGGED += [pytest.param(n, marks=pytest.mark.nightly) for n in twin.names() if n not in ("sils", "sher", "davinci_psm")]
+
+
+@pytest.mark.parametrize("name", DRAGGED)
+def test_no_drag_passes_a_limit(name):
+    robot = bound(name)
+    mechanism = robot.mechanism
+    desk = Desk(robot)
+    rng = np.random.default_rng(1)
+    body = mechanism.frame(mechanism.tool).body
+    for _ in range(DRAGS):
+        target = desk.assembly.link_poses[body][:3, 3] + rng.normal(size=3) * 0.3
+        for _ in range(25):
+            moved = desk.move_point(body, np.zeros(3), target)
+            links = {n: T[None] for n, T in desk.assembly.link_poses.items()}
+            beyond, where = excess(mechanism, links, desk.assembly.q[None])
+            assert beyond < ROUNDED, where
+            if "still moving" not in moved.reason:
+                break

@@ -1,0 +1,170 @@
+"""Limits of passive joints, ranges and cones, as expressions of active joints and loop unknowns.
+
+The slack of a limit is its distance in m or rad, negative beyond the limit. Slacks of angles are smooth functions of
+the pose, so that a drag can slide along a limit; they are exact at the limit and in sign, and smaller than the distance
+far inside. An angle has no number of turns here, because a pose does not determine it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from scipy.spatial import cKDTree
+
+from twin.codegen import Kernel, Stage
+from twin.core.spatial import Array
+from twin.kinematics.closed_loops.equations import LENGTH_SCALE, Equations
+from twin.kinematics.closed_loops.solver import LoopSolver
+from twin.model.joint import ROUNDING, Joint
+from twin.model.mechanism import Mechanism
+
+Kind = Literal["range", "lower", "upper", "cone"]
+
+_SAME = 5e-3
+"""Difference of two tool poses, in m (rad times `LENGTH_SCALE`), below which they are the same.
+
+Equations and mechanism may differ by errors of the CAD; another assembly mode differs by more, except near a
+singularity, where the modes have nearly the same joint values.
+"""
+
+
+@dataclass(frozen=True)
+class PassiveLimit:
+    """A limit of a passive joint.
+
+    Attributes:
+        joint: the joint.
+        kind: "cone" (ball joint), "range" (both ends of a range of angles), "lower" or "upper" (one end).
+    """
+
+    joint: Joint
+    kind: Kind
+
+
+def passive_limits(mechanism: Mechanism) -> tuple[PassiveLimit, ...]:
+    """Return the limits of passive joints that poses can violate; ranges of a full turn or more are not among them."""
+    out: list[PassiveLimit] = []
+    for joint in mechanism.joints:
+        if joint.active:
+            continue
+        if joint.type == "spherical" and joint.cone is not None and joint.cone < np.pi:
+            out.append(PassiveLimit(joint, "cone"))
+        if joint.limits is None or joint.type not in ("revolute", "prismatic"):
+            continue
+        low, high = joint.limits
+        if joint.is_angle and np.isfinite(high - low):
+            if high - low < 2 * np.pi:
+                out.append(PassiveLimit(joint, "range"))
+            continue
+        if np.isfinite(low):
+            out.append(PassiveLimit(joint, "lower"))
+        if np.isfinite(high):
+            out.append(PassiveLimit(joint, "upper"))
+    return tuple(out)
+
+
+def slacks(equations: Equations, limits: tuple[PassiveLimit, ...], stepping: bool = False) -> ca.SX:
+    """Return the slacks (c,) of limits in m or rad.
+
+    With `stepping`, these are the slacks after a step of the unknowns, to first order in the step.
+    """
+    return ca.vertcat(*[_slack(equations, limit, stepping) for limit in limits]) if limits else ca.SX(0, 1)
+
+
+def _slack(equations: Equations, limit: PassiveLimit, stepping: bool) -> ca.SX:
+    joint = limit.joint
+    (p0, x0, y0, z0), (p1, x1, _, z1) = equations.frames(joint, stepping)
+    if limit.kind == "cone":
+        cone = float(joint.cone or 0.0)
+        return (ca.dot(z0, z1) - np.cos(cone)) / np.sin(cone)
+    low, high = joint.limits or (-np.inf, np.inf)
+    if joint.type == "prismatic":
+        shift = ca.dot(z0, p1 - p0)
+        return shift - low if limit.kind == "lower" else high - shift
+    cosine, sine = ca.dot(x0, x1), ca.dot(y0, x1)
+    if limit.kind == "range":
+        middle, half = (low + high) / 2, (high - low) / 2
+        return (np.cos(middle) * cosine + np.sin(middle) * sine - np.cos(half)) / np.sin(half)
+    angle = ca.atan2(sine, cosine)
+    return angle - low if limit.kind == "lower" else high - angle
+
+
+class PassiveCheck:
+    """Checks the limits of passive joints at many tool poses, with all loops of the mechanism closed.
+
+    Attributes:
+        limits: the limits that are checked.
+    """
+
+    def __init__(self, solver: LoopSolver) -> None:
+        """Set up the check of a mechanism; the expressions are compiled when first used."""
+        self.limits = passive_limits(solver.mechanism)
+        self._solver = solver
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints with limits."""
+        return tuple(dict.fromkeys(limit.joint.name for limit in self.limits))
+
+    @cached_property
+    def _slacks(self) -> Kernel:
+        e = self._solver.equations
+        function = ca.Function("slacks", [e.q, e.states], [ca.densify(slacks(e, self.limits))], {"cse": True})
+        inputs = {"q": e.q.numel(), "states": e.states.numel()}
+        return Kernel([Stage(function, tuple(inputs), ("slacks",))], inputs, ["slacks"])
+
+    def slacks(self, q: Array, states: Array) -> Array:
+        """Return the slacks (c, k) in m or rad at active joints q (k, n) and loop unknowns `states` (m, k)."""
+        (found,) = self._slacks(np.ascontiguousarray(q.T), np.ascontiguousarray(states))
+        return found
+
+    def kept(self, q: Array, Ts: Array) -> np.ndarray:
+        """Return (k,) bool: whether the mechanism assumes tool poses Ts (k, 4, 4) at q (k, n) within all limits.
+
+        A pose that the loops do not reach in the assembly mode of the rest poses is not kept.
+        """
+        states, placed = self.placed(q, Ts)
+        placed[placed] = self.within(q[placed], states[:, placed])
+        return placed
+
+    def within(self, q: Array, states: Array) -> np.ndarray:
+        """Return (k,) bool: whether active joints q (k, n) and loop unknowns `states` (m, k) keep all limits."""
+        return np.all(self.slacks(q, states) >= -ROUNDING, axis=0)
+
+    def placed(self, q: Array, Ts: Array) -> tuple[Array, np.ndarray]:
+        """Return (loop unknowns (m, k), (k,) bool: whether the tool is at Ts (k, 4, 4)) at active joints q (k, n).
+
+        Joint values can belong to several tool poses. Where the loops close at another pose than the given one, they
+        are closed again, starting from the unknowns of the nearest pose that is placed.
+        """
+        found = self._solver.forward_many(q)
+        states, placed = found.states, _same(found.Ts_base_tool, Ts)
+        places = _places(Ts)
+        tried = np.full(len(q), -1)
+        while placed.any() and not placed.all():
+            known, lost = np.flatnonzero(placed), np.flatnonzero(~placed)
+            seeds = known[cKDTree(places[known]).query(places[lost])[1]]
+            new = seeds != tried[lost]
+            lost, seeds = lost[new], seeds[new]
+            if not len(lost):
+                break
+            tried[lost] = seeds
+            again = self._solver.forward_many(q[lost], states[:, seeds])
+            good = _same(again.Ts_base_tool, Ts[lost])
+            states[:, lost[good]] = again.states[:, good]
+            placed[lost[good]] = True
+        return states, placed
+
+
+def _places(Ts: Array) -> Array:
+    """Return poses (k, 4, 4) as points (k, 12), whose distances are in m; rotations are scaled by `LENGTH_SCALE`."""
+    return np.concatenate([Ts[:, :3, 3], LENGTH_SCALE * Ts[:, :3, :3].reshape(-1, 9)], axis=1)
+
+
+def _same(Ts: Array, others: Array) -> np.ndarray:
+    """Return (k,) bool: whether two poses (k, 4, 4) are equal within `_SAME`; NaN equals nothing."""
+    return np.linalg.norm(_places(Ts) - _places(others), axis=1) < _SAME
