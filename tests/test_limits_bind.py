@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,9 @@ from made.lanes import contrasting
 from twin.analysis import joints, search
 from twin.analysis import workspace as reach
 from twin.core import spatial
+from twin.kinematics.closed_loops import LoopSolver
+from twin.kinematics.closed_loops.passive_limits import PassiveCheck
+from twin.planning.check import check
 from twin.ui.session.desk import Desk
 
 POSES = int(os.environ.get("TWIN_LIMIT_POSES", "20000"))
@@ -209,7 +213,9 @@ def test_every_state_of_a_workspace_keeps_all_limits(name):
 
 
 DRAGGED = ["sils", pytest.param("sher", marks=pytest.mark.slow), pytest.param("davinci_psm", marks=pytest.mark.slow)]
-DRAGGED += [pytest.param(n, marks=pytest.mark.nightly) for n in twin.names() if n not in ("sils", "sher", "davinci_psm")]
+DRAGGED += [
+    pytest.param(n, marks=pytest.mark.nightly) for n in twin.names() if n not in ("sils", "sher", "davinci_psm")
+]
 
 
 @pytest.mark.parametrize("name", DRAGGED)
@@ -228,3 +234,43 @@ def test_no_drag_passes_a_limit(name):
             assert beyond < ROUNDED, where
             if "still moving" not in moved.reason:
                 break
+
+
+PLANNED = ["sils", pytest.param("hibou", marks=pytest.mark.slow), pytest.param("raven_left", marks=pytest.mark.slow)]
+PLANNED += [
+    pytest.param(n, marks=pytest.mark.nightly) for n in twin.names() if n not in ("sils", "hibou", "raven_left")
+]
+
+
+@pytest.mark.parametrize("name", PLANNED)
+def test_every_sample_of_a_plan_keeps_all_limits_or_the_plan_says_so(name):
+    """With the declared limits, then with limits that the same motion exceeds by a tenth of what it uses."""
+    robot = bound(name)
+    trajectory = twin.plan(robot)
+    mechanism = robot.bound(robot.protocol()).mechanism
+    rows = np.arange(0, len(trajectory.t), 20)
+    q, Ts = trajectory.q[rows], trajectory.Ts_base_tool[rows]
+    states, placed = robot.passive_check.placed(q, Ts)
+    assert placed.all()
+    links = robot.loops.link_poses(q, states)
+    assert open_by(mechanism, links) < 1e-6
+    beyond, where = excess(mechanism, links, q)
+    said = {f.where for f in trajectory.findings if f.code in ("limit.passive", "limit.hard", "limit.motor")}
+    assert (beyond > ROUNDED) == bool(said), where
+    kinematics = robot.path_kinematics()
+    limits = {limit.joint.name: limit.joint for limit in robot.passive_check.limits}
+    for joint in list(limits.values())[:2]:
+        A, B = frames(joint, links)
+        if joint.cone is not None:
+            across = np.linalg.norm(np.cross(A[:, :3, 2], B[:, :3, 2]), axis=1)
+            used = np.arctan2(across, np.sum(A[:, :3, 2] * B[:, :3, 2], axis=1))
+            narrow = replace(joint, cone=0.9 * used.max())
+        else:
+            used = coordinate(joint, A, B)
+            if np.ptp(used) < 1e-3:
+                continue
+            narrow = replace(joint, limits=(used.min() - 0.1, used.max() - 0.1 * np.ptp(used)))
+        changed = replace(mechanism, joints=tuple(narrow if j.name == joint.name else j for j in mechanism.joints))
+        judged = replace(kinematics, passive=lambda Ts, q, m=changed: PassiveCheck(LoopSolver(m)).margins(q, Ts))
+        found = check(trajectory, robot.protocol(), judged)
+        assert joint.name in {f.where for f in found if f.code == "limit.passive" and f.severity == "error"}

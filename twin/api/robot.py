@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from twin.core import assets
-from twin.core.errors import TwinError, unknown
+from twin.core.errors import AssemblyError, TwinError, unknown
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import read_bytes
 from twin.core.spatial import Array
@@ -480,7 +480,15 @@ class Robot:
         def space(scene: str, clearance: float, keep: Keep) -> JointSpace:
             return obstructed(scene, clearance).keeping(keep)
 
+        def passive(Ts: Array, q: Array) -> dict[str, tuple[Array, bool]]:
+            try:
+                check = self.passive_check
+            except AssemblyError:  # the loops do not close as drawn, which is reported elsewhere
+                return {}
+            return check.margins(q, Ts) if check.limits else {}
+
         mechanical = without_equations(self.mechanism, follower, self.cad.gaps if self.files else (), space)
+        mechanical = replace(mechanical, passive=passive)
         if self.unwritten:
             return mechanical
         kin, order = self._kinematics, mechanical.joint_names

@@ -11,6 +11,7 @@ from twin.core.findings import Finding, Kind, disagreement, error, finding, info
 from twin.core.quantity import Quantity, deg, mm, moved, si
 from twin.core.spatial import Array
 from twin.core.units import MM
+from twin.model.joint import ROUNDING
 from twin.planning.protocol import Protocol, RotationOrder, Waypoint, trocar_of
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
@@ -42,6 +43,7 @@ def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics
         *_positions(trajectory, kinematics),
         *_motors(trajectory, kinematics),
         *_gaps(trajectory, kinematics),
+        *_passive(trajectory, kinematics),
         *_joint_rates(trajectory, kinematics),
         *_tip_rates(trajectory, protocol),
         *_consistent(trajectory, kinematics),
@@ -132,6 +134,22 @@ def _gaps(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
         size, need = Quantity(between[k] / factor, unit), gap.smallest / factor
         what = f"minimum of gap {gap.name}"
         out.append(build(gap.name, what, size, need, when=_when(trajectory, k), word="required"))
+    return out
+
+
+def _passive(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+    """Check the limits of passive joints, at the samples where the mechanism is at the planned pose."""
+    if kinematics.passive is None:
+        return []
+    out = []
+    for name, (margin, is_angle) in kinematics.passive(trajectory.Ts_base_tool, trajectory.q).items():
+        if np.isnan(margin).all():
+            continue
+        k = int(np.nanargmin(margin))
+        if margin[k] < -ROUNDING:
+            size = moved(-margin[k], is_angle)
+            what = f"passive joint {name} exceeds its limits by {size}"
+            out.append(error("limit.passive", name, what, size, 0, when=_when(trajectory, k), word=""))
     return out
 
 

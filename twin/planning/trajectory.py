@@ -135,6 +135,8 @@ class PathKinematics:
         space: (scene or "", clearance in m, additional test) -> joint space in which the path of a free phase is
             searched; None: not available.
         auxiliary: {name: value as drawn, in m or rad} of the auxiliary joints; `inverse` returns these values.
+        passive: T_base_tool (k, 4, 4), q (k, n) -> {passive joint: (margin (k,) to its limits, whether in rad)}; a
+            margin is NaN where the mechanism is not at this pose. None: limits of passive joints are not checked.
         takes: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always true. If
             false (fewer than six degrees of freedom, or no equations), the mechanism determines the path; see
             `following`.
@@ -161,6 +163,7 @@ class PathKinematics:
     space: Callable[[str, float, Keep], Space] | None = None
     auxiliary: Mapping[str, float] = field(default_factory=dict)
     takes: Callable[[Array], bool] | None = None
+    passive: Callable[[Array, Array], Mapping[str, tuple[Array, bool]]] | None = None
 
     def unit(self, joint: int) -> tuple[str, float]:
         """Return (display unit of a joint, its factor to SI)."""

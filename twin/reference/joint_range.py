@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from twin.core.spatial import Array
+from twin.model.joint import ROUNDING
 from twin.model.mechanism import Mechanism
 from twin.reference.closing import Closing
 from twin.reference.model import ReferenceModel, Run
@@ -67,7 +68,7 @@ def joint_range(model: ReferenceModel, count: int = STATES) -> JointRange:
     closing = Closing(model, np.ones(len(low)))
     targets = _targets(low, high, count)
     states = closing.placed(targets) if closing.linear is not None else np.zeros((0, len(home.x)))
-    states = states[_within_limits(model, model.collect(states))] if len(states) else states
+    states = states[within_limits(model, states)] if len(states) else states
     if len(states) < _ENOUGH * len(targets):
         states = _along_lines(model, closing, home.x, targets[: count // 2])
     return JointRange(model.collect(states), low, high)
@@ -111,7 +112,7 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
         new, possible = closing.near(X[moving], q0 + step * ahead[moving])
         possible &= closing.change(X[moving], new) <= _JUMP
         possible &= (closing.signs(new) == sign).all(axis=1)
-        possible &= _within_limits(model, model.collect(new))
+        possible &= within_limits(model, new)
         moving = moving[possible]
         X[moving] = new[possible]
         for line in moving:
@@ -124,13 +125,13 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
     return np.array(last + between)
 
 
-def _within_limits(model: ReferenceModel, run: Run) -> np.ndarray:
-    """Return (k,) bool: whether all passive joints are within their limits and cones."""
-    good = np.ones(len(run.x), bool)
+def within_limits(model: ReferenceModel, states: Array) -> np.ndarray:
+    """Return (k,) bool: whether all passive joints are within limits and cones at configurations (k, nq)."""
+    good = np.ones(len(states), bool)
     joints = [j for j in model.mechanism.joints if not j.active and j.limited]
-    if not joints:
+    if not joints or not len(states):
         return good
-    links = model.link_poses(run.x)
+    links = model.link_poses(states)
     for joint in joints:
-        good &= joint.beyond(links[joint.parent], links[joint.child]) <= 0
+        good &= joint.beyond(links[joint.parent], links[joint.child]) <= ROUNDING
     return good

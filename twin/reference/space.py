@@ -23,6 +23,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING, display_unit
 from twin.reference.certificate import Certificate, certify, nearest
 from twin.reference.closing import Closing
+from twin.reference.joint_range import within_limits
 from twin.reference.model import ReferenceModel
 from twin.reference.pairs import SEARCHED, Pairs, Still
 from twin.reference.stations import Stations
@@ -240,6 +241,12 @@ class JointSpace:
         x = self._state(q)
         if x is None:
             return "the loops of the mechanism do not close"
+        links = self._model.link_poses(x[None])
+        for joint in self._model.mechanism.joints:
+            over = -np.inf if joint.active else float(joint.beyond(links[joint.parent], links[joint.child])[0])
+            if over > ROUNDING:
+                unit, factor = display_unit(joint.is_angle or joint.cone is not None)
+                return f"passive joint {joint.name} is {over / factor:.4g} {unit} beyond its limits"
         poses = self._pairs.poses(x[None])
         worst, most = "", 0.0
         every = np.arange(len(self._pairs))
@@ -289,11 +296,17 @@ class JointSpace:
         return np.all((q >= self.limits[:, 0] - ROUNDING) & (q <= self.limits[:, 1] + ROUNDING), axis=1)
 
     def _allowed(self, X: Array, q: Array) -> np.ndarray:
-        """Return (k,) bool: whether `keep` allows configurations (k, nq) with driven joint values q (k, n)."""
+        """Return (k,) bool: whether limits of passive joints and `keep` allow configurations (k, nq) at q (k, n)."""
+        ok = within_limits(self._model, X) if self._limited else np.ones(len(X), bool)
         if self._keep is None:
-            return np.ones(len(X), bool)
+            return ok
         tree = self._model.tree
-        return self._keep(tree.tool(tree.place(X)), q)
+        return ok & self._keep(tree.tool(tree.place(X)), q)
+
+    @cached_property
+    def _limited(self) -> bool:
+        """Whether a passive joint has limits."""
+        return any(j.limited and not j.active for j in self._model.mechanism.joints)
 
     def _state(self, q: Array) -> Array | None:
         """Return the configuration (nq,) at q (n,); None if the loops do not close."""
@@ -447,8 +460,8 @@ class JointSpace:
         return ok
 
     def _allowed_between(self, a: Array, b: Array) -> np.ndarray:
-        """Return (m,) bool: whether `keep` allows all stations of the straight paths from a (m, n) to b (m, n)."""
-        if self._keep is None or not len(a):
+        """Return (m,) bool: whether all stations of the straight paths from a (m, n) to b (m, n) are allowed."""
+        if (self._keep is None and not self._limited) or not len(a):
             return np.ones(len(a), bool)
         counts = np.ceil((np.abs(b - a) / self._steps).max(axis=1)).astype(int) + 1
         path = np.repeat(np.arange(len(a)), counts + 1)

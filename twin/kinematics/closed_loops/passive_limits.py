@@ -131,6 +131,20 @@ class PassiveCheck:
         placed[placed] = self.within(q[placed], states[:, placed])
         return placed
 
+    def margins(self, q: Array, Ts: Array) -> dict[str, tuple[Array, bool]]:
+        """Return {joint: (distance (k,) from its limits, whether in rad)} at tool poses Ts (k, 4, 4) and q (k, n).
+
+        Distances are negative beyond the limits, and NaN where the mechanism does not assume the pose.
+        """
+        states, placed = self.placed(q, Ts)
+        links = self._solver.link_poses(q[placed], states[:, placed])
+        out = {}
+        for joint in {limit.joint.name: limit.joint for limit in self.limits}.values():
+            margin = np.full(len(q), np.nan)
+            margin[placed] = -joint.beyond(links[joint.parent], links[joint.child])
+            out[joint.name] = (margin, joint.is_angle or joint.cone is not None)
+        return out
+
     def within(self, q: Array, states: Array) -> np.ndarray:
         """Return (k,) bool: whether active joints q (k, n) and loop unknowns `states` (m, k) keep all limits."""
         return np.all(self.slacks(q, states) >= -ROUNDING, axis=0)
