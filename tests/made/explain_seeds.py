@@ -222,7 +222,7 @@ def same_function(formula, other, truth):
 
 def _worse(judge, key, score):
     """Whether a residual exceeds the tolerance and the residual of the same row before."""
-    before = max(np.abs(r).max() for p, r in judge.residuals.items() if p.key == key)
+    before = max((np.abs(r).max() for p, r in judge.residuals.items() if p.key == key), default=np.inf)
     return np.isfinite(before) and score > max(1.0, 1.01 * before)
 
 
