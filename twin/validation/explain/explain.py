@@ -304,6 +304,7 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
     search = Search(judge, lambda f: progress("try edits", f), Deadline(max(budget, _LEAST_EDITS)))
     if identified is None:
         edited = search.run(0.0)
+        laps.end("repair")
         if edited[1]:
             progress("conventions", 0.0)
             conventional = tuple(general(judge))

@@ -33,6 +33,12 @@ from twin.validation.explain.varied import coincidences
 _WORSE = 1.001
 """An edit is refused if the residual of a row is larger than before by this factor."""
 
+_STAGES = ((False, TOKENS), (False, REST), (True, TOKENS), (True, REST))
+"""Stages of the search for one edit: (whether called functions are edited, kinds of edits)."""
+
+_PARTS = (0.5, 0.3, 0.5, 0.6)
+"""Maximum part of the remaining time for each of these stages, so that slow equations leave time for the next."""
+
 _REQUIRED = 0.5
 """Maximum part of the remaining time for edits found from required values."""
 
@@ -77,6 +83,7 @@ class Search:
         self.judge = judge
         self.progress = progress
         self.deadline = deadline or Deadline()
+        self._until = self.deadline
         self.base = {p.key: worst(r) for p, r in judge.residuals.items()}
         self.raw = {p.key: r for p, r in judge.residuals.items()}
         bad = judge.failing()
@@ -151,8 +158,9 @@ class Search:
         return any((h.source.name, h.source.path) == (source.name, source.path) for h in self.judge.helpers(step))
 
     def _is_late(self) -> bool:
-        self.complete = self.complete and not self.deadline.passed
-        return not self.complete
+        late = self._until.passed
+        self.complete = self.complete and not late
+        return late
 
     def in_helpers(self, kinds: Container[str], only: Container[int] | None = None) -> list[Candidate]:
         """Evaluate single edits of the given kinds in the plain functions that the statements of `own_sites` call.
@@ -288,13 +296,15 @@ class Search:
         left = list(self.failing)
         # First one token; if this is not enough, terms, factors and parentheses; then the called functions. If several
         # edits repair the rows, one that repairs more of them is searched where they have something in common.
-        for in_called, kinds in ((False, TOKENS), (False, REST), (True, TOKENS), (True, REST)):
+        for (in_called, kinds), part in zip(_STAGES, _PARTS, strict=True):
+            self._until = self.deadline.within(part * self.deadline.left)
             if not left and len(groups) < 2:
                 break
             statements, functions = (None, None) if left else self._shared_sites(groups)
             singles += self.in_helpers(kinds, functions) if in_called else self.singles(kinds, statements)
             groups = self._cover(singles, self.failing)
             left = [k for k in self.failing if not any(k in g for g in groups)]
+        self._until = self.deadline
         if left:
             singles += self.required(left)
             groups = self._cover(singles, self.failing)
