@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -276,9 +277,63 @@ def _check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
             text = f"actuator '{name}' drives joint '{m.joint(j).name}', not the joint of the same name."
             advice = "let the actuator drive the joint of the same name, or rename the actuator"
             ledger.wrong("mjcf.actuator", text, name, suggestion=advice)
+    for a in range(m.nu):
+        _check_servo(m, a, ledger)
+    _check_softness(m, ledger)
     for k in range(m.nkey):
         _check_key(m, d, k, ledger)
     mujoco.mj_resetData(m, d)
+
+
+def _check_servo(m: mujoco.MjModel, a: int, ledger: Ledger) -> None:
+    """Report a position servo whose control is no position: force = gain * control - stiffness * coordinate + ...
+
+    The control is the coordinate, or the displacement of the coordinate from `ref`.
+    """
+    name = m.actuator(a).name
+    gain, stiffness = float(m.actuator_gainprm[a, 0]), -float(m.actuator_biasprm[a, 1])
+    affine = int(m.actuator_biastype[a]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    if not affine or stiffness <= 0:  # a motor, or a drive of the speed
+        return
+    if abs(gain - stiffness) > LIMIT_TOL * stiffness:
+        text = (
+            f"actuator '{name}': gainprm is {gain:.6g}, but -biasprm[1] is {stiffness:.6g}: a control of 1 moves the "
+            f"drive by {gain / stiffness:.6g}."
+        )
+        ledger.wrong(
+            "mjcf.control", text, name, size=Measured(gain, stiffness), suggestion="write gainprm = -biasprm[1]"
+        )
+    j = int(m.actuator_trnid[a, 0])
+    by_joint = int(m.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+    if not by_joint or not m.actuator_ctrllimited[a] or not m.jnt_limited[j] or m.jnt_type[j] not in (HINGE, SLIDE):
+        return
+    ref = float(m.qpos0[m.jnt_qposadr[j]])
+    ordered = m.actuator_ctrlrange[a] / float(m.actuator_gear[a, 0])
+    beyond = []
+    for start in (0.0, ref):
+        low, high = m.jnt_range[j] - start
+        beyond.append(max(float(low - ordered[0]), float(ordered[1] - high)))
+    if min(beyond) > LIMIT_TOL * max(1.0, float(np.abs(m.jnt_range[j]).max())):
+        text = (
+            f"actuator '{name}': ctrlrange {ordered[0]:.6g} .. {ordered[1]:.6g} goes beyond the range of its joint by "
+            f"{min(beyond):.6g}: relative to ref it is {low:.6g} .. {high:.6g}."
+        )
+        ledger.wrong("mjcf.control", text, name, size=min(beyond), suggestion="write ctrlrange = range - ref")
+
+
+def _check_softness(m: mujoco.MjModel, ledger: Ledger) -> None:
+    """Report equality constraints whose solver parameters differ from those of most others in the file."""
+    rows = [(*m.eq_solref[e].tolist(), *m.eq_solimp[e].tolist()) for e in range(m.neq)]
+    common = Counter(rows).most_common(1)
+    for e, row in enumerate(rows):
+        if row != common[0][0]:
+            name = m.equality(e).name
+            text = (
+                f"equality '{name}' has solref {row[0]:g} {row[1]:g} and solimp {row[2]:g} {row[3]:g}, most others "
+                f"have {common[0][0][0]:g} {common[0][0][1]:g} and {common[0][0][2]:g} {common[0][0][3]:g}: its loop "
+                "opens by another amount under load."
+            )
+            ledger.wrong("mjcf.softness", text, name, suggestion="give all loops the same solref and solimp")
 
 
 def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> None:

@@ -237,6 +237,8 @@ def check_quaternions(
             f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
             f"{times[k + 1]:.4g} s: players that interpolate components (Unity) rotate the link by up to 180 deg."
         )
+        if code == "gltf":
+            text += " Players that follow the glTF specification take the shorter way, where the sign does no harm."
         ledger.add(
             f"{code}.quaternion_sign",
             "warning" if code == "gltf" else "disagreement",

@@ -31,7 +31,8 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
     for j in m.joints:
         T = j.T_parent_joint @ poses.inverse(j.T_child_joint)
         out.joints.append(Joint((j.name,), j.parent, j.child, T, along(j.type, j.T_parent_joint), _drive(j, out)))
-    out.frames = {f.name: Frame(f.body, f.T_body_frame) for f in m.frames}
+    out.frames = {p.name: Frame(p.body, poses.pose(None, p.p_body)) for p in m.points}
+    out.frames |= {f.name: Frame(f.body, f.T_body_frame) for f in m.frames}
     return out
 
 

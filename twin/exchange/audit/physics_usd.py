@@ -41,7 +41,7 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     out.held = frozenset(held)
     cache = UsdGeom.XformCache()
     for prim in (p for b in bodies for p in Usd.PrimRange(b)):
-        if prim.GetAttribute("twin:kind").Get() == "frame":
+        if prim.GetAttribute("twin:kind").Get() in ("frame", "point"):
             M = np.array(cache.GetLocalToWorldTransform(prim)).T
             above = prim.GetParent()
             while above and str(above.GetPath()) not in names:

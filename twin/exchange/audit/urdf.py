@@ -123,6 +123,7 @@ class Urdf:
         self.content.physics.assumed = assumed_masses(path)
         self.content.physics.partly = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
+        _check_transmissions(root, {j.name for j in self.above.values()}, ledger)
         self._check_home(beside.name)
 
     def _check_home(self, name: str) -> None:
@@ -427,6 +428,22 @@ def _tree_physics(
         drive = Drive((low, high), None, None, None, effort, speed) if len(motions) == 1 else Drive()
         out.joints.append(Joint((j.name,), j.parent, j.child, T, motions, drive))
     return out
+
+
+def _check_transmissions(root: ET.Element, names: Collection[str], ledger: Ledger) -> None:
+    """Report transmissions of one joint whose joint does not exist, or whose actuator is named as another joint."""
+    for t in root.findall("transmission"):
+        joints, actuators = ([str(e.get("name")) for e in t.findall(k)] for k in ("joint", "actuator"))
+        own = str(t.get("name"))
+        if len(joints) != 1 or len(actuators) != 1:
+            continue
+        if joints[0] not in names:
+            text = f"transmission '{own}' names joint '{joints[0]}', which does not exist."
+            ledger.wrong("urdf.transmission", text, own)
+        elif actuators[0] != joints[0] and actuators[0] in names:
+            text = f"transmission '{own}': actuator '{actuators[0]}' drives '{joints[0]}', not the joint of its name."
+            advice = "let the actuator drive the joint of its name, or rename it"
+            ledger.wrong("urdf.transmission", text, joints[0], suggestion=advice)
 
 
 def _motors(root: ET.Element) -> dict[str, Motor]:
