@@ -15,7 +15,7 @@ WAITING_OF_ONE = 24
 """Maximum number of clients from one address that have not yet sent a valid message."""
 
 FIRST = 30.0
-"""Maximum time in s until the first valid message of a client; a page sends one as soon as it has a picture."""
+"""Maximum time in s until the first valid message of a client; a page sends one when it has drawn the robot."""
 
 IDLE = 20.0
 """Time in s without a frame after which a client loses its seat if another needs it; pages answer a ping every 5 s."""
