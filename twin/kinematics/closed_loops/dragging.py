@@ -239,7 +239,8 @@ class Dragger:
             slack = np.array([b.slack(look.q) for b in self.bounds])
             at = slack / self._size < _NEAR  # the way back must not pass these limits
             ways = np.vstack([slopes, self._G[at]])
-            dq: Array = self._scale * (np.linalg.pinv(ways) @ np.append(missing, np.zeros(int(at.sum()))))
+            wanted = np.append(missing, np.zeros(int(at.sum())))
+            dq = self._scale * np.asarray(np.linalg.pinv(ways) @ wanted, float)
             after = np.array([b.slack(look.q + dq) for b in self.bounds])
             if (after < np.minimum(0.0, slack) - 1e-12).any():
                 return None
