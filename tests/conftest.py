@@ -21,6 +21,7 @@ import numpy as np
 
 # A shell without a terminal lets its jobs in the background ignore Ctrl-C, and their programs inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` lets its programs ignore it
 
 SILS = Path(__file__).parents[1] / "cad/sils/sils.toml"
 

@@ -79,7 +79,8 @@ def refused(robot, capsys, tmp_path):
 
 
 def everything(folder: Path) -> set[str]:
-    return {str(p) for p in folder.rglob("*") if "__pycache__" not in p.parts}
+    """Return all paths in a folder, except compiled Python and the folder of the register of unfinished folders."""
+    return {str(p) for p in folder.rglob("*") if "__pycache__" not in p.parts and p.name != "unfinished"}
 
 
 # ------------------------------------------------------------------------------------------------------ STEP

@@ -87,6 +87,7 @@ def test_every_file_that_was_promised_is_there(made):
         "tracks/track.schema.json",
         "sils.xml",
         "sils.urdf",
+        "sils.yaml",
     } == {n for n in names if not n.startswith("meshes/")}
     assert {p.as_posix() for p in made.files} == names
 
@@ -173,7 +174,7 @@ def test_readme_says_what_is_assumed_left_out_and_untried(made):
     text = " ".join((made.folder / "README.txt").read_text(encoding="utf-8").split())
     assert "not been shown on a physical headset" in text
     assert "Unity editor has not run" in text
-    assert "URDF cannot close loops; left out: r13" in text
+    assert "loops and couplings that the URDF cannot hold" in text
     assert "q3,q4 limits from = -10 mm: not published" in text
     assert f"keys at {made.order.clips[0].rate:g} Hz" in text
     for file in (p.as_posix() for p in made.files if p.parts[0] not in ("meshes", "tracks")):
