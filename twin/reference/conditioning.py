@@ -17,7 +17,7 @@ class Conditioning:
     Attributes:
         stands: (k,) smallest divided by largest singular value of the tool Jacobian (twist per rate of the active
             joints that can move the tool); 0 at a type I singularity, where the joints can move while the tool is at
-            rest.
+            rest; NaN where no active joint moves the tool.
         moves: (k,) inverse of the largest rate of the passive joints per unit rate of the active joints, at most 1; 0
             at a type II singularity, where the mechanism can move while all active joints are at rest.
     """
@@ -43,5 +43,5 @@ def conditioning(model: ReferenceModel, states: Array, length: float) -> Conditi
     answers = np.where(slides, length, 1.0) * (passive[:, None] * gain)[:, tree.passive]
     largest = np.linalg.norm(answers, ord=2, axis=(1, 2)) if answers.shape[1] else np.zeros(len(states))
     most = values[:, 0]
-    stands = np.divide(values[:, -1], most, out=np.zeros(len(states)), where=most > 0)  # 0 at a dead centre
+    stands = np.divide(values[:, -1], most, out=np.full(len(states), np.nan), where=most > 0)
     return Conditioning(stands, 1.0 / np.maximum(largest, 1.0))

@@ -88,7 +88,9 @@ def of_mechanism(
         ("mechanism, tool at rest (type 1)", found.stands, "the joints move and the tool is at rest"),
         ("mechanism, drives at rest (type 2)", found.moves, "the tool moves while every drive is at rest"),
     ):
-        k = int(np.argmin(values))
+        if np.isnan(values).all():  # the tool is on a body that never moves
+            continue
+        k = int(np.nanargmin(values))
         facts[name] = f"{values[k]:.4f} (0: singular, 1: best), {at.when(k)}"
         if values[k] < SINGULAR:
             findings.append(

@@ -123,11 +123,14 @@ def _start(model: ReferenceModel) -> Assembly | None:
 
 
 def _regularity(model: ReferenceModel, state: Assembly) -> float:
-    """Return the smaller of the two measures of `conditioning` at a state; infinite without driven joints."""
+    """Return the smaller of the two measures of `conditioning` at a state; 0 where no joint moves the tool.
+
+    Without driven joints it is infinite.
+    """
     if not model.mechanism.active:
         return np.inf
     found = conditioning(model, state.x[None], LENGTH_SCALE)
-    return float(min(found.stands[0], found.moves[0]))
+    return float(min(np.nan_to_num(found.stands[0]), found.moves[0]))
 
 
 def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict[str, float], str]:
