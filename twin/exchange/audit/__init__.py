@@ -162,9 +162,10 @@ def _check_placed(contents: Sequence[Content], expected: Physics) -> None:
     """Report files whose geometry could not be compared with the mechanism: their agreement would be empty."""
     if all(joint.kind == "free" for joint in expected.joints):  # every pose of every body is possible
         return
+    placed = _placed(contents)
     for content in contents:
         findings = content.ledger.findings
-        if content.ledger.placed or any(f.code == "audit.not_compared" for f in findings):
+        if content.file in placed or any(f.code == "audit.not_compared" for f in findings):
             continue
         text = (
             f"{content.file} could not be compared with {MECHANISM}: neither the names nor the structure of its links "
@@ -172,6 +173,21 @@ def _check_placed(contents: Sequence[Content], expected: Physics) -> None:
         )
         advice = "give links and joints the names of the robot, or audit the file with an export of the robot"
         content.ledger.add("audit.not_compared", "error", text, suggestion=advice)
+
+
+def _placed(contents: Sequence[Content]) -> set[str]:
+    """Return the files whose geometry was compared with the mechanism, or with the clips of such a file."""
+    placed = {content.file for content in contents if content.ledger.placed}
+    grown = True
+    while grown:
+        grown = False
+        for content in contents:
+            others = {check.against for check in content.ledger.checks if check.check.startswith("clip ")}
+            pair = {content.file, *(other for other in others if other)}
+            if pair & placed and not pair <= placed:
+                placed |= pair
+                grown = True
+    return placed
 
 
 def _gravity(contents: Sequence[Content], content: Content, mechanism: Mechanism | None) -> list[np.ndarray]:

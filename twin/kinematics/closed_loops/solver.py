@@ -179,9 +179,10 @@ class LoopSolver:
         """Return {body: T_base_body (k, 4, 4)} at active joints qs (k, n) and loop unknowns `states` (m, k)."""
         (rows,) = self._links(np.ascontiguousarray(np.asarray(qs, float).T), np.ascontiguousarray(states))
         rows = rows.T
-        Ts = np.zeros((len(rows), len(self.mechanism.bodies), 4, 4))
+        shape = (len(rows), len(self.mechanism.bodies))
+        Ts = np.zeros((*shape, 4, 4))
         Ts[..., 3, 3] = 1
-        Ts[..., :3, :] = rows.reshape(len(rows), -1, 3, 4)
+        Ts[..., :3, :] = rows.reshape(*shape, 3, 4)
         return {body.name: Ts[:, i] for i, body in enumerate(self.mechanism.bodies)}
 
     @cached_property
