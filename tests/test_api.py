@@ -448,7 +448,7 @@ def test_progress_is_told_what_is_done(robot):
     assert all(label and 0 <= fraction <= 1 for label, fraction in told)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_validate_twice_gives_the_same_report(robot):
     """Also: a trajectory from elsewhere is judged; the report is plain data."""
     trajectory = twin.plan(robot, SHORT)

@@ -47,6 +47,7 @@ def placed(report) -> list[str]:
     return [c.check for c in report.checks if c.against == "the mechanism" and c.unit in ("m", "rad")]
 
 
+@pytest.mark.slow
 def test_no_lookalike_passes(files, tmp_path):
     """A lookalike with the names of the robot disagrees; one with other names disagrees or is unchecked."""
     rng = np.random.default_rng(38)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from made import bombs
+from made.lanes import nightly
 from twin.cli import main
 
 # What needs a parser's own process to be found takes seconds: the rest is the default suite's.
@@ -31,7 +32,7 @@ def test_bomb_is_refused(name, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(bombs.BOMBS))
+@pytest.mark.parametrize("name", nightly(sorted(bombs.BOMBS), every=2))
 def test_bomb_costs_little(name, tmp_path):
     """10 s, and 1 GB in any process: the system stops at twice that."""
     bomb = bombs.BOMBS[name]

@@ -73,7 +73,7 @@ def targets(name, kin, count):
     return np.column_stack([np.arctan2(W[:, 1], W[:, 0]), q2, q3, rng.uniform([-3, -0.7], [3, 0.7], (count, 2))])
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [60, pytest.param(10_000, marks=pytest.mark.nightly)])
 def test_equations_and_mechanism_agree_over_the_workspace(robot, count):
     """A = B: tool, passive joints, points; the shaft in its trocar; the loop closed."""
     name, _, model, kin = robot

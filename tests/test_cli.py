@@ -369,7 +369,7 @@ def test_validate_of_one_printed_equation(run, no_pictures):
     assert "eq1" in point["message"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_bare_variant_judges_each_alone_and_all_together(run, no_pictures, tmp_path):
     result = run("validate", "sils", "--protocol", SHORT, "--variant", "printed", "--json")
     assert result.code == 1

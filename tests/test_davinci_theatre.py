@@ -33,6 +33,7 @@ def cart(props):
     return {m.name.removeprefix("cart_"): m.vertices @ T[:3, :3].T + T[:3, 3] for m in props.body("cart").meshes}
 
 
+@pytest.mark.slow
 def test_the_cart_has_what_the_paper_lists(cart):
     for part in ("right_handle", "left_handle", "clutch_plate", "camera_plate", "visor", "pad", "stool_seat"):
         assert any(name.startswith(part) for name in cart), part

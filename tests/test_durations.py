@@ -170,6 +170,7 @@ FORGOTTEN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", FORGOTTEN)
 def test_a_limit_that_the_planner_forgets_is_found(limit):
     name, path, factor = FORGOTTEN[limit]
@@ -254,6 +255,7 @@ def test_a_protocol_an_argument_and_a_robot_choose_the_solver(tmp_path):
 # -- in reports and commands ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_plan_check_prints_the_rows_and_names_the_solver(tmp_path, capsys):
     from twin.cli import main
 
@@ -283,6 +285,7 @@ def test_a_report_names_solver_judge_and_what_was_used(sils_report):
     assert not {"coal", "usd-core"} & used.keys(), "the baked motion, the clearances and the stage were not looked at"
 
 
+@pytest.mark.slow
 def test_a_report_without_a_judge_of_the_timing_does_not_list_toppra(sils_case):
     report = judged_by_parts(sils_case, parts=frozenset({"equations"}))
     assert "toppra" not in report.environment

@@ -43,6 +43,7 @@ def test_the_corrected_equations_need_no_explanation(sils, sils_model, truth):
     assert (x.verdict, x.exit_code, x.rows, x.invariants) == ("agree", 0, (), ())
 
 
+@pytest.mark.slow
 def test_eq1_printed_has_four_rows_off_and_one_repair_each(printed1):
     x = printed1
     assert (x.verdict, x.exit_code, x.explained) == ("disagree", 1, True)

@@ -31,7 +31,7 @@ COARSE = Budget(position=2e-3, rotation=0.05, joint_gap=1e-3)
 SUBSETS = [s for n in range(1, 8) for s in combinations(bundles.FORMATS, n)]
 SMALL = [s for s in SUBSETS if len(s) in (1, 2, 7)]
 
-ROBOTS = ["imported", pytest.param("davinci_ecm", marks=pytest.mark.slow)]
+ROBOTS = ["imported", pytest.param("davinci_ecm", marks=pytest.mark.nightly)]
 
 ARM = """<robot name="arm">
   <link name="base"><visual><geometry><box size="0.2 0.2 0.1"/></geometry></visual>
@@ -98,6 +98,7 @@ def read_once(reader):
     return again
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_subsets_of_formats_pass_their_own_audit(robot, tmp_path, monkeypatch):
     from twin.exchange.write.order import order

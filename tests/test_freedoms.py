@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from made import linkages
+from made.lanes import nightly
 from made.loops import mechanism
 from twin import api, cli
 from twin.core import spatial
@@ -334,7 +335,7 @@ def drawn(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", nightly(NAMES, every=2))
 def test_a_drawn_linkage_passes_every_command(name, drawn, tmp_path, capsys):
     from twin.ui.session.desk import Desk
 

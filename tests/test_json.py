@@ -52,10 +52,19 @@ DONE = {
 
 
 LONG = {
-    "selftest", "sweep", "operate", "run", "validate", "hazards", "track", "info of masses", "workspace", "build",
+    "sweep", "export", "validate", "hazards", "track", "info of masses", "workspace", "build",
     "build that is not current", "tolerance", "explain",
 }  # fmt: skip
 """They take a second or more each; the default suite leaves them out."""
+
+LONGEST = {"selftest", "operate", "run"}
+
+
+def marks(case):
+    """Return the marks of the lane of a case."""
+    if case in LONGEST:
+        return [pytest.mark.nightly]
+    return [pytest.mark.slow] if case in LONG else []
 
 
 @pytest.fixture
@@ -77,7 +86,7 @@ def test_every_command_is_here():
     assert {argv[0] for _, argv in DONE.values()} | SERVERS | {"session"} == set(HELP)
 
 
-@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.slow] * (c in LONG)) for c in DONE])
+@pytest.mark.parametrize("case", [pytest.param(c, marks=marks(c)) for c in DONE])
 def test_a_result_fits_its_schema(printed, tmp_path, monkeypatch, case):
     kind, argv = DONE[case]
     monkeypatch.setattr(files, "write_report", lambda report, folder: None)  # plots take most of the time

@@ -18,14 +18,15 @@ from pathlib import Path
 
 import pytest
 
+from made.lanes import nightly
 from twin.core.cache import cache_folder
 
 ROOT = Path(__file__).parents[1]
 ROBOT = "hibou"
 KILLS = int(os.environ.get("TWIN_KILLS", "6"))
 
-LONGEST = 0.1 if "TWIN_KILLS" in os.environ else 1.0
-"""Time in s after which no process of a killed command may run; on a busy machine, the kernel itself takes longer."""
+LONGEST = 0.1 if "TWIN_KILLS" in os.environ else 30.0
+"""Time in s after which no process of a killed command may run: with TWIN_KILLS a measurement, for a quiet machine."""
 
 # Kills itself before the nth file is moved: a program of its own, because the moves take a few milliseconds.
 AT_MOVE = """
@@ -198,7 +199,7 @@ def test_killed_at_random(place):
     assert max(last) < LONGEST
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_sweep_that_is_killed_leaves_nothing(tmp_path, cache):
     """Its workers are started by Dask."""
     arguments = ("sweep", "sils", "--vary", "l_p=120..150mm", "--samples", "5000", "--workers", "2", "--out", "{out}")
@@ -217,7 +218,7 @@ def test_a_sweep_that_is_killed_leaves_nothing(tmp_path, cache):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", ["export", "run"], indirect=True, scope="module")
+@pytest.mark.parametrize("place", nightly(["export", "run"], every=2), indirect=True, scope="module")
 def test_stopped_by_ctrl_c_at_random(place):
     """What Ctrl-C leaves is whole at once, without another start of twin, and no process of its own goes on."""
     out, old, new, seconds = place
@@ -235,7 +236,7 @@ def test_stopped_by_ctrl_c_at_random(place):
         assert out.tree() in (old, new)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_sweep_stopped_by_ctrl_c_says_what_it_keeps(tmp_path, cache):
     """Also while its workers start, and while they work."""
     arguments = ("sweep", "sils", "--vary", "l_p=120..150mm", "--samples", "5000", "--workers", "2", "--out", "{out}")

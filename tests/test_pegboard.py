@@ -123,7 +123,7 @@ def test_a_simulated_surgeon_brings_a_ring_with_each_hand(performed):
         assert np.linalg.norm(T[-1, :3, 3] - T[0, :3, 3]) < 0.5 * MM
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_bytes_and_they_replay(davinci, tmp_path):
     scene = only(davinci, "ring1")
     digests = set()

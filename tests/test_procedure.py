@@ -417,7 +417,7 @@ def test_another_seed_gives_other_bytes(vsrs):
     ("mistake", "stage", "check"),
     [
         ("clip_missed", 3, "clip"),
-        ("wrong_vessel", 3, "vessels"),
+        pytest.param("wrong_vessel", 3, "vessels", marks=pytest.mark.nightly),
         pytest.param("organ_punctured", 3, "organs", marks=pytest.mark.nightly),
         pytest.param("cut_outside", 4, "cut", marks=pytest.mark.nightly),
     ],

@@ -112,7 +112,7 @@ def test_three_robots_work_without_meeting(tmp_path, capsys):
     assert (tmp_path / "vsrs/scene.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_base_beside_its_place_and_robots_that_meet_are_found(tmp_path, capsys):
     """Seeded: Hibou moved by 150 mm towards Lapbot runs into it and misses its port by as much."""
     for file in ("theatre.toml", "vsrs.step"):

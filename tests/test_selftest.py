@@ -49,7 +49,7 @@ def test_the_score_counts_what_is_a_fault():
     assert score.families()[1]["equivalent"] == 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_draw_is_the_same_for_the_same_seed_and_another_for_another(bench):
     one, two, other = (drawn(bench, ("cad", "timing"), 40, s) for s in (3, 3, 4))
     assert [f.what for f in one] == [f.what for f in two] != [f.what for f in other]
@@ -96,6 +96,7 @@ def test_equations_that_say_the_same_are_told_from_those_that_do_not(bench, tmp_
     assert same_equations(bench.kin, made["other"], bench.trajectory, rng) == ""
 
 
+@pytest.mark.slow
 def test_the_plain_chain_is_the_mechanism(bench):
     """Plain matrices and scipy place every body where Pinocchio does."""
     m = bench.robot.mechanism

@@ -458,7 +458,7 @@ def person(theatre, tmp_path_factory):
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_hands_of_a_person_replay_in_another_process(person):
     told = subprocess.run(
         [sys.executable, "-m", "twin", "session", str(person), "--json"], capture_output=True, text=True, check=True
@@ -594,6 +594,7 @@ def test_glb_and_tracks_pass_the_audit(exported, davinci):
         assert found.verdict == "agree", found.findings
 
 
+@pytest.mark.slow
 def test_a_folder_has_page_picture_data_and_motions(exported):
     assert {p.relative_to(exported).as_posix() for p in exported.rglob("*") if p.is_file()} == {
         *("session.json", "session.html", "session.png", "session.csv", "session.mcap", FILE),

@@ -11,6 +11,7 @@ import pytest
 
 import twin
 from made.drawing import draw
+from made.lanes import nightly
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.planning.plan import plan
@@ -68,7 +69,7 @@ def test_equations_and_mechanism_agree_at_random_postures(robot, model):
     assert covered.min() > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_equations_and_mechanism_agree_at_ten_thousand_random_postures(robot, model):
     agree(robot, model, postures(robot, 10_000))
 
@@ -90,7 +91,7 @@ def test_drawn_home_is_the_posture(robot, model):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("protocol", ["sclerotomy", "phantom"])
+@pytest.mark.parametrize("protocol", nightly(["sclerotomy", "phantom"], every=2))
 def test_protocol_agrees(robot, protocol):
     report = twin.validate(robot, protocol=protocol)
     assert report.exit_code == 0, [f.message for f in report.findings if f.severity == "disagreement"]
@@ -142,7 +143,7 @@ def test_two_hundred_moves_of_micrometres_are_timed(robot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("equations", ["tilt_forward", "tilt_inverse"])
+@pytest.mark.parametrize("equations", nightly(["tilt_forward", "tilt_inverse"], every=2))
 def test_rail_as_drawn_in_the_derivation_disagrees(robot, equations):
     report = twin.validate(robot, protocol="sclerotomy", variants={equations: "drawn"})
     assert report.exit_code == 1

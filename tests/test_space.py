@@ -70,7 +70,7 @@ def test_more_samples_shorten_the_path():
     assert second < 0.94 * first
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_improved_paths_of_all_seeds_are_equally_long():
     space = space_of(arm(), post(0.52, 0))
     lengths = [length_of(space, around(space, *ENDS, seed=seed, samples=800)) for seed in range(4)]

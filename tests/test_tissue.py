@@ -269,7 +269,7 @@ def test_random_instruments_leave_organs_finite_and_the_same_seed_gives_the_same
     assert wandered(0, 1.5).nodes.tobytes() == found.nodes.tobytes()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", nightly(range(10), every=5))
 def test_random_instruments_for_long(seed):
     """With the longest step that is used, that of a person's session."""

@@ -595,7 +595,7 @@ def test_both_ravens_pass_each_other_without_touching(tmp_path, capsys):
     assert set(said["search_times"]) == {f"{arm}, {phase['name']}" for arm in phase["rounds"]} != set()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_example_of_the_help_runs_and_its_folder_is_shown_served_and_exported(tmp_path, capsys, monkeypatch):
     """An instrument is drawn back while the other one takes its place."""
     line = next(x for x in EXAMPLES.splitlines() if "--with" in x)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from made import column as made
-from made.lanes import alike
+from made.lanes import alike, contrasting
 from twin import api, cli
 from twin.core import spatial
 from twin.core.errors import DescriptionError, MechanismError, TwinError
@@ -385,7 +385,7 @@ def test_whole_curve_of_the_circle(arm, motion):
     assert max(whole) < TIP_LIMIT
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_realistic_mismatch_by_chance_stays_within_a_millimetre(arm, motion):
     worst = max(run(arm, motion, Conditions().realistic(0.05, seed)).tip_max for seed in range(20))
     assert worst < 0.7e-3
@@ -502,7 +502,7 @@ def test_wrong_questions_are_refused(column, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [n for n in api.names() if n not in alike(api.names())])
+@pytest.mark.parametrize("name", contrasting(n for n in api.names() if n not in alike(api.names())))
 def test_every_kind_of_robot_is_tracked_whatever_closes_its_loops(name, monkeypatch):
     """Half a second from rest, along the protocol; with TWIN_TRACK=long all of it."""
     planned = api.plan

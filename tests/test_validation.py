@@ -14,7 +14,7 @@ from twin.validation.case import Case
 from twin.validation.judge import judge
 from twin.validation.rows import Tolerances
 
-PROTOCOLS = ["table2", pytest.param("lowered_patient", marks=pytest.mark.slow)]
+PROTOCOLS = ["table2", pytest.param("lowered_patient", marks=pytest.mark.nightly)]
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +141,7 @@ def test_printed_target_misses_the_rcm(judged):
     assert worst(report, "A-B", "tool", "m") <= 1e-9  # the equations are not to blame
 
 
+@pytest.mark.slow
 def test_printed_eq1_is_located_at_s1_and_s3_in_x_and_y(judged):
     report = judged("table2", ("protocol", "equations"), eq1="printed")
     assert report.exit_code == 1
@@ -166,7 +167,7 @@ def test_printed_eq1_is_located_at_s1_and_s3_in_x_and_y(judged):
     assert q6.worst / MM == pytest.approx(2.374, abs=5e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_printed_eq2_is_on_the_carriages_and_not_on_the_platform(judged):
     report = judged("table2", eq2="printed")
     assert report.exit_code == 1
