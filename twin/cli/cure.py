@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +17,8 @@ if TYPE_CHECKING:
 SECONDS = 5.0
 """Time limit in s of the search for a fix; `twin explain` can search longer.
 
-The limit applies to the processor time of this thread, so that the result does not depend on the load of the machine;
-the elapsed time is limited to `_PATIENCE` times this limit.
+See `Deadline`.
 """
-
-_PATIENCE = 3.0
 
 _SEARCH = 0.6
 """Fraction of `SECONDS` for the search itself; the rest of the time is for poses and checks."""
@@ -53,13 +49,14 @@ class Cures:
         return replace(report, cure=self._known[key])
 
     def _look(self, robot: api.Robot, report: Report, progress: Progress) -> str:
+        from twin.validation.explain.deadline import Deadline
         from twin.validation.explain.explain import explain
         from twin.validation.explain.judge import Tolerance
 
-        until, at_last = time.thread_time() + self.seconds, time.monotonic() + _PATIENCE * self.seconds
+        deadline = Deadline(self.seconds)
 
         def bounded(label: str, fraction: float) -> None:
-            if time.thread_time() > until or time.monotonic() > at_last:
+            if deadline.passed:
                 raise _LateError
             progress(f"search for a correction: {label}", fraction)
 
