@@ -12,6 +12,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
+from twin.core.units import ROUNDING
 
 JointType = Literal["fixed", "revolute", "prismatic", "cylindrical", "spherical", "free"]
 
@@ -24,9 +25,6 @@ FREE_AXES: dict[str, tuple[int, ...]] = {
     "free": (0, 1, 2, 3, 4, 5),
 }
 """Free directions of each joint type in the joint frame: 0..2 translation along x y z, 3..5 rotation about x y z."""
-
-ROUNDING = 1e-9
-"""Angle in rad by which a joint may exceed a limit by rounding."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +67,6 @@ class Joint:
     max_jerk: float | None = None
     drive: Drive | None = None
     mating: tuple[str, ...] = ()
-
-    @property
-    def limited(self) -> bool:
-        """Whether the joint has hard limits or a cone."""
-        return self.limits is not None or self.cone is not None
 
     @property
     def free_axes(self) -> tuple[int, ...]:

@@ -210,6 +210,11 @@ class Mechanism:
         """Passive joints with one coordinate, of the tree and of the loops, in file order."""
         return tuple(j for j in self.joints if not j.active and len(j.free_axes) == 1)
 
+    @cached_property
+    def limited(self) -> tuple[Joint, ...]:
+        """Passive joints with hard limits or a cone, of the tree and of the loops, in file order."""
+        return tuple(j for j in self.joints if not j.active and (j.limits is not None or j.cone is not None))
+
     @property
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
         """(joints, T_base_tool, q): the active joints that move the tool, the tool pose, and the joint values.

@@ -10,8 +10,7 @@ from twin.core import spatial
 from twin.core.findings import Finding, Kind, disagreement, error, finding, info, warning
 from twin.core.quantity import Quantity, deg, mm, moved, si
 from twin.core.spatial import Array
-from twin.core.units import MM
-from twin.model.joint import ROUNDING
+from twin.core.units import MM, ROUNDING
 from twin.planning.protocol import Protocol, RotationOrder, Waypoint, trocar_of
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 

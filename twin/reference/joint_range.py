@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from twin.core.spatial import Array
-from twin.model.joint import ROUNDING
+from twin.core.units import ROUNDING
 from twin.model.mechanism import Mechanism
 from twin.reference.closing import Closing
 from twin.reference.model import ReferenceModel, Run
@@ -128,10 +128,9 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
 def within_limits(model: ReferenceModel, states: Array) -> np.ndarray:
     """Return (k,) bool: whether all passive joints are within limits and cones at configurations (k, nq)."""
     good = np.ones(len(states), bool)
-    joints = [j for j in model.mechanism.joints if not j.active and j.limited]
-    if not joints or not len(states):
+    if not model.mechanism.limited or not len(states):
         return good
     links = model.link_poses(states)
-    for joint in joints:
+    for joint in model.mechanism.limited:
         good &= joint.beyond(links[joint.parent], links[joint.child]) <= ROUNDING
     return good

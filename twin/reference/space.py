@@ -242,8 +242,8 @@ class JointSpace:
         if x is None:
             return "the loops of the mechanism do not close"
         links = self._model.link_poses(x[None])
-        for joint in self._model.mechanism.joints:
-            over = -np.inf if joint.active else float(joint.beyond(links[joint.parent], links[joint.child])[0])
+        for joint in self._model.mechanism.limited:
+            over = float(joint.beyond(links[joint.parent], links[joint.child])[0])
             if over > ROUNDING:
                 unit, factor = display_unit(joint.is_angle or joint.cone is not None)
                 return f"passive joint {joint.name} is {over / factor:.4g} {unit} beyond its limits"
@@ -297,16 +297,11 @@ class JointSpace:
 
     def _allowed(self, X: Array, q: Array) -> np.ndarray:
         """Return (k,) bool: whether limits of passive joints and `keep` allow configurations (k, nq) at q (k, n)."""
-        ok = within_limits(self._model, X) if self._limited else np.ones(len(X), bool)
+        ok = within_limits(self._model, X)
         if self._keep is None:
             return ok
         tree = self._model.tree
         return ok & self._keep(tree.tool(tree.place(X)), q)
-
-    @cached_property
-    def _limited(self) -> bool:
-        """Whether a passive joint has limits."""
-        return any(j.limited and not j.active for j in self._model.mechanism.joints)
 
     def _state(self, q: Array) -> Array | None:
         """Return the configuration (nq,) at q (n,); None if the loops do not close."""
@@ -461,7 +456,7 @@ class JointSpace:
 
     def _allowed_between(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether all stations of the straight paths from a (m, n) to b (m, n) are allowed."""
-        if (self._keep is None and not self._limited) or not len(a):
+        if (self._keep is None and not self._model.mechanism.limited) or not len(a):
             return np.ones(len(a), bool)
         counts = np.ceil((np.abs(b - a) / self._steps).max(axis=1)).astype(int) + 1
         path = np.repeat(np.arange(len(a)), counts + 1)

@@ -19,10 +19,9 @@ from twin.core.findings import Finding, Kind, disagreement, finding
 from twin.core.quantity import mm
 from twin.core.result import Table
 from twin.core.spatial import Array, Index
-from twin.core.units import MM
+from twin.core.units import MM, ROUNDING
 from twin.formula.contract import Equation
 from twin.kinematics import Kinematics
-from twin.model.joint import ROUNDING
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, Run
 from twin.validation.result import Residual, RowKind, headline

@@ -52,7 +52,7 @@ def about_rcm(case: Case, out: Comparison) -> None:
 def passive_limits(case: Case, out: Comparison) -> None:
     """Check the limits of passive joints: range of the coordinate, or cone angle of a spherical joint."""
     run, model = out.posed, case.model
-    joints = [j for j in model.mechanism.joints if not j.active and (j.cone is not None or j.limits is not None)]
+    joints = model.mechanism.limited
     if run is None or not joints:
         return
     links = model.link_poses(run.x)
@@ -60,10 +60,8 @@ def passive_limits(case: Case, out: Comparison) -> None:
     left: dict[str, str] = {}
     for joint in joints:
         if joint.cone is not None:
-            z0 = (links[joint.parent] @ joint.T_parent_joint)[:, :3, 2]
-            z1 = (links[joint.child] @ joint.T_child_joint)[:, :3, 2]
-            tilt = np.arctan2(np.linalg.norm(np.cross(z0, z1), axis=1), np.sum(z0 * z1, axis=1))
-            margin, unit, scale = joint.cone - tilt, "deg", DEG
+            margin = -joint.beyond(links[joint.parent], links[joint.child])
+            unit, scale = "deg", DEG
         elif joint.name in run.q_passive and joint.limits is not None:
             q = run.q_passive[joint.name]
             margin = np.minimum(q - joint.limits[0], joint.limits[1] - q)

@@ -10,9 +10,9 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, ROUNDING
 from twin.exchange.read.source import Imported, note, warning
-from twin.model.joint import ROUNDING, Joint
+from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.assembling import is_closed

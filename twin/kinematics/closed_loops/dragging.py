@@ -19,11 +19,11 @@ from functools import cached_property
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.core.units import ROUNDING
 from twin.kinematics.closed_loops.equations import LENGTH_SCALE, STATES, STEPS
 from twin.kinematics.closed_loops.passive_limits import PassiveLimit
 from twin.kinematics.closed_loops.sight import Look, Sight
 from twin.kinematics.closed_loops.solver import LoopSolver
-from twin.model.joint import ROUNDING
 from twin.model.mechanism import Mechanism
 
 _STEP = 1e-3

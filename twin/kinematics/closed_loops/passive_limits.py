@@ -17,9 +17,10 @@ from scipy.spatial import cKDTree
 
 from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
+from twin.core.units import ROUNDING
 from twin.kinematics.closed_loops.equations import LENGTH_SCALE, Equations
 from twin.kinematics.closed_loops.solver import LoopSolver
-from twin.model.joint import ROUNDING, Joint
+from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
 Kind = Literal["range", "lower", "upper", "cone"]

@@ -279,9 +279,7 @@ class Desk:
                 least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM
                 raise KinematicsError(f"{upper} - {lower} = {left:.3f} mm is below its minimum of {least:.3f} mm")
         found = self.model.solve(q, self.assembly)
-        for joint in self.mechanism.joints:
-            if joint.active or not joint.limited:
-                continue
+        for joint in self.mechanism.limited:
             now, then = (
                 float(joint.beyond(a.link_poses[joint.parent], a.link_poses[joint.child]))
                 for a in (self.assembly, found)
