@@ -14,18 +14,18 @@ from twin.core import assets
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.spatial import Array
 
-_DRAWN = 96
-"""Number of joint states that are drawn for an audit."""
-
-_COMPARED = 24
-"""Number of the drawn states at which an audit compares a file: all of them would take seconds more."""
-
 if TYPE_CHECKING:
     from twin.exchange.audit import AuditReport, States
     from twin.exchange.write.bundle import Bundle
     from twin.exchange.write.clip import Budget
     from twin.model.mechanism import Mechanism
     from twin.planning.trajectory import Trajectory
+
+_DRAWN = 96
+"""Number of joint states that are drawn for an audit."""
+
+_COMPARED = 24
+"""Number of the drawn states at which an audit compares a file: all of them would take seconds more."""
 
 
 def build(

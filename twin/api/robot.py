@@ -18,12 +18,6 @@ from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import read_bytes
 from twin.core.spatial import Array
 
-_TRIED_LENGTH, _TRIED_ANGLE = 0.02, 0.3
-"""Steps of a joint in m and rad to states at which forward equations are tried; see `Robot.path_kinematics`."""
-
-_TRIED_ERROR = 1e-6
-"""Largest difference of tool poses, in m or as an entry of a rotation, with which these equations count as right."""
-
 if TYPE_CHECKING:
     from twin.cad.build import CadModel
     from twin.cad.description import Description
@@ -37,6 +31,12 @@ if TYPE_CHECKING:
     from twin.planning.trajectory import Keep, PathKinematics, Trajectory
     from twin.reference import ReferenceModel
     from twin.reference.dynamics import Dynamics
+
+_TRIED_LENGTH, _TRIED_ANGLE = 0.02, 0.3
+"""Steps of a joint in m and rad to states at which forward equations are tried; see `Robot.path_kinematics`."""
+
+_TRIED_ERROR = 1e-6
+"""Largest difference of tool poses, in m or as an entry of a rotation, with which these equations count as right."""
 
 Progress = Callable[[str, float], None]
 """Function that is called to report progress, with the name of the current step and the fraction done (0 to 1)."""
@@ -447,13 +447,10 @@ class Robot:
 
     def _forward_holds(self, kin: Kinematics) -> bool:
         """Return whether the forward equations give the mechanism's tool poses at home and with each joint moved."""
-        from twin.core.errors import AssemblyError
-
         model = self.reference()
         home = model.home().q
         active = model.mechanism.active
-        low = np.array([j.limits[0] if j.limits else -np.inf for j in active])
-        high = np.array([j.limits[1] if j.limits else np.inf for j in active])
+        low, high = model.mechanism.limits.T
         steps = np.diag([_TRIED_ANGLE if j.is_angle else _TRIED_LENGTH for j in active])
         moved = np.where(home + steps <= high, home + steps, home - steps)
         try:
