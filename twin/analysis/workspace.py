@@ -33,7 +33,7 @@ from twin.kinematics.closed_loops.passive_limits import PassiveCheck, passive_li
 if TYPE_CHECKING:
     from distributed import Client
 
-Judge = Callable[[Array], tuple[Array, ...]]
+PoseKernel = Callable[[Array], tuple[Array, ...]]
 """Function of samples (size, k), see `twin.analysis.measure.kernel`."""
 
 CHUNK = 1 << 18
@@ -364,7 +364,7 @@ def limit_facts(robot: Robot, passive: PassiveCheck | None) -> dict[str, list[st
     }
 
 
-def judge(robot: Robot, grid: Grid) -> Judge:
+def judge(robot: Robot, grid: Grid) -> PoseKernel:
     """Return the function that decides which poses of a grid a robot can reach.
 
     Raises:
@@ -386,7 +386,7 @@ def chunks(grid: Grid) -> Iterator[tuple[int, int]]:
         yield first, min(first + many, grid.positions)
 
 
-def evaluate(kernel: Judge, grid: Grid, first: int, last: int) -> np.ndarray:
+def evaluate(kernel: PoseKernel, grid: Grid, first: int, last: int) -> np.ndarray:
     """Return the values (last - first, 4) float32, in the order of `COLUMNS`, of the positions first to last - 1."""
     number = np.arange(first * grid.turns, last * grid.turns, dtype=np.float64)[None]
     reached, inverse, margin, singularity, _ = (x.reshape(-1, last - first, grid.turns) for x in kernel(number))
@@ -449,7 +449,7 @@ def _reached(robot: Robot, low: Array, high: Array, T: Array, tilt: float, turns
 
 
 @lru_cache(maxsize=4)
-def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[Judge, Grid]:
+def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[PoseKernel, Grid]:
     robot = load(source)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
