@@ -1,4 +1,7 @@
-"""Read the closure YAML beside a URDF, and check that its loops close: at its home, and along the motions of tracks."""
+"""Read the closure YAML beside a URDF, and check that its loops close: at its home, and along the motions of tracks.
+
+The audit reads the file by itself, as it shares no code with the importer (`twin.exchange.read.closures`).
+"""
 
 from __future__ import annotations
 

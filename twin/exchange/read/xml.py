@@ -99,15 +99,15 @@ class Xml:
                 self.fail(where, f"{what} is missing")
             return np.array(default, float)
         given = text.rstrip(_LEFT_OVER)
-        wanted = "a number" if count == 1 else f"{count} numbers"
         try:
             values = np.array([float(t) for t in given.split()])
         except ValueError:
+            wanted = "a number" if count == 1 else f"{count} numbers"
             self.fail(where, f"{what} = '{text[:80]}' is not {wanted}")
         if given != text.rstrip():
             self.repaired.append(f"{where}: {what} = '{text[:80]}': the characters after the numbers are ignored.")
         if len(values) != count or not np.all(np.isfinite(values)):
-            wanted = wanted.replace("number", "finite number")
+            wanted = "a finite number" if count == 1 else f"{count} finite numbers"
             self.fail(where, f"{what} = '{text[:80]}' is not {wanted}")
         return values
 
