@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import qmc
 
 import twin
-from made.lanes import contrasting
+from made.lanes import contrasting, robots
 from twin.analysis import joints, search
 from twin.analysis import workspace as reach
 from twin.core import spatial
@@ -212,13 +212,7 @@ def test_every_state_of_a_workspace_keeps_all_limits(name):
     assert beyond < ROUNDED, where
 
 
-DRAGGED = ["sils", pytest.param("sher", marks=pytest.mark.slow), pytest.param("davinci_psm", marks=pytest.mark.slow)]
-DRAGGED += [
-    pytest.param(n, marks=pytest.mark.nightly) for n in twin.names() if n not in ("sils", "sher", "davinci_psm")
-]
-
-
-@pytest.mark.parametrize("name", DRAGGED)
+@pytest.mark.parametrize("name", robots(["sils"], slow=["sher", "davinci_psm"]))
 def test_no_drag_passes_a_limit(name):
     robot = bound(name)
     mechanism = robot.mechanism
@@ -236,13 +230,7 @@ def test_no_drag_passes_a_limit(name):
                 break
 
 
-PLANNED = ["sils", pytest.param("hibou", marks=pytest.mark.slow), pytest.param("raven_left", marks=pytest.mark.slow)]
-PLANNED += [
-    pytest.param(n, marks=pytest.mark.nightly) for n in twin.names() if n not in ("sils", "hibou", "raven_left")
-]
-
-
-@pytest.mark.parametrize("name", PLANNED)
+@pytest.mark.parametrize("name", robots(["sils"], slow=["hibou", "raven_left"]))
 def test_every_sample_of_a_plan_keeps_all_limits_or_the_plan_says_so(name):
     """With the declared limits, then with limits that the same motion exceeds by a tenth of what it uses."""
     robot = bound(name)

@@ -49,6 +49,17 @@ def contrasting(robots: Iterable[str] | None = None) -> list[Any]:
     return [n if n in CONTRASTING else pytest.param(n, marks=pytest.mark.nightly) for n in names]
 
 
+def robots(unmarked: Iterable[str], slow: Iterable[str]) -> list[Any]:
+    """Return all built-in robots for `parametrize`: some unmarked, some marked slow, the others marked nightly."""
+    found: list[Any] = list(unmarked)
+    for name in assets.names():
+        if name in slow:
+            found.append(pytest.param(name, marks=pytest.mark.slow))
+        elif name not in found:
+            found.append(pytest.param(name, marks=pytest.mark.nightly))
+    return found
+
+
 @cache
 def kind(robot: str) -> tuple[bool, ...]:
     """Return the kind of a built-in robot, from its description file: whether it has each of five features.
