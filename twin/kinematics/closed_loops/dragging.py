@@ -406,10 +406,10 @@ class _Walk:
             strong = U[:, : int(np.sum(gains > _WEAK))]
             if strong.shape[1] < 3:  # try all directions first; accept only if all are strong afterwards
                 y = np.asarray(P @ _least_motion(J @ P, miss, total, _DAMPINGS[0] * size), float)
-                if not _against(near & ~in_the_way, G, y).any() and self._taken(y, goal, easy=True):
+                if not (near & ~in_the_way & _towards(G, y)).any() and self._taken(y, goal, easy=True):
                     return y * self._part
             y = np.asarray(P @ _least_motion(strong.T @ J @ P, strong.T @ miss, total, _DAMPINGS[0] * size), float)
-            more = _against(near & ~in_the_way, G, y)
+            more = near & ~in_the_way & _towards(G, y)
             if not more.any():
                 break
             in_the_way |= more
@@ -436,7 +436,8 @@ class _Walk:
         dragger, now = self.dragger, self.look
         used = -(self._G @ y)
         part = min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
-        self._part = float(np.min(self._slack[used > 0] / used[used > 0], initial=part))
+        towards = _towards(self._G, y)
+        self._part = float(np.min(self._slack[towards] / used[towards], initial=part))
         reached, why = dragger._moved(now, dragger._scale * (self._part * y), self.held)
         if reached is None:
             self.singular, self.open, self._passed = why, not why, False
@@ -473,12 +474,12 @@ def _floor(look: Look) -> Array:
     return np.where(look.slacks < -ROUNDING, look.slacks, -ROUNDING)
 
 
-def _against(bounds: np.ndarray, G: Array, y: Array) -> np.ndarray:
-    """Return (b,) bool: whether a bound is marked in `bounds` (b,) and the step y (n,) moves towards this bound.
+def _towards(G: Array, y: Array) -> np.ndarray:
+    """Return (b,) bool: whether the step y (n,) moves towards a bound, by more than a rounding error of the step.
 
     G (b, n) contains the gradients of the distances from the bounds.
     """
-    return bounds & (G @ y < -1e-9 * np.abs(y).max(initial=0.0))
+    return G @ y < -1e-9 * np.abs(y).max(initial=0.0)
 
 
 def _least_motion(J: Array, miss: Array, total: Array, damping: float) -> Array:
