@@ -88,7 +88,7 @@ PHYSICS, SHAPES = ("tracks", "usd", "meshes", "*.xml", "*.urdf"), ("tracks", "*.
 SAVES: dict[str, tuple[Callable[..., None], tuple[str, ...], dict[str, float]]] = {
     "pxr": (by_pxr, PHYSICS, {}),
     "pxr, flattened": (flattened_by_pxr, PHYSICS, {}),
-    "MuJoCo": (by_mujoco, PHYSICS, {"mjcf.loop": 3.0, "compare.pose": 3.0, "physics.row": 5e-6}),
+    "MuJoCo": (by_mujoco, PHYSICS, {"mjcf.loop": 3.0, "compare.pose": 3.0, "physics.row": 5e-6, "physics.sum": 3e-6}),
     "yourdfpy": (by_yourdfpy, PHYSICS, {}),
     "gltf-transform": (by_gltf_transform(), SHAPES, {}),
     "gltf-transform, dedup": (by_gltf_transform("dedup"), SHAPES, {}),

@@ -252,7 +252,10 @@ def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
 
 
 def _closing(root: ET.Element, joint: Joint) -> None:
-    """Write the two links that coincide if the loop at a joint is closed, and the joint itself if it moves in one."""
+    """Write the two links that coincide if the loop at a joint is closed, and the joint itself if it moves in one.
+
+    No joint has the name of a link: Pinocchio could not tell their frames apart by name.
+    """
     first, second = ends(joint)
     if joint.type in ("revolute", "prismatic", "cylindrical"):
         moved = replace(joint, child=first, T_child_joint=np.eye(4))
@@ -260,9 +263,9 @@ def _closing(root: ET.Element, joint: Joint) -> None:
         _joint(root, moved, np.eye(4))
     else:
         ET.SubElement(root, "link", name=first)
-        _single(root, joint, first, "fixed", (joint.parent, first), joint.T_parent_joint, np.eye(3)[2])
+        _single(root, joint, f"{first}_fixed", "fixed", (joint.parent, first), joint.T_parent_joint, np.eye(3)[2])
     ET.SubElement(root, "link", name=second)
-    _single(root, joint, second, "fixed", (joint.child, second), joint.T_child_joint, np.eye(3)[2])
+    _single(root, joint, f"{second}_fixed", "fixed", (joint.child, second), joint.T_child_joint, np.eye(3)[2])
 
 
 def _single(
