@@ -477,7 +477,7 @@ def test_validate_judges_a_stage_that_is_handed_in(robot, tmp_path):
     assert "A-B" not in wrong
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_build_twice_writes_the_same_bytes(robot, tmp_path):
     first, second = (twin.build(robot, tmp_path / n, protocols=()) for n in ("a", "b"))
     assert first[0] == tmp_path / "a/sils.usda"

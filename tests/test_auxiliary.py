@@ -159,7 +159,7 @@ def test_a_jaw_beyond_its_limit_through_its_fellow_or_misnamed_is_refused(robot,
         planned(a=("jaw_deg = 40 ", " "))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_it_is_exported_and_every_format_moves_it(robot, tmp_path):
     out = tmp_path / "out"
     report = api.export(robot, folder=out)

@@ -209,7 +209,7 @@ def test_a_scene_without_ports_and_tools_refuses_them(bare_theatre):
     op.close()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkeypatch):
     # on a busy machine the World would fall behind the hand, and take its motion for a jump
     monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
@@ -231,7 +231,7 @@ def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkey
     op.close()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
     path = tmp_path / "hands.session"
     op = Operation(scenes.with_organs(LoadedScene(scene, robots)), Exercise(session=path))
@@ -251,7 +251,7 @@ def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
     assert main(["session", str(path)]) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_spectator_sees_robots_and_organs_as_the_server_simulates_them(scene, robots):
     def watch(port):
         watched = Watched(port, scene.name)

@@ -108,7 +108,7 @@ POSTURES = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_links_do_not_run_through_each_other(cad, model):
     sweeps = [np.eye(7)[k] * a for k, end in ((1, 90), (3, 130), (5, 100)) for a in np.linspace(-end, end, 9)]
     q = np.repeat([*POSTURES, *sweeps], 5, axis=0)  # contacts of jointed bodies are looked for at every fifth sample

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from made.drawing import defective, draw, measured
-from made.lanes import nightly
 from twin.cad.build import read_mechanism
 from twin.cad.mesh import inertia
 from twin.cad.step import MASS_TOLERANCE, read_step
@@ -284,8 +283,8 @@ def measured_on(folder, label):
     return measured(SHER / "sher.toml", folder, label)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("label", nightly(DEFECTS, every=3))
+@pytest.mark.nightly
+@pytest.mark.parametrize("label", DEFECTS)
 def test_a_seeded_defect_shows_at_its_joint_in_its_size(redrawn, label):
     found = {(f.where, f.code): f.size for f in measured_on(redrawn, label).findings}
     assert set(found) == set(FOUND[label])
@@ -293,7 +292,7 @@ def test_a_seeded_defect_shows_at_its_joint_in_its_size(redrawn, label):
         assert found[key] == pytest.approx(size, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_short_tool_moves_its_tip_only(redrawn, cad):
     m, good = measured_on(redrawn, "short_tool").mechanism, cad.mechanism
     T = spatial.inverse(good.frame("instrument_tip").T_body_frame) @ m.frame("instrument_tip").T_body_frame

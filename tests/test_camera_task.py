@@ -265,7 +265,7 @@ def test_more_seeds_align(davinci):
         assert abs(a.seen - a.angle) < 0.05 * DEG, seed
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_bytes_and_the_replay_too(davinci, performed, tmp_path):
     path = tmp_path / FILE
     path.write_bytes(performed.recorded)
@@ -336,7 +336,7 @@ def test_by_hand_the_task_is_ended_and_begun_again(bare_theatre):
 # -- the command and the scene -------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_command_writes_the_measures_of_another_seed(performed, tmp_path, capsys):
     assert main(["operate", "davinci", "--task", "camera", "--seed", "4", "--out", str(tmp_path / "out")]) == 0
     assert "AlignErr in the picture" in capsys.readouterr().out

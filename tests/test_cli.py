@@ -330,7 +330,7 @@ def test_validate_agrees(run, tmp_path):
     assert saved["verdict"] == "agree"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_validate_of_the_printed_poses(run, no_pictures):
     """The RCM of the printed poses is missed: equations and mechanism agree, the protocol does not hold."""
     result = run("validate", "sils", "--protocol", "table2_printed", "--json", "--out", "here")
@@ -351,7 +351,7 @@ def test_validate_of_the_printed_poses(run, no_pictures):
     assert gravest["code"].startswith("rcm.")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_validate_of_one_printed_equation(run, no_pictures):
     result = run("validate", "sils", "--protocol", SHORT, "--variant", "eq1=printed", "--json")
     assert result.code == 1
@@ -408,7 +408,7 @@ def test_tolerance_widens_every_row(run, no_pictures):
     assert all(r["tolerance"] == pytest.approx(100e-6) for r in tools)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_validate_all_protocols_of_sils(run, no_pictures):
     result = run("validate", "sils", "--all-protocols", "--json")
     assert result.code == 1
@@ -420,7 +420,7 @@ def test_validate_all_protocols_of_sils(run, no_pictures):
 # -------------------------------------------------------------------------------------------------------- run
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_run_goes_from_cad_to_report(run, tmp_path):
     result = run("run", "sils", "--protocol", SHORT, "--out", "demo")
     assert result.code == 0

@@ -478,8 +478,8 @@ def test_read_only_output(robot, capsys, tmp_path, monkeypatch):
     [
         (["plan"], 20_000, {}),
         (["build", "--protocol", "short"], 60_000, {"XDG_CACHE_HOME": "new"}),  # the STEP file is read anew
-        (["build", "--protocol", "short"], 300_000, {}),
-        (["validate"], 30_000, {}),
+        pytest.param(["build", "--protocol", "short"], 300_000, {}, marks=pytest.mark.nightly),
+        pytest.param(["validate"], 30_000, {}, marks=pytest.mark.nightly),
     ],
     ids=str,
 )

@@ -59,7 +59,7 @@ def test_it_is_shown_and_follows_a_hand(robot):
     np.testing.assert_allclose(desk.assembly.T_base_tool, T, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_it_is_controlled_by_its_efforts(robot, trajectory):
     result = api.track(robot)
     assert result.verdict == "agree", result.findings

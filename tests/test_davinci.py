@@ -13,7 +13,7 @@ import pytest
 
 import twin
 from made.drawing import draw
-from made.lanes import one_of_a_kind
+from made.lanes import nightly, one_of_a_kind
 from twin.cad.build import read_mechanism
 from twin.cad.lengths import measure
 from twin.core import spatial
@@ -138,11 +138,14 @@ def arms_with(body):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "body", "joint", "parameter"),
-    [
-        (name, *link)
-        for link in (("coupler1", "pin_c", "reach"), ("coupler2", "pin_c2", "reach"), ("crank2", "pin_a3", "crank"))
-        for name in arms_with(link[0])
-    ],
+    nightly(
+        [
+            (name, *link)
+            for link in (("coupler1", "pin_c", "reach"), ("coupler2", "pin_c2", "reach"), ("crank2", "pin_a3", "crank"))
+            for name in arms_with(link[0])
+        ],
+        every=4,
+    ),
 )
 def test_a_link_drawn_too_long_is_found_on_it(name, tmp_path, body, joint, parameter):
     robot = twin.load(name)
@@ -187,7 +190,7 @@ def test_a_band_that_is_too_long_turns_what_it_holds(si, band, wrong):
         assert away.max() > 0.5 * MM
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_no_body_of_the_si_meets_another_over_the_range(si):
     """The layers of yaw link, crank, coupler and rail, at every end of yaw, pitch and insertion and between."""
     (a, b), (c, d), (e, f) = si.mechanism.limits[:3]

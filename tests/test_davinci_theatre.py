@@ -62,7 +62,7 @@ def test_the_hands_are_before_the_surgeon_and_the_visor_before_the_eyes(cart):
     assert min(p[:, 2].min() for p in cart.values()) == pytest.approx(0, abs=0.1 * MM), "it stands on the floor"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_cart_touches_neither_table_nor_patient_nor_an_arm_wherever_it_is(scene, props):
     home = ReferenceModel(props).home().link_poses
     shapes = {n: Shape(n, n, props.body(n).meshes) for n in ("cart", "table", "patient")}

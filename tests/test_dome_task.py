@@ -430,7 +430,7 @@ def test_a_mistake_fails_what_the_docs_say(scene, mistake, missed, exceeded):
     assert said == [", ".join(missed) or "-", ", ".join(sorted(exceeded)) or "-"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_command_writes_the_measures_and_a_report(tmp_path, capsys):
     assert main(["operate", "raven_dome", "--task", "ring", "--seed", "2", "--json", "--out", str(tmp_path)]) == 0
     data = json.loads(capsys.readouterr().out)

@@ -12,6 +12,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import twin
+from made.lanes import alike
 from twin.core.errors import TimingError
 from twin.planning import by_toppra, demands
 from twin.planning.plan import plan
@@ -42,7 +43,8 @@ def all_protocols():
     for path in PROTOCOLS:
         robot = path.relative_to(ROOT / "trajectories").parts[0]
         usual = (robot, path.stem) in (("sils", "table2"), ("davinci_ecm", "look_around"))
-        yield pytest.param(robot, path, marks=() if usual else pytest.mark.slow, id=f"{robot}-{path.stem}")
+        seldom = pytest.mark.nightly if robot in alike(twin.names()) or robot == "raven_left" else pytest.mark.slow
+        yield pytest.param(robot, path, marks=() if usual else seldom, id=f"{robot}-{path.stem}")
 
 
 @pytest.mark.parametrize(("robot", "path"), list(all_protocols()))
@@ -255,7 +257,7 @@ def test_a_protocol_an_argument_and_a_robot_choose_the_solver(tmp_path):
 # -- in reports and commands ------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_plan_check_prints_the_rows_and_names_the_solver(tmp_path, capsys):
     from twin.cli import main
 

@@ -185,7 +185,7 @@ def test_a_wrong_number_is_told_from_a_wrong_form(model, truths, formula_of):
     assert moved["r_b"] == pytest.approx(95.0, abs=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_stage_or_a_track_beside_a_formula_does_not_run_it(tmp_path):
     """Only equations are code; geometry, protocols and stages are data."""
     folder = tmp_path / "hexapod"
@@ -206,7 +206,7 @@ def test_a_plan_without_values_names_the_line(tmp_path):
         api.plan(api.load(tmp_path))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_it_agrees_along_its_protocol(robot):
     report = api.validate(robot)
     assert report.verdict == "agree"

@@ -101,7 +101,7 @@ def test_a_length_that_was_redrawn_is_named(case, tmp_path):
     assert np.isfinite(found.covariance).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_bars_that_are_all_longer_are_a_number_and_no_edit():
     """The three bars of SILS 0.3 mm longer, the mechanism made anew: no edit of eq. (2), but l_2."""
     robot = twin.load("sils")

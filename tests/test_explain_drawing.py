@@ -67,7 +67,7 @@ def test_a_random_fault_is_named_exactly(robot, rng):
     check(loaded, some(loaded, rng))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_misprint_beside_a_fault_of_the_drawing_is_explained_as_well():
     """A socket of the platform off, and eq. (1) as printed: the part is named, then the four edits, and no number."""
     robot = twin.load("sils")

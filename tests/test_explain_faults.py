@@ -66,7 +66,7 @@ def run(cases, count, tokens, budget, tmp_path, capsys, seed):
     return sum(n for (_, k), n in table.items() if k != "missed") / len(results)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_seeded_faults_are_undone(cases, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(time, "monotonic", time.process_time)  # 3 s of a machine that does nothing else
     assert run(cases, FAULTS, 1, 3.0, tmp_path, capsys, 42) >= (0.98 if FAULTS >= 100 else 0.93)

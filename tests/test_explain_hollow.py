@@ -73,7 +73,7 @@ def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
     assert not c.serves
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_changed_dimension_is_not_explained_by_edits(sils):
     formula, truth = sils
     for name, d in (("L_V", 2e-4), ("l_2", 3e-4)):

@@ -69,7 +69,7 @@ def test_mutants_of_one_token_are_undone_in_time(tmp_path, capsys, monkeypatch):
     assert max(times) <= 20
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_time_of_mutants_of_two_tokens_is_bounded(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(time, "monotonic", time.process_time)
     _, times = check(PAIRS, 2, tmp_path, capsys)

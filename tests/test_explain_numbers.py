@@ -33,7 +33,7 @@ def wrong(case, **by):
     return Judge(formula, None, truth.with_parameters({n: truth.symbols[n] + d for n, d in by.items()}))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_length_that_moved_is_named_with_both_values(sils, sils_model):
     formula, truth = sils
     x = explain("sils", formula, sils_model, truth=truth.with_parameters({"l_p": 0.1344}))

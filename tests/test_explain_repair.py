@@ -37,7 +37,7 @@ def printed2(sils, sils_model, truth):
     return explain("sils", sils, sils_model, {"eq2": "printed"}, truth=truth)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_corrected_equations_need_no_explanation(sils, sils_model, truth):
     x = explain("sils", sils, sils_model, truth=truth)
     assert (x.verdict, x.exit_code, x.rows, x.invariants) == ("agree", 0, (), ())
@@ -96,7 +96,7 @@ def test_eq2_printed_is_a_tie_that_the_paper_cannot_settle(printed2):
         assert repair.margin > 1e6
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_root_that_closes_early_is_found(sils, truth):
     found, lost = Search(Judge(sils, {"eq2": "literal"}, truth)).run()
     assert not lost
@@ -171,7 +171,7 @@ def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, tru
     assert x.exit_code == 1
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_search_leaves_the_truth_as_it_was(sils, truth):
     """A moved parenthesis makes sin(a, b), which in numpy would write into b."""
     before = {n: np.array(getattr(v, "a", v)) for n, v in truth.symbols.items()}

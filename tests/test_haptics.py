@@ -76,7 +76,7 @@ def test_nothing_is_felt_outside_without_the_switch_or_with_the_clutch():
 points = st.tuples(*[st.floats(-6 * MM, 6 * MM)] * 3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @settings(max_examples=50, deadline=None)
 @given(st.lists(points, min_size=2, max_size=12), st.integers(0, 2**32 - 1), st.integers(1, COUNT), st.booleans())
 def test_no_surface_pulls_inwards_and_no_force_exceeds_the_clip(hands, seed, count, bounds):

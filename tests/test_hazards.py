@@ -310,7 +310,7 @@ def test_a_fault_in_the_first_packet_has_an_outcome(arena):
     assert found.residual == found.ratio == 0.0, "nothing was measured before the fault"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_trainee_slower_than_a_session_has_no_response(arena):
     jump = session(("joints", "add_once", 0.3, {"target": 0}), length=100)
     assert arena.run(jump).noticeable

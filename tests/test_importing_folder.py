@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from made.lanes import nightly
 from twin import api, cli
 from twin.core import spatial
 from twin.core.errors import KinematicsError, OutputError
@@ -43,7 +44,7 @@ def inverse(pose):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["fourbar.urdf", "slider.xml", "slider.sdf", "fourbar.usda"])
+@pytest.mark.parametrize("name", ["fourbar.urdf", "slider.xml", *nightly(["slider.sdf", "fourbar.usda"], 3)])
 def test_info_validate_build_and_view_work_on_a_new_folder_at_once(name, tmp_path, capsys):
     folder = tmp_path / "deep/own"
     assert cli.main(["new", "own", "--from", str(MODELS / name), "--out", str(folder), "--quiet"]) == 0

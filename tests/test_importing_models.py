@@ -170,7 +170,7 @@ def test_third_party_model_that_cannot_close_says_which_loops_and_that_it_is_its
     assert max(own.values()) == pytest.approx(0.056, abs=0.005)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_third_party_model_that_stays_open_goes_to_usd_and_comes_back_as_well(tmp_path):
     imported, folder, stage = same.made(third_party("kangaroo_like"), "robot", tmp_path / "robot")
     assert len(imported.mechanism.loops) == 11

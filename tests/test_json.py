@@ -57,7 +57,7 @@ LONG = {
 }  # fmt: skip
 """They take a second or more each; the default suite leaves them out."""
 
-LONGEST = {"selftest", "operate", "run"}
+LONGEST = {"selftest", "operate", "run", "sweep"}
 
 
 def marks(case):

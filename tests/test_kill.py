@@ -128,7 +128,7 @@ def cache(tmp_path_factory) -> Path:
     return place
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=[pytest.param("run", marks=pytest.mark.nightly), "export", "save"])
 def place(request, tmp_path_factory, cache) -> tuple[Place, dict[str, bytes], dict[str, bytes], float]:
     """A place with its trees before and after, and how long the command takes."""
     program, arguments = KINDS[request.param]

@@ -230,7 +230,7 @@ def test_no_drag_passes_a_limit(name):
                 break
 
 
-@pytest.mark.parametrize("name", robots(["sils"], slow=["hibou", "raven_left"]))
+@pytest.mark.parametrize("name", robots(["sils"], slow=["hibou"]))
 def test_every_sample_of_a_plan_keeps_all_limits_or_the_plan_says_so(name):
     """With the declared limits, then with limits that the same motion exceeds by a tenth of what it uses."""
     robot = bound(name)

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import twin
-from made.lanes import one_of_a_kind
+from made.lanes import contrasting, one_of_a_kind
 from twin.cli import main
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
@@ -164,6 +164,7 @@ def test_a_point_that_slides_along_two_limits_ends_in_one_place():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("robot", contrasting(robots()), indirect=True, scope="module")
 def test_the_speed_of_the_hand_does_not_matter_and_the_assembly_stays(robot, rng):
     desk = Desk(robot)
     desk.hand.prepare()

@@ -65,15 +65,23 @@ COMMANDS = {
     "list": ["list"],
 }
 LONG = {
-    "check": ["build", "{robot}", "--check"],
     "export": ["export", "{robot}", "--to", "tracks", "--out", "{out}"],
     "validate": ["validate", "{robot}", "--all-protocols", "--out", "{out}"],
+}
+LONGEST = {
+    "check": ["build", "{robot}", "--check"],
     "run": ["run", "{robot}", "--all-protocols", "--out", "{out}"],
 }
 
 
 @pytest.mark.parametrize(
-    "words", [*COMMANDS.values(), *(pytest.param(w, marks=pytest.mark.slow) for w in LONG.values())], ids=lambda w: w[0]
+    "words",
+    [
+        *COMMANDS.values(),
+        *(pytest.param(w, marks=pytest.mark.slow) for w in LONG.values()),
+        *(pytest.param(w, marks=pytest.mark.nightly) for w in LONGEST.values()),
+    ],
+    ids=lambda w: w[0],
 )
 def test_a_command_opens_each_file_of_a_robot_once(words, folder, opened, tmp_path, capsys):
     main([w.format(robot=folder, out=tmp_path / "out") for w in words])

@@ -71,7 +71,7 @@ def test_while_the_pedal_is_up_the_tool_stands(kin):
     assert np.abs(record.handle[:, 0]).max() < Hand().reach[0] * (1 + 3 * Hand().misjudge)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_hand_with_the_printed_clutch_gives_up(kin):
     goals = [goal_beside_home(kin), Goal("never", kin.forward(HOME), 1e-4, True)]
     record = operate(kin, HOME, LIMITS, controller("printed"), goals)

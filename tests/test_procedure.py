@@ -406,7 +406,7 @@ def test_instrument_in_an_organ_at_the_start_is_refused(vsrs):
         Room(replace(vsrs, places=low))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_another_seed_gives_other_bytes(vsrs):
     one, two = (Room(vsrs, seed).step(60) for seed in (3, 4))
     assert one.tobytes() != two.tobytes()

@@ -225,7 +225,7 @@ def test_mujoco_moves_as_the_model_does(left):
     assert simulated(left, 0.5, np.zeros(7), closed=False) < 1e-8
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_mujoco_moves_as_the_model_does_for_ten_seconds(left):
     """Both by Runge-Kutta of fourth order in steps of 1 ms. Without friction and feedback the arm is unstable under
     gravity, and rounding errors grow; so the run without feedback has viscous friction, and the other has none."""

@@ -63,7 +63,7 @@ def test_the_text_of_a_plan_tells_costs_and_times(planned):
     assert all(row[3].endswith(" mm") for row in table.rows[1:])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_report_has_the_rounds_without_times_and_their_plot(tmp_path):
     report = reports.make_report("agree", 50)
     phases = tuple(replace(p, rounds=r) for p, r in zip(report.phases, (MANY, None, ONE, None, None), strict=True))

@@ -183,7 +183,7 @@ def test_a_scene_is_loaded_by_name_and_by_path_shown_as_a_world_and_played(tmp_p
     assert "hibou" in str(list(played.text()))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_scene_is_exported_robot_by_robot_and_stands_in_one_stage(tmp_path, capsys):
     """One robot of a scene does for all: it stands beside its base, turned."""
     one_robot(tmp_path)

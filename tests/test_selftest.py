@@ -57,7 +57,7 @@ def test_a_draw_is_the_same_for_the_same_seed_and_another_for_another(bench):
     assert {f.what for f in alone} <= {f.what for f in drawn(bench, FAMILIES[3:], 34, 3)} | {f.what for f in one}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_family_and_kind_is_drawn(bench):
     rng = np.random.default_rng(0)
     written = bench.case().written
@@ -115,7 +115,7 @@ def test_a_ball_whose_frame_is_turned_is_the_same_mechanism_and_one_that_is_move
         assert bool(same_motion(m, other, bench.trajectory, places=2)) is same
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_correct_robot_is_left_in_peace(bench):
     assert bench.correct.verdict == "agree"
 
@@ -137,7 +137,7 @@ def test_outcomes_of_faults_of_the_mechanism(bench, maker, code):
     assert (out.state, out.code) == ("caught" if code else "equivalent", code)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
     """The score is of the validator: with a check taken out, its faults are missed."""
     slow = next(f for f in drawn(bench, ("timing",), 10, 0) if f.kind == "slower")

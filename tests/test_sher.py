@@ -122,7 +122,7 @@ def test_holes_of_the_phantom_are_where_the_protocol_goes(robot, model):
         assert depth > 1.5 * MM  # through a wall of 1 mm, and 0.5 mm below it
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_hundred_moves_of_micrometres_are_timed(robot):
     """toppra by itself fails on most moves of 10 um; here none does, and no limit is passed."""
     rng = np.random.default_rng(1)
@@ -142,7 +142,7 @@ def test_two_hundred_moves_of_micrometres_are_timed(robot):
         assert not [f for f in trajectory.findings if f.severity in ("disagreement", "error")]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("equations", nightly(["tilt_forward", "tilt_inverse"], every=2))
 def test_rail_as_drawn_in_the_derivation_disagrees(robot, equations):
     report = twin.validate(robot, protocol="sclerotomy", variants={equations: "drawn"})

@@ -422,7 +422,7 @@ def test_a_free_phase_needs_a_mechanism_and_a_scene_that_is_there(tmp_path):
         twin.plan(robot, written(tmp_path, "pa10", 'scene = "vrs"'))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", PLACES if "TWIN_WAYS" in os.environ else ["pa10"])  # one of SILS takes 100 s
 def test_free_phases_of_robots_go_around_a_post_and_are_judged_right(tmp_path, name):
     """TWIN_WAYS plans of each (default 1), the obstacle in the middle of the straight way; collisions: none."""

@@ -343,7 +343,7 @@ def test_an_encoder_error_costs_what_the_jacobian_says(robots):
     assert sum(share for _, share, _ in budget.contributors) == pytest.approx(1)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_tolerances_scale_and_add_up(robots):
     mechanism = robots["hibou"].mechanism
     q = mechanism.posture("home")
@@ -618,7 +618,7 @@ def test_the_stated_error_of_a_volume_holds_for_known_bodies(step, thick):
     assert reach.volume_error(inside, cell) < 0.5 * true
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_workspace_and_sweep_agree_within_the_errors_that_they_state(monkeypatch):
     """Without limits of passive joints, which a sweep names as not checked."""
     robot = twin.load("sils")

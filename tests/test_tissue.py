@@ -261,7 +261,7 @@ def wandered(seed, seconds, period=8e-3):
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_random_instruments_leave_organs_finite_and_the_same_seed_gives_the_same_bytes():
     found = wandered(0, 1.5)
     assert found.touched > 20

@@ -552,7 +552,7 @@ def test_a_phase_whose_cost_would_be_ignored_is_refused(tmp_path):
         _Arm(Place("arm", "arm", "", np.eye(4), {}, {}, {}), robot, replace(protocol, phases=(free,)))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_both_ravens_pass_each_other_without_touching(tmp_path, capsys):
     arms = {
         "raven_left": raven("left", tmp_path, a=(59.6, 119.5, 324.5), b=(14.6, 106.9, 400)),

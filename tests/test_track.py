@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from made import column as made
-from made.lanes import alike, contrasting
+from made.lanes import alike, nightly
 from twin import api, cli
 from twin.core import spatial
 from twin.core.errors import DescriptionError, MechanismError, TwinError
@@ -374,7 +374,7 @@ def test_the_error_grows_with_the_mismatch_on_both_sides(arm, kin):
     assert tips[4] > 1.5 * tips[3] > 10 * tips[2]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_whole_curve_of_the_circle(arm, motion):
     fractions = np.arange(-20, 21, 5) / 100
     links = [r.tip_max for r in curve(arm, motion, fractions)]
@@ -501,8 +501,12 @@ def test_wrong_questions_are_refused(column, tmp_path):
         api.track(robot, inertia="cited")
 
 
+KINDS = set(api.names()) - alike(api.names())
+"""One robot of each kind."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", contrasting(n for n in api.names() if n not in alike(api.names())))
+@pytest.mark.parametrize("name", nightly(["sher", *sorted(KINDS - {"sher"})], every=99))
 def test_every_kind_of_robot_is_tracked_whatever_closes_its_loops(name, monkeypatch):
     """Half a second from rest, along the protocol; with TWIN_TRACK=long all of it."""
     planned = api.plan

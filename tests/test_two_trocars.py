@@ -173,7 +173,7 @@ def test_a_trocar_that_was_moved_after_the_motion_was_baked_is_told_by_name(robo
     assert not as_written(SimpleNamespace(**{**vars(case), "cad": robot.bound(robot.protocol("moved")).cad}))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_equations_that_have_one_trocar_elsewhere_are_told_by_name(folder, tmp_path):
     own = shutil.copytree(folder, tmp_path / made.NAME)
     file = own / "formula.py"
@@ -188,7 +188,7 @@ def test_equations_that_have_one_trocar_elsewhere_are_told_by_name(folder, tmp_p
     assert next(r for r in report.residuals if r.name == "at_left").agrees
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_shaft_beside_its_trocar_is_told_by_name(folder, tmp_path):
     """The tube's bore is drawn 0.5 mm beside the place that it turns about, and what slides in it with it."""
     own = shutil.copytree(folder, tmp_path / made.NAME)

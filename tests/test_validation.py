@@ -130,7 +130,7 @@ def test_q4_outside_the_published_frame_is_a_warning(judged):
     assert warning[0].size == pytest.approx(4.84215325, abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_printed_target_misses_the_rcm(judged):
     report = judged("table2_printed", ("protocol", "equations"))
     assert report.exit_code == 1
@@ -203,7 +203,7 @@ def test_assumed_values_are_listed_with_reasons(judged):
     assert all(p.note for p in report.parameters)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_wrong_length_in_the_equations_is_found_where_it_acts(robot):
     """l_1 only decides where the strut carriages and the apexes are; the platform does not feel it."""
     other = twin.load("sils", parameters={"l_2": 392.1 * MM})

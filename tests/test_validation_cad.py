@@ -38,6 +38,7 @@ def wrong(report):
     return {(f.code, f.where) for f in report.findings if f.severity == "disagreement"}
 
 
+@pytest.mark.nightly
 def test_a_bar_longer_by_a_tenth_of_a_millimetre(judge):
     report = judge("[part.bar1]\nl2_mm = 392.1")
     assert report.exit_code == 1

@@ -207,7 +207,7 @@ def test_what_to_do_is_the_last_line_on_the_terminal_and_on_the_first_screen_of_
     assert f"<code>{printed.commands['explain']}</code>" in first_screen
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_cure_is_found_in_seconds_or_the_command_is_given(short, printed):
     seen = []
     cures = Cures(short[0], 60)

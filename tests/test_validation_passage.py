@@ -146,7 +146,7 @@ def test_a_defect_of_the_timing_is_found_without_the_planners_word(sils, planned
     assert all(f.severity == "disagreement" for f in found)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_whole_judgement_does_not_believe_a_trajectory_its_own_findings(sils, planned):
     _, trajectory = planned
     report = twin.validate(sils, _faster(trajectory), protocol="table2")

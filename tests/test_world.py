@@ -43,7 +43,7 @@ def test_the_same_world_gives_the_same_bytes_twice(name, here):
     assert worlds.happened(worlds.KINDS[name]()) == here[name]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_same_worlds_give_the_same_bytes_in_another_process(here):
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
     done = subprocess.run([sys.executable, "-m", "made.worlds"], env=env, capture_output=True, text=True)
