@@ -17,7 +17,7 @@ import twin
 from made import lookalikes
 from twin.cli import main
 
-LOOKALIKES = int(os.environ.get("TWIN_LOOKALIKES", "4"))
+LOOKALIKES = int(os.environ.get("TWIN_LOOKALIKES", "3"))
 LONG = LOOKALIKES >= 40
 ROBOTS = ("pa10", "davinci_psm", "raven_left", "hibou", "sils", "sher") if LONG else ("pa10",)
 

@@ -42,7 +42,7 @@ def test_every_declared_length_is_that_of_the_equations(robot):
         assert length.value == pytest.approx(loaded.kinematics().parameters[length.parameter], abs=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_lengths_that_one_part_shows_are_declared():
     """Those of PA-10, Lapbot and Hibou span several parts, and are judged by the poses alone."""
     assert sum(len(twin.load(robot).cad.description.length) for robot in twin.names()) >= 46

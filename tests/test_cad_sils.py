@@ -261,7 +261,7 @@ def measured_on(folder, label):
     return measured(SILS / "sils.toml", folder, label)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_volumes_agree_with_opencascade(redrawn):
     exact = json.loads((redrawn / "volumes.json").read_text())
     parts = {p.name: p for p in read_step(STEP, MASS_TOLERANCE, 0.15).parts}
@@ -277,7 +277,7 @@ def test_volumes_agree_with_opencascade(redrawn):
         assert abs(lost) < 5e-4, body
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("label", nightly(DEFECTS, every=3))
 def test_a_seeded_defect_shows_at_its_joint_in_its_size(redrawn, label):
     cad = measured_on(redrawn, label)
@@ -288,7 +288,7 @@ def test_a_seeded_defect_shows_at_its_joint_in_its_size(redrawn, label):
         assert found[key] == pytest.approx(size, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_short_scope_moves_its_tip_only(redrawn, sils_cad):
     m, good = measured_on(redrawn, "short_scope").mechanism, sils_cad.mechanism
     T = spatial.inverse(good.frame("endoscope_tip").T_body_frame) @ m.frame("endoscope_tip").T_body_frame

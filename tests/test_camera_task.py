@@ -120,7 +120,7 @@ def test_both_measures_agree_in_200_views(goal, plate):
     assert any("cuts" in why for why in reasons)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_both_measures_agree_in_the_whole_scene(goal, davinci, performed, plate):
     """Where board, patient or instruments cover the rectangle, the picture is refused; elsewhere both agree."""
     props = props_of(davinci)
@@ -336,7 +336,7 @@ def test_by_hand_the_task_is_ended_and_begun_again(bare_theatre):
 # -- the command and the scene -------------------------------------------------------------------------------
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_command_writes_the_measures_of_another_seed(performed, tmp_path, capsys):
     assert main(["operate", "davinci", "--task", "camera", "--seed", "4", "--out", str(tmp_path / "out")]) == 0
     assert "AlignErr in the picture" in capsys.readouterr().out

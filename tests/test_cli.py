@@ -316,7 +316,7 @@ def test_plan_of_a_missed_rcm_disagrees(run):
 # --------------------------------------------------------------------------------------------------- validate
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_validate_agrees(run, tmp_path):
     result = run("validate", "sils", "--protocol", SHORT)
     assert result.code == 0

@@ -379,7 +379,7 @@ def judged(robot, capsys, tmp_path):
     return call
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_loop_that_cannot_close(robot, judged, no_pictures):
     """The equations believe in longer bars and plan where the drawn mechanism cannot go: a finding, not an error."""
     text = robot.formula.read_text(encoding="utf-8")

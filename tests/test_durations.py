@@ -39,12 +39,16 @@ def worst(rows, quantity="duration", name="phases"):
     return found.worst
 
 
+LONG = alike(twin.names()) | {"raven_left", "sher"}
+"""Robots whose protocols take seconds, and those like another robot."""
+
+
 def all_protocols():
     for path in PROTOCOLS:
         robot = path.relative_to(ROOT / "trajectories").parts[0]
         usual = (robot, path.stem) in (("sils", "table2"), ("davinci_ecm", "look_around"))
-        seldom = pytest.mark.nightly if robot in alike(twin.names()) or robot == "raven_left" else pytest.mark.slow
-        yield pytest.param(robot, path, marks=() if usual else seldom, id=f"{robot}-{path.stem}")
+        lane = pytest.mark.nightly if robot in LONG else pytest.mark.slow
+        yield pytest.param(robot, path, marks=() if usual else lane, id=f"{robot}-{path.stem}")
 
 
 @pytest.mark.parametrize(("robot", "path"), list(all_protocols()))

@@ -53,7 +53,7 @@ def make(tmp_path_factory):
 
 
 # The masses of a drawn robot take seconds; one of them stands for all in the default suite.
-@pytest.fixture(params=[*MADE, *thinned(reversed(twin.names()), 9, slow=9)])
+@pytest.fixture(params=[*MADE, *thinned(reversed(twin.names()), 9, slow=99)])
 def dynamics(request, make):
     return make(request.param)
 

@@ -128,7 +128,7 @@ def test_products_of_a_scalar_and_a_vector_are_refused_as_by_casadi(name):
     numeric._FUNCTIONS[name](vector, vector)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_no_search_offers_a_tautology(tmp_path, capsys, monkeypatch):
     """Slips of one and of two tokens, and changed dimensions, over all robots; derivatives are CasADi's own."""
 

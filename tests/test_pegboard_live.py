@@ -338,7 +338,7 @@ def keys_of(found):
     return np.unique([*range(0, k, 4), k - 1])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_readers_of_others_find_the_rings_where_they_were(written):
     import pygltflib
     from mcap.reader import make_reader

@@ -85,7 +85,7 @@ def test_a_path_whose_corners_graze_keeps_most_of_its_shortcuts():
     assert max(lengths) < 1.08 * min(lengths)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_rounds_are_told_with_their_costs_and_the_last_one_is_the_path():
     space, first, again = space_of(arm(), post(0.52, 0)), [], []
     path = around(space, *ENDS, seed=0, samples=700, ended=first.append)

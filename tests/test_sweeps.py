@@ -321,7 +321,10 @@ def test_sensitivities_are_what_a_moved_frame_does_to_the_reference(robots, name
         np.testing.assert_allclose(got, want, atol=2e-3 * np.abs(want).max() + 2e-11, err_msg=f"{joint} {side}")
 
 
-@pytest.mark.parametrize("name", ["hibou", *(pytest.param(n, marks=pytest.mark.slow) for n in ("sils", "sher"))])
+@pytest.mark.parametrize(
+    "name",
+    ["hibou", pytest.param("sils", marks=pytest.mark.slow), pytest.param("sher", marks=pytest.mark.nightly)],
+)
 def test_chance_agrees_to_two_percent(robots, name):
     mechanism = robots[name].mechanism
     tolerances = Tolerances(mechanism, Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG))

@@ -115,7 +115,7 @@ def test_the_closest_parts_are_named(judged):
     assert "bar1 and bar2" in judged("table2").facts["clearance"]["minimum clearance"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_passive_joints_beyond_their_limits_are_told(robot):
     # a cone of 70 degrees is too narrow for s1 and s3 at C, and wide enough for s2
     joints = (replace(j, cone=70 * DEG) if j.cone else j for j in robot.mechanism.joints)
