@@ -69,6 +69,7 @@ def again(page):
 
 
 @pytest.mark.browser
+@pytest.mark.nightly
 def test_a_gamepad_grasps_and_lifts_the_gallbladder_and_an_unplugged_one_keeps_it(page, player):
     page.until("twin.app.model.console.task.next.includes('Grasper')", "the page says what is to be done")
     before = player.vertices("gallbladder")

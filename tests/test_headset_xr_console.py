@@ -135,6 +135,7 @@ def test_hands_move_arms_jaws_pedals_and_camera(hands):
     hands.pedal("camera", False)
 
 
+@pytest.mark.parametrize("hands", ["hands", pytest.param("controllers", marks=pytest.mark.nightly)], indirect=True)
 def test_a_hand_that_is_lost_lets_nothing_move(hands):
     page = hands.page
     hands.take(*ARMS)
@@ -157,6 +158,7 @@ def test_a_hand_that_is_lost_lets_nothing_move(hands):
     headset.until(moves, "the right hand moves again")
 
 
+@pytest.mark.parametrize("hands", ["hands", pytest.param("controllers", marks=pytest.mark.nightly)], indirect=True)
 def test_a_hand_that_points_at_the_panel_moves_nothing(hands):
     page = hands.page
     hands.take("right")
@@ -225,6 +227,7 @@ def test_leaving_the_session_lets_the_hands_go(opened):
     page.enter()  # as it was
 
 
+@pytest.mark.nightly
 def test_a_button_of_a_controller_plans_a_motion_of_its_arm(opened):
     let_go(opened)
     hands, page = Tracked(opened, "controllers"), opened

@@ -61,6 +61,7 @@ def grasp_and_lift(hands):
     return seen
 
 
+@pytest.mark.nightly
 def test_a_controller_grasps_and_lifts_the_gallbladder(opened):
     grasp_and_lift(Tracked(opened, "controllers"))
     let_go(opened)

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -307,6 +308,10 @@ def looking(direction):
     return np.roll(spatial.quat_from_matrix_wxyz(np.column_stack([x, np.cross(z, x), z])), -1)
 
 
+TILE = 24
+"""Size of a tile in pixels."""
+
+
 def probes(page, mechanism, rng, each=14):
     """Compare the colours of pixels with the links that they must show; return (correct, tested, list of misses).
 
@@ -334,9 +339,18 @@ def probes(page, mechanism, rng, each=14):
     xy = np.stack([w * (1 + t[..., 0] / t[..., 3]) / 2, h * (1 - t[..., 1] / t[..., 3]) / 2], -1)
     depth = t[..., 2] / t[..., 3]
     low, high = xy.min(axis=1), xy.max(axis=1)
+    inside = ((high >= 0) & (low <= [w, h])).all(axis=1)
+    xy, depth, names, low, high = xy[inside], depth[inside], names[inside], low[inside], high[inside]
+
+    @cache
+    def of_tile(column, row):
+        """Return the triangles whose boxes meet a square tile of the picture."""
+        corner = TILE * np.array([column, row])
+        return np.flatnonzero(((low <= corner + TILE) & (corner <= high)).all(axis=1))
 
     def seen(p):
-        k = np.flatnonzero(((low <= p) & (p <= high)).all(axis=1))
+        k = of_tile(*(p // TILE).astype(int))
+        k = k[((low[k] <= p) & (p <= high[k])).all(axis=1)]
         if not len(k):
             return None
         a, b, c3 = xy[k, 0], xy[k, 1] - xy[k, 0], xy[k, 2] - xy[k, 0]

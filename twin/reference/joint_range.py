@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.stats import qmc
 
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
@@ -83,6 +82,8 @@ def _ends(mechanism: Mechanism, rest: Array) -> tuple[Array, Array]:
 
 def _targets(low: Array, high: Array, count: int) -> Array:
     """Return joint values (count, n): corners of the range, then low-discrepancy draws."""
+    from scipy.stats import qmc  # takes half a second
+
     n = len(low)
     corners = np.zeros((0, n))
     if n <= _CORNERS:
