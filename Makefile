@@ -43,7 +43,7 @@ AGAIN = { [ $$? -eq 1 ] && echo "== the tests that failed are run once more, wit
 	$(RUN) pytest --last-failed --last-failed-no-failures none
 
 test-pages: .venv/.synced-dev  ## the pages of twin view and twin serve in Chromium
-	$(RUN) pytest -n $(WORKERS) $(SHARED) -m "$(PAGES)" $(BROWSER) --durations 25 || \
+	$(RUN) pytest -n auto $(SHARED) -m "$(PAGES)" $(BROWSER) --durations 25 || \
 	$(AGAIN) -m "$(PAGES)" $(BROWSER); }
 
 test-alone: .venv/.synced-dev  ## what measures a rate or a time, of pages too; nothing else may run

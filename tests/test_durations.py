@@ -304,7 +304,7 @@ def sils_case():
     protocol = robot.protocol("table2_printed")
     robot = robot.bound(protocol)
     trajectory = twin.plan(robot, protocol)
-    tolerances = Tolerances().widened(10 * robot.cad.placement_loss)
+    tolerances = Tolerances().widened(10 * robot.cad.placement_loss, robot.mechanism.link_length)
     return Case(robot.kinematics(), robot.cad, protocol, trajectory, Path("no.usda"), tolerances)
 
 

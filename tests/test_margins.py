@@ -234,11 +234,12 @@ def test_validate_reports_a_wrong_measure_with_row_pose_and_size(tmp_path):
     from twin.kinematics import compile_formula
     from twin.validation.compare import Comparison
     from twin.validation.measures import measures
+    from twin.validation.rows import Tolerances
 
     formula, model, run = setting("pa10")
     for more, expected in ((0.0, "agree"), (0.004, "disagree")):
         out = Comparison(posed=run)
-        measures(compile_formula(replaced(formula, "margins", _stretch(more))), model, out)
+        measures(compile_formula(replaced(formula, "margins", _stretch(more))), model, Tolerances(), out)
         assert verdict(out.findings) == expected
         assert "of 8" in out.facts["reach, singularity measures, aspects"]["rows judged"]
     (finding,) = out.findings
@@ -314,3 +315,49 @@ def test_the_names_of_margins_are_the_formulas():
     larger = rows.values(run, 2.0)
     lengths = np.array([k == "reach" for k in rows.kinds])
     assert larger[:, lengths] == pytest.approx(2 * values[:, lengths], rel=1e-9)
+
+
+SIZES = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
+TOLERANCES = (1e-6, 5e-6, 1e-5, 5e-5, 2e-4)
+
+
+def disagreements_of(name, parameter, size, tolerances):
+    """Return for each tolerance in m whether the equations, with one length off by `size` in m, disagree."""
+    from twin import api
+    from twin.validation.case import Case
+    from twin.validation.judge import judge
+    from twin.validation.rows import Tolerances
+
+    robot = api.load(name)
+    protocol = robot.protocol(None)
+    bound = robot.bound(protocol)
+    moved = bound.with_parameters({parameter: bound.kinematics().parameters[parameter] + size})
+    trajectory = api.plan(robot, protocol)
+    out = []
+    with robot.source.fresh_stage() as stage:
+        for tolerance in tolerances:
+            used = Tolerances().widened(tolerance, robot.mechanism.link_length)
+            case = Case(moved.kinematics(), robot.cad, protocol, trajectory, stage, used, moved.path_kinematics())
+            report = judge(case, parts=frozenset(("equations",)))
+            out.append(any(f.severity == "disagreement" for f in report.findings))
+    return out
+
+
+@pytest.mark.slow
+def test_an_error_far_below_the_tolerance_is_accused_at_no_zero():
+    """The zeros of SHER's slider-crank move by the square root of an error."""
+    assert disagreements_of("sher", "BC", 1e-8, (1e-6,)) == [False]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [("sher", "BC"), ("davinci_psm", "second"), ("sils", "l_1"), ("lapbot", "r10"), ("pa10", "RL8")],
+)
+def test_the_tolerance_is_monotonic(name, parameter):
+    grid = np.array([disagreements_of(name, parameter, size, TOLERANCES) for size in SIZES])
+    assert (np.diff(grid.astype(int), axis=0) >= 0).all(), grid  # a larger error is no better
+    assert (np.diff(grid.astype(int), axis=1) <= 0).all(), grid  # a larger tolerance is no worse
+    tenth = np.array(SIZES)[:, None] <= np.array(TOLERANCES) / 10
+    assert not grid[tenth].any(), grid
+    assert grid[-1, 0]

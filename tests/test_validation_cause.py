@@ -256,7 +256,7 @@ def test_commands_name_robots_of_ones_own_by_their_folder(tmp_path, monkeypatch)
     kin = twin.load("sils").kinematics()
     for here in (tmp_path, ROOT):
         monkeypatch.chdir(here)
-        lines = commands(robot.files, kin, "table2", Tolerances().widened(5e-6))
+        lines = commands(robot.files, kin, "table2", Tolerances().widened(5e-6, None))
         for name, line in lines.items():
             args = parser().parse_args(shlex.split(line)[1:])
             assert args.command == name

@@ -327,7 +327,8 @@ def test_the_workspace_is_found_without_stalling_the_hand(sils):
     until(
         lambda: sum(map(len, front.panels.design._points)) > 1000 and "1 000 000 poses" in found(sils), "the whole", 180
     )
-    assert len(took) == 60  # a benchmark measures how long they took
+    assert took  # a benchmark measures how long they took
+    assert all(moved.good for moved in took)
     until(lambda: sils.differs(before) > 0.01, "the cloud in the picture")
     sils.page.get_by_role("button", name="Hide workspace").click()
 

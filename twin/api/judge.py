@@ -110,7 +110,7 @@ def validate(
     from twin.validation.rows import Tolerances
 
     progress("read CAD", 0.0)
-    used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss)
+    used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss, robot.mechanism.link_length)
     chosen = robot.protocol(protocol or (trajectory.protocol if trajectory is not None else None))
     said = None if robot.parameters else protocol or chosen.name  # the printed command line cannot set parameters
     robot = robot.bound(chosen)
@@ -165,7 +165,8 @@ def explain(
         raise TwinError(f"tolerance {tolerance / UM:g} um: give a positive length")
     formula = robot.formula  # read first, so that errors of the formula are raised before the CAD is read
     progress("read CAD", 0.0)
-    used = Tolerances().widened(tolerance if tolerance is not None else 10 * robot.cad.placement_loss)
+    error = tolerance if tolerance is not None else 10 * robot.cad.placement_loss
+    used = Tolerances().widened(error, robot.mechanism.link_length)
     return explain_(
         robot.name,
         formula,

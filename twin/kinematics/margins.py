@@ -12,7 +12,10 @@ from twin.core.spatial import Array
 from twin.kinematics.compile import Kinematics, compile_formula
 
 _CLOSE = 1e-6
-"""Maximum difference (m, rad) at which the result of the equations counts as equal to a given state."""
+"""Maximum difference (m, rad) at which the result of exact equations counts as equal to a given state."""
+
+_LEVER = 0.1
+"""Length in m that divides an error in m, to give an error in rad."""
 
 _LENGTHS = ("mm", "m", "cm", "um")
 
@@ -52,10 +55,17 @@ class Margins:
         preferred: preferred sign of each aspect; 0 for other columns.
     """
 
-    def __init__(self, kin: Kinematics, passive: Mapping[str, bool], points: tuple[str, ...]) -> None:
-        """Set up the columns from equations, the mechanism's passive joints {name: is an angle} and named points."""
+    def __init__(
+        self, kin: Kinematics, passive: Mapping[str, bool], points: tuple[str, ...], error: float = 0.0
+    ) -> None:
+        """Set up the columns from equations, the mechanism's passive joints {name: is an angle} and named points.
+
+        `error` is the largest error in m of lengths that counts as agreement.
+        """
         f = kin.formula
         self._kin = kin
+        # Near the end of reach, an error of a length moves joints by the square root of the error.
+        self._close = max(_CLOSE, np.sqrt(error / _LEVER))
         self._passive = {p: passive[p] for p in f.passive if p in passive}
         self._points = tuple(p for p in f.points if p in points)
         self.names = (*f.reach, *(m.name for m in f.measures), *(a.symbol for a in f.aspects))
@@ -90,14 +100,14 @@ class Margins:
                 good = self._same_joints(kin.inverse_many(s.Ts_base_tool), s.q)
                 turns = kin.passive_many(s.Ts_base_tool) if passive and self._passive else {}
             elif kin.closed_forward:
-                good = np.abs(kin.program.forward.many(s.q) - s.Ts_base_tool).max(axis=(1, 2)) < _CLOSE
+                good = np.abs(kin.program.forward.many(s.q) - s.Ts_base_tool).max(axis=(1, 2)) < self._close
                 turns = kin.passive_many(qs=s.q) if passive and self._passive and not kin.closed_inverse else {}
             else:
                 return np.ones(len(s.q), bool)
         for name in self._passive if turns else ():
             off = turns[name] - s.q_passive[name]
             size = np.abs(np.sin(off / 2) * 2 if self._passive[name] else off)
-            good = np.logical_and(good, size < 100 * _CLOSE)
+            good = np.logical_and(good, size < 100 * self._close)
         return np.asarray(good, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:
@@ -149,7 +159,7 @@ class Margins:
     def _same_joints(self, a: Array, b: Array) -> Array:
         off = a - b
         off = np.where(self._kin.revolute, 2 * np.sin(off / 2), off)[:, ~self._kin.auxiliary]
-        return np.asarray(np.abs(off).max(axis=1) < _CLOSE)
+        return np.asarray(np.abs(off).max(axis=1) < self._close)
 
 
 def _larger(Ts: Array, by: float) -> Array:

@@ -28,6 +28,9 @@ _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
 WORLD = "world"
 """Name of the base of a robot whose first link hangs on a wall or a ceiling, or floats: the world itself."""
 
+_POINT = 1e-3
+"""Length in m below which a link is a point: its joints are drawn at the same place."""
+
 EARTH = (0.0, 0.0, -9.81)
 """Gravitational acceleration in m/s2 of a robot that states none."""
 
@@ -225,6 +228,20 @@ class Mechanism:
         tool, joints = self.frame(self.tool), [j for j in self.active if j not in self.auxiliary]
         q = np.array([self._drawn(j) for j in joints]) if self.postures else None
         return [(j.name, j.is_angle) for j in joints], self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
+
+    @cached_property
+    def link_length(self) -> float | None:
+        """Median length in m of the links (largest distance between two joints); None if all links are points."""
+        places: dict[str, list[Array]] = {b.name: [] for b in self.bodies}
+        for joint in self.joints:
+            places[joint.parent].append(joint.T_parent_joint[:3, 3])
+            places[joint.child].append(joint.T_child_joint[:3, 3])
+        lengths = []
+        for at in places.values():
+            p = np.reshape(at, (-1, 3))
+            lengths.append(float(np.linalg.norm(p[:, None] - p[None], axis=2).max(initial=0.0)))
+        lengths = [length for length in lengths if length > _POINT]
+        return float(np.median(lengths)) if lengths else None
 
     @cached_property
     def materials(self) -> dict[str, Material]:

@@ -19,6 +19,7 @@ from twin.core.quantity import Quantity
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM
 from twin.reference.degeneracy import Degeneracy
+from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
 from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
 from twin.reference.states import Run
@@ -45,8 +46,8 @@ At this ratio or above, the preferred sign is confirmed. Values with the other s
 states may be in another assembly mode, or near a singularity.
 """
 
-_NEGATIVE = 1e-9
-"""A pose is out of reach if a margin is below minus this length in m; smaller violations are rounding errors."""
+ROUNDING = 1e-9
+"""Error in m of lengths in double precision."""
 
 Status = Literal["agrees", "disagrees", "not judged"]
 
@@ -107,13 +108,14 @@ class Judged:
 class Boundary:
     """Checks that the mechanism is degenerate where a margin or measure of a formula is zero."""
 
-    def __init__(self, model: ReferenceModel, stated: Stated, states: Array) -> None:
+    def __init__(self, model: ReferenceModel, stated: Stated, states: Array, error: float = ROUNDING) -> None:
         """Set up the search.
 
         `stated` contains the margins and measures of the formula. The search begins around the configurations `states`
-        (k, nq).
+        (k, nq). `error` is the largest error in m of lengths that counts as agreement.
         """
         self.model, self.stated = model, stated
+        self._error = error
         some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]
         run = model.collect(some)
         self._given = run
@@ -128,6 +130,9 @@ class Boundary:
             self._values = self._at(self._pool)
             known = [np.abs(v[np.isfinite(v)]) for v in self._values.T]
             self._size = np.array([float(np.median(v)) if len(v) else 1.0 for v in known])
+            # A measure goes through zero as the square root of a margin, and so does its error.
+            lengths = np.array([kind == "reach" for kind in stated.kinds])
+            self._off = np.where(lengths, error, np.sqrt(error / LENGTH_SCALE) * self._size)
 
     def judge(self) -> list[Judged]:
         """Return the result for each row (margin, measure or aspect)."""
@@ -164,7 +169,7 @@ class Boundary:
             k = int(np.argmin(signed))
             text = f"the value is {drawn[k]:.4g} in the working range; the preferred sign is {s.preferred[i]:+d}"
             return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))
-        if s.kinds[i] == "reach" and v.min() < -_NEGATIVE:
+        if s.kinds[i] == "reach" and v.min() < -self._error:
             k = int(np.argmin(v))
             text = f"the value is {v[k] / MM:.4g} mm (out of reach) at a state that the mechanism can reach"
             return self._row(i, "disagrees", text, self._pool[k], float(-v[k] / MM), "mm")
@@ -239,21 +244,44 @@ class Boundary:
         ends = np.concatenate([w.states[w.ended == "zero"] for w in walks])
         return ends[np.abs(self._at(ends)[:, i]) <= NEARLY * self._size[i]] if len(ends) else ends
 
+    def _degenerate(self, i: int, zeros: Array) -> Mask:
+        """Return (k,) bool: whether the mechanism is degenerate at zeros (k, nq) of row i, within the error of lengths.
+
+        An error of a length moves a zero away from a degenerate state by the square root of the error. Near another
+        zero, a degenerate state is therefore searched; the row must be zero there within its own error.
+        """
+        found = self.motions.of(zeros).min(axis=1) <= _DEGENERATE
+        rest = np.flatnonzero(~found)
+        if len(rest):
+            row, aside = np.zeros(len(rest), np.intp), np.zeros(len(rest), bool)
+            ends = seek(self.motions, self._least, _anywhere, zeros[rest], row, aside, np.ones(1)).states
+            ended = self.motions.of(ends).min(axis=1) <= _DEGENERATE
+            values = self._at(ends)
+            reach = values[:, [kind == "reach" for kind in self.stated.kinds]]
+            # A measure has no value beyond the reach that the equations state.
+            beyond = np.isnan(values[:, i]) & ((reach < 0) & (reach >= -self._error)).any(axis=1)
+            found[rest] = ended & (beyond | (np.abs(values[:, i]) <= self._off[i]))
+        return np.asarray(found, bool)
+
+    def _least(self, states: Array) -> Array:
+        """Return the distance (k, 1) from degeneracy."""
+        return self.motions.of(states).min(axis=1)[:, None]
+
     def _verdict(self, i: int, walks: list[Walks], beyond: list[Walks]) -> Judged:
         s, zeros = self.stated, self._zeros(i, walks)
         if not len(zeros) and beyond:
             zeros = self._zeros(i, beyond)
-            if len(zeros) and (self.motions.of(zeros).min(axis=1) <= _DEGENERATE).any():
+            if len(zeros) and self._degenerate(i, zeros).any():
                 return self._row(
                     i, "agrees", "the row is zero where the mechanism is degenerate, in another assembly mode"
                 )
             zeros = zeros[:0]
         if not len(zeros):
             return self._unfound(i, walks)
-        left = self.motions.of(zeros).min(axis=1)
-        regular = left > _DEGENERATE
+        regular = ~self._degenerate(i, zeros)
         if not regular.any():
             return self._row(i, "agrees", f"the row is zero where the mechanism is degenerate, at {len(zeros)} states")
+        left = np.where(regular, self.motions.of(zeros).min(axis=1), 0.0)
         k = int(np.argmax(left))
         if s.kinds[i] != "reach" and self._own(zeros[regular]):
             text = (
@@ -281,6 +309,8 @@ class Boundary:
         if reach and flat and self.motions.of(x[None])[0, 2] < _DEGENERATE:
             others = [j for j, kind in enumerate(s.kinds) if kind == "reach" and j != i]
             near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
+            if value <= self._error:
+                return self._row(i, "agrees", f"the mechanism reaches its limit where the margin is {least}")
             if not near[others].any():
                 text = (
                     f"the mechanism reaches its limit at a state where the margin is {least}, not 0, and no other "

@@ -81,7 +81,7 @@ def judge(
                 passage(case, out)
                 if case.kinematics is not None:
                     progress("reach and singularity measures", 0.0)
-                    measures(case.kinematics, case.model, out)
+                    measures(case.kinematics, case.model, case.tolerances, out)
                     progress("joint range", 0.0)
                     whole_range(case.kinematics, case.model, case.tolerances, out)
                     three_methods(case, out)

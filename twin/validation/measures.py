@@ -8,9 +8,10 @@ from twin.kinematics.margins import Margins
 from twin.reference import ReferenceModel
 from twin.reference.boundary import Boundary, disagreements, summary
 from twin.validation.compare import Comparison
+from twin.validation.rows import Tolerances
 
 
-def measures(kin: Kinematics, model: ReferenceModel, out: Comparison) -> None:
+def measures(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: Comparison) -> None:
     """Check reach, singularity measures and aspects of the equations; skip the check if a row of `out` disagrees."""
     run = out.posed
     formula = kin.formula
@@ -21,7 +22,8 @@ def measures(kin: Kinematics, model: ReferenceModel, out: Comparison) -> None:
         out.facts[heading] = {"rows judged": "not checked, because other rows disagree"}
         return
     turns = {j.name: j.is_angle for j in model.mechanism.joints}
-    rows = Boundary(model, Margins(kin, turns, tuple(run.points)), run.x).judge()
+    error = tolerances.position
+    rows = Boundary(model, Margins(kin, turns, tuple(run.points), error), run.x, error).judge()
     out.facts[heading] = {"rows judged": summary(rows)}
     out.findings += disagreements(rows)
 

@@ -40,10 +40,13 @@ class Tolerances:
     acceleration: float = 1e-4
     rcm: float = 1e-9
 
-    def widened(self, position: float) -> Tolerances:
-        """Return tolerances for errors up to `position` in m and `position` / 0.1 m in rad (0.1 m: a lever arm)."""
+    def widened(self, position: float, link: float | None) -> Tolerances:
+        """Return tolerances for errors up to `position` in m, and for the angles to which they lead.
+
+        `link` is the usual length in m of the robot's links, which turn by `position` / `link` in rad; None: 0.1 m.
+        """
         p = max(position, self.position)
-        r = max(position / 0.1, self.rotation)
+        r = max(position / (link or 0.1), self.rotation)
         return Tolerances(
             p,
             r,

@@ -73,7 +73,7 @@ class Bench:
         (folder / "still").mkdir()
         self.still = write_usd(weighed.mechanism, (), folder / "still")[0]
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
-        self.tolerances = Tolerances().widened(10 * self.cad.placement_loss)
+        self.tolerances = Tolerances().widened(10 * self.cad.placement_loss, self.cad.mechanism.link_length)
 
     def _protocol_file(self, robot: api.Robot, protocol: str | None) -> Path:
         if protocol is not None and Path(protocol).suffix == ".toml":

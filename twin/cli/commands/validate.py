@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> int:
     from twin.validation.rows import Tolerances
 
     width = show.micrometres("--tolerance-um", args.tolerance_um)
-    tolerances = None if width is None else Tolerances().widened(width)
     robot = api.load(args.robot).with_timing(args.timing)
+    tolerances = None if width is None else Tolerances().widened(width, robot.mechanism.link_length)
     if args.sweep or args.compare:
         return _strokes(robot, args)
     jobs = [(p, v) for p in protocols(robot, args) for v in variants_of_each(robot, args.variant)]

@@ -34,7 +34,8 @@ def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | 
         formula, judge.variants, parameters, model.mechanism.extra_joints(j.name for j in formula.joints)
     )
     turns = {j.name: j.is_angle for j in model.mechanism.joints}
-    return Boundary(model, Margins(kin, turns, tuple(run.points)), run.x).judge()
+    error = judge.tolerance.length
+    return Boundary(model, Margins(kin, turns, tuple(run.points), error), run.x, error).judge()
 
 
 def coverage(judge: Judge, judged: list[Judged]) -> Coverage:

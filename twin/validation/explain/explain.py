@@ -249,7 +249,7 @@ def _over_range(
         kin = compile_formula(formula, variants, parameters, extra_joints)
     except TwinError:  # a symbol without a value, which is explained row by row
         return None
-    used = Tolerances() if tolerance is None else Tolerances().widened(tolerance.length)
+    used = Tolerances() if tolerance is None else Tolerances(tolerance.length, tolerance.angle)
     found = range_errors(kin, model, used)
     wrong = np.flatnonzero(found.wrong(used))
     right = np.flatnonzero(found.inside & found.own & ~found.wrong(used))
