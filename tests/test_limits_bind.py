@@ -13,6 +13,7 @@ import twin
 from made.lanes import contrasting, robots
 from twin.analysis import joints, search
 from twin.analysis import workspace as reach
+from twin.analysis.limits import beyond_limits
 from twin.core import spatial
 from twin.kinematics.closed_loops import LoopSolver
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck
@@ -262,3 +263,27 @@ def test_every_sample_of_a_plan_keeps_all_limits_or_the_plan_says_so(name):
         judged = replace(kinematics, passive=lambda Ts, q, m=changed: PassiveCheck(LoopSolver(m)).margins(q, Ts))
         found = check(trajectory, robot.protocol(), judged)
         assert joint.name in {f.where for f in found if f.code == "limit.passive" and f.severity == "error"}
+
+
+@pytest.mark.parametrize("name", ["sils", "davinci_psm", "hibou"])
+def test_a_tolerance_budget_names_the_limits_that_a_state_exceeds(name):
+    """Of driven joints, motors, gaps and passive joints; the excess is measured here from the link poses."""
+    robot = bound(name)
+    mechanism = robot.mechanism
+    solver = LoopSolver(mechanism)
+    rng = np.random.default_rng(3)
+    low, high = mechanism.limits.T
+    span = np.where(np.isfinite(high - low), high - low, 1.0)
+    home = robot.loops.q
+    states = [(str(k), home + 0.3 * (k / 40) ** 2 * span * rng.normal(size=len(home))) for k in range(40)]
+    found = solver.forward_many(np.array([q for _, q in states]))
+    closed = np.isfinite(found.states).all(axis=0) & np.isfinite(found.Ts_base_tool).all(axis=(1, 2))
+    states = [state for state, good in zip(states, closed, strict=True) if good]
+    told = {f.when for f in beyond_limits(robot, solver, states) if not f.message.startswith("the gap")}
+    inside = 0
+    for when, q in states:
+        links = solver.link_poses(q[None], solver.forward_many(q[None]).states)
+        over, _ = excess(mechanism, links, q[None])
+        assert (over > ROUNDED) == (when in told), (when, over)
+        inside += over <= ROUNDED
+    assert 0 < inside < len(states)

@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from twin.analysis.limits import beyond_limits
 from twin.api import Progress, Robot, plan
 from twin.api.robot import silent
 from twin.codegen import Kernel, Stage
@@ -269,6 +270,7 @@ class ToleranceBudget(Result):
         budgets: one budget for each state; Monte Carlo checks only the state with the largest error.
         required: maximum position error in m for the fraction `SHARE` of the robots, or None.
         requirement: provenance and note of the requirement.
+        beyond: findings on limits that the states exceed.
     """
 
     robot: str
@@ -276,6 +278,7 @@ class ToleranceBudget(Result):
     budgets: tuple[Budget, ...]
     required: float | None = None
     requirement: str = ""
+    beyond: tuple[Finding, ...] = ()
 
     kind = "tolerance"
 
@@ -291,16 +294,17 @@ class ToleranceBudget(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """A finding if the requirement is not met."""
+        """Findings on states beyond limits, and on a requirement that is not met."""
         if self.required is None or self.factor is None or self.factor >= 1:
-            return ()
+            return self.beyond
         size, limit = um(self.worst.within[0]), um(self.required)
         what, way = (
             f"{100 * SHARE:g}th-percentile position error",
             f"reduce all errors by a factor of {1 / self.factor:.3g}",
         )
         name, word = self.worst.name, "required"
-        return (disagreement("tolerance.required", "tool", what, size, limit, way, when=name, word=word),)
+        missed = disagreement("tolerance.required", "tool", what, size, limit, way, when=name, word=word)
+        return (*self.beyond, missed)
 
     @property
     def verdict(self) -> Verdict:
@@ -316,7 +320,7 @@ class ToleranceBudget(Result):
     @property
     def exit_code(self) -> int:
         """Exit code: 1 if a requirement is not met, else 0."""
-        return 1 if self.findings else 0
+        return 1 if self.verdict == "disagree" else 0
 
     def content(self) -> dict[str, Any]:
         """Return all budgets as plain data; keys of values that are not in SI units end with the unit."""
@@ -364,7 +368,10 @@ class ToleranceBudget(Result):
             yield f"  required: {self.required / UM:g} µm{', met' if self.factor >= 1 else small}"
             if self.requirement:
                 yield f"    {self.requirement}"
+        if not self.beyond:
+            yield "  limits of joints, motors and gaps: kept in all states; collisions are not checked"
         yield ""
+        yield from self.beyond
 
 
 def tolerance(
@@ -413,4 +420,5 @@ def tolerance(
     stated = robot.cad.description.requirement if robot.files is not None and required is None else None
     source = f"{stated.provenance}: {stated.note}" if stated else ""
     required = stated.tool_um * UM if stated else required
-    return ToleranceBudget(robot.name, spread, tuple(budgets), required, source)
+    beyond = tuple(beyond_limits(robot, errors.solver, states))
+    return ToleranceBudget(robot.name, spread, tuple(budgets), required, source, beyond)

@@ -1,0 +1,53 @@
+"""Find states of a robot that are beyond limits that the robot declares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from twin.api import Robot
+from twin.core.findings import Finding, Kind
+from twin.core.quantity import moved
+from twin.core.spatial import Array
+from twin.core.units import ROUNDING
+from twin.kinematics.closed_loops import LoopSolver
+from twin.kinematics.closed_loops.dragging import bounds_of
+
+_EXCEEDED = {
+    "lower": "joint {} is below its lower limit by {}",
+    "upper": "joint {} is above its upper limit by {}",
+    "motor": "motor {} exceeds its limits by {}",
+    "gap": "the gap of joints {} is too small by {}",
+}
+"""Message by kind of bound."""
+
+_BEYOND = Kind("limit.state", "warning", "correct the state or the limit: the robot cannot be in this state", word="")
+
+
+def beyond_limits(robot: Robot, solver: LoopSolver, states: Sequence[tuple[str, Array]]) -> Iterator[Finding]:
+    """Yield a finding for each limit that a state exceeds, with all loops closed.
+
+    Driven joints, motors, gaps on a rail, and passive joints (ranges and cones) are checked; collisions are not.
+
+    Args:
+        robot: the robot.
+        solver: the loop solver of its mechanism.
+        states: name and active joints q (n,) in m or rad of each state.
+    """
+    mechanism = robot.mechanism
+    bounds = bounds_of(mechanism, robot.cad.gaps if robot.files is not None else ())
+    angles = {j.name: j.is_angle for j in (*mechanism.active, *mechanism.actuators)}
+    for name, q in states:
+        for bound in bounds:
+            over = -bound.slack(q)
+            if over > ROUNDING:
+                size = moved(over, angles.get(bound.name, False))
+                yield _BEYOND(bound.name, _EXCEEDED[bound.kind].format(bound.name, size), size, when=name)
+        found = solver.forward_many(np.asarray(q)[None])
+        links = solver.link_poses(np.asarray(q)[None], found.states)
+        for joint in mechanism.limited:
+            over = float(joint.beyond(links[joint.parent], links[joint.child])[0])
+            if over > ROUNDING:
+                size = moved(over, joint.is_angle or joint.cone is not None)
+                yield _BEYOND(joint.name, f"passive joint {joint.name} exceeds its limits by {size}", size, when=name)
