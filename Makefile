@@ -34,7 +34,7 @@ test-nightly: .venv/.synced-dev  ## the slow lane with long counts and all cases
 	$(NIGHTLY) $(RUN) pytest -n $(WORKERS) $(SHARED) -m "(nightly or slow or wheel) and not alone" $(SLOW) --durations 40
 
 # Counts of the nightly lane; those of the slow lane are in the files of the tests.
-NIGHTLY := TWIN_CAD_FAULTS=10 TWIN_DAVINCI_POSES=2000 TWIN_DRAGS=42 TWIN_FAULTS=16 TWIN_KILLS=12 TWIN_MARGINS=7 \
+NIGHTLY := TWIN_CAD_FAULTS=10 TWIN_DAVINCI_POSES=2000 TWIN_DRAGS=42 TWIN_FAULTS=16 TWIN_KILLS=12 TWIN_LOOKALIKES=12 TWIN_MARGINS=7 \
 	TWIN_NEAR_MISSES=48 TWIN_RAVEN_POSES=1000 TWIN_REWRITES=60 TWIN_SEARCHES=12
 
 # Pages and machines run in real time. A test that fails is run once more, with no other test beside it. If it passes

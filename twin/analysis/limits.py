@@ -38,16 +38,16 @@ def beyond_limits(robot: Robot, solver: LoopSolver, states: Sequence[tuple[str, 
     mechanism = robot.mechanism
     bounds = bounds_of(mechanism, robot.cad.gaps if robot.files is not None else ())
     angles = {j.name: j.is_angle for j in (*mechanism.active, *mechanism.actuators)}
-    for name, q in states:
+    qs = np.array([q for _, q in states])
+    links = solver.link_poses(qs, solver.forward_many(qs).states)
+    for k, (name, q) in enumerate(states):
         for bound in bounds:
             over = -bound.slack(q)
             if over > ROUNDING:
                 size = moved(over, angles.get(bound.name, False))
                 yield _BEYOND(bound.name, _EXCEEDED[bound.kind].format(bound.name, size), size, when=name)
-        found = solver.forward_many(np.asarray(q)[None])
-        links = solver.link_poses(np.asarray(q)[None], found.states)
         for joint in mechanism.limited:
-            over = float(joint.beyond(links[joint.parent], links[joint.child])[0])
+            over = float(joint.beyond(links[joint.parent], links[joint.child])[k])
             if over > ROUNDING:
                 size = moved(over, joint.is_angle or joint.cone is not None)
                 yield _BEYOND(joint.name, f"passive joint {joint.name} exceeds its limits by {size}", size, when=name)

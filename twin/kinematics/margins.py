@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
+from twin.core.units import ROUNDING
+from twin.kinematics.closed_loops.equations import LENGTH_SCALE
 from twin.kinematics.compile import Kinematics, compile_formula
 
 _CLOSE = 1e-6
 """Maximum difference (m, rad) at which the result of exact equations counts as equal to a given state."""
-
-_LEVER = 0.1
-"""Length in m that divides an error in m, to give an error in rad."""
 
 _LENGTHS = ("mm", "m", "cm", "um")
 
@@ -65,7 +64,7 @@ class Margins:
         f = kin.formula
         self._kin = kin
         # Near the end of reach, an error of a length moves joints by the square root of the error.
-        self._close = max(_CLOSE, np.sqrt(error / _LEVER))
+        self._close = _CLOSE if error <= ROUNDING else max(_CLOSE, np.sqrt(error / LENGTH_SCALE))
         self._passive = {p: passive[p] for p in f.passive if p in passive}
         self._points = tuple(p for p in f.points if p in points)
         self.names = (*f.reach, *(m.name for m in f.measures), *(a.symbol for a in f.aspects))
@@ -97,7 +96,7 @@ class Margins:
         kin = self._kin
         with np.errstate(all="ignore"):
             if kin.closed_inverse and not self._many_ways:
-                good = self._same_joints(kin.inverse_many(s.Ts_base_tool), s.q)
+                good = self._same_joints(kin.inverse_many(s.Ts_base_tool), s.q, self._close)
                 turns = kin.passive_many(s.Ts_base_tool) if passive and self._passive else {}
             elif kin.closed_forward:
                 good = np.abs(kin.program.forward.many(s.q) - s.Ts_base_tool).max(axis=(1, 2)) < self._close
@@ -144,7 +143,7 @@ class Margins:
         with np.errstate(all="ignore"):
             if kin.closed_inverse:
                 q = kin.inverse_many(s.Ts_base_tool)
-                return bool(self._same_joints(q * scale, large.inverse_many(_larger(s.Ts_base_tool, by))).all())
+                return bool(self._same_joints(q * scale, large.inverse_many(_larger(s.Ts_base_tool, by)), _CLOSE).all())
             a, b = kin.program.forward.many(s.q), large.program.forward.many(s.q * scale)
         return bool(np.abs(_larger(a, by) - b).max() < _CLOSE)
 
@@ -156,10 +155,10 @@ class Margins:
     def _many_ways(self) -> bool:
         return len(self._kin.formula.joints) > 6
 
-    def _same_joints(self, a: Array, b: Array) -> Array:
+    def _same_joints(self, a: Array, b: Array, close: float) -> Array:
         off = a - b
         off = np.where(self._kin.revolute, 2 * np.sin(off / 2), off)[:, ~self._kin.auxiliary]
-        return np.asarray(np.abs(off).max(axis=1) < self._close)
+        return np.asarray(np.abs(off).max(axis=1) < close)
 
 
 def _larger(Ts: Array, by: float) -> Array:

@@ -17,7 +17,7 @@ from twin.core import spatial
 from twin.core.findings import Finding, disagreement
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array, Index
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, ROUNDING
 from twin.reference.degeneracy import Degeneracy
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
@@ -45,9 +45,6 @@ _MOSTLY = 0.3
 At this ratio or above, the preferred sign is confirmed. Values with the other sign are accepted because some of the
 states may be in another assembly mode, or near a singularity.
 """
-
-ROUNDING = 1e-9
-"""Error in m of lengths in double precision."""
 
 Status = Literal["agrees", "disagrees", "not judged"]
 
@@ -307,10 +304,10 @@ class Boundary:
         least = f"{value / MM:.4g} mm" if reach else f"{value:.4g}"
         flat = slope < _FLAT * max(value, self._size[i])
         if reach and flat and self.motions.of(x[None])[0, 2] < _DEGENERATE:
-            others = [j for j, kind in enumerate(s.kinds) if kind == "reach" and j != i]
-            near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
             if value <= self._error:
                 return self._row(i, "agrees", f"the mechanism reaches its limit where the margin is {least}")
+            others = [j for j, kind in enumerate(s.kinds) if kind == "reach" and j != i]
+            near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
             if not near[others].any():
                 text = (
                     f"the mechanism reaches its limit at a state where the margin is {least}, not 0, and no other "
