@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
-from twin.kinematics.closed_loops.equations import LENGTH_SCALE
 from twin.kinematics.compile import Kinematics, compile_formula
 
 _CLOSE = 1e-6
 """Maximum difference (m, rad) at which the result of exact equations counts as equal to a given state."""
+
+_LEVER = 0.1
+"""Length in m that divides an error in m, to give an error in rad; equations share no constant with the mechanism."""
 
 _LENGTHS = ("mm", "m", "cm", "um")
 
@@ -64,7 +66,7 @@ class Margins:
         f = kin.formula
         self._kin = kin
         # Near the end of reach, an error of a length moves joints by the square root of the error.
-        self._close = _CLOSE if error <= ROUNDING else max(_CLOSE, np.sqrt(error / LENGTH_SCALE))
+        self._close = _CLOSE if error <= ROUNDING else max(_CLOSE, np.sqrt(error / _LEVER))
         self._passive = {p: passive[p] for p in f.passive if p in passive}
         self._points = tuple(p for p in f.points if p in points)
         self.names = (*f.reach, *(m.name for m in f.measures), *(a.symbol for a in f.aspects))
