@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 
 import pytest
@@ -91,9 +92,25 @@ def test_no_panel_covers_a_tip_or_a_button(page, size):
         page.page.set_viewport_size({"width": 900, "height": 520})
 
 
-def test_a_motion_is_rehearsed_judged_and_run_on_the_machine(page):
+LATE = re.compile("no state of raven_left was received|raven_left (does not answer|is not ready|is in PEDAL_UP)")
+
+
+def until_the_machine_was_in_time(attempt):
+    """Repeat an attempt, which returns the reason why its motion was stopped, or "".
+
+    A computer that is busy for half a second stops a motion of the machine, as it must. This is no fault of the page.
+    """
+    end = time.monotonic() + headset.WAIT
+    while why := attempt():
+        assert LATE.search(why), why
+        assert time.monotonic() < end, why
+
+
+def replayed(page):
+    """Rehearse, judge and replay a motion; return the reason why the replay was stopped, "" if it was completed."""
     page.until(f"{STATE} !== null && {STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine is at home")
-    page.id("machines").wait_for()
+    page.id("teleoperate").click()
+    page.until(f"{STATE}.robots.raven_left.phase === 'teleoperate'", "teleoperation")
     follows(page)
     page.id("rehearse").click()
     page.until(f"{STATE}.robots.raven_left.phase === 'rehearse'", "the rehearsal")
@@ -107,8 +124,16 @@ def test_a_motion_is_rehearsed_judged_and_run_on_the_machine(page):
     page.until(f"{STATE}.robots.raven_left.phase === 'judged'", "the record is judged")
     assert page(f"{STATE}.robots.raven_left.why") is None, "a good record"
     page.id("replay").click()
-    page.until(f"{STATE}.robots.raven_left.phase === 'done'", "the machine has repeated the record", 60)
-    assert page(f"[...{MACHINE}]") != pytest.approx(at, abs=5e-3)
+    page.until(f"['done', 'stopped'].includes({STATE}.robots.raven_left.phase)", "the replay has ended")
+    if phase(page) == "done":
+        assert page(f"[...{MACHINE}]") != pytest.approx(at, abs=5e-3)
+        return ""
+    return page(f"{STATE}.robots.raven_left.why")
+
+
+def test_a_motion_is_rehearsed_judged_and_run_on_the_machine(page):
+    page.id("machines").wait_for()
+    until_the_machine_was_in_time(lambda: replayed(page))
     page.id("teleoperate").click()
     page.until(f"{STATE}.mode === 'teleoperate'", "teleoperation")
     page.id("replay").click()
@@ -130,7 +155,9 @@ def test_the_camera_pedal_changes_which_is_solid(page):
     assert ghosts() == {"raven_left", "raven_right"}
 
 
-def test_a_planned_motion_is_made_by_machine_and_model(page):
+def planned(page):
+    """Plan a motion and let the machine make it; return why it was stopped, "" if it arrived."""
+    page.until(f"{STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine holds")
     page.id("teleoperate").click()
     page.until(f"{STATE}.robots.raven_left.phase === 'teleoperate'", "teleoperation")
     follows(page)
@@ -145,9 +172,17 @@ def test_a_planned_motion_is_made_by_machine_and_model(page):
     assert page(f"[...{MACHINE}]") == pytest.approx(at, abs=2e-3)
     page.id("plan-accept").click()
     page.until("twin.app.console.plan.phase === 'off'", "the motion has ended")
-    page.until("twin.app.model.status().text.includes('raven_left has arrived')", "the machine has arrived", 20)
+    text = "twin.app.model.status().text"
+    page.until(f"/raven_left has arrived|The motion/.test({text})", "a result")
+    if "raven_left has arrived" not in page(text):
+        return page(text)
     assert page(f"[...{MACHINE}]") != pytest.approx(at, abs=5e-3)
-    assert 0 < float(page("twin.app.model.status().text.match(/at most ([0-9.]+) mm/)[1]")) < 3
+    assert 0 < float(page(f"{text}.match(/at most ([0-9.]+) mm/)[1]")) < 3
+    return ""
+
+
+def test_a_planned_motion_is_made_by_machine_and_model(page):
+    until_the_machine_was_in_time(lambda: planned(page))
 
 
 def test_the_stop_button_stops_the_machine(page):

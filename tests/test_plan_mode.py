@@ -672,6 +672,13 @@ def test_a_machine_waits_for_pedal_dn(levels, said):
     assert said in plans.why
 
 
+def test_a_machine_that_does_not_answer_is_named_so():
+    plans = running(machine=True)
+    plans.step(signals([0, 0, 0], level=3.0) | {"a.run": np.array([0.0, 3.0, 0, 0])}, 0.0, 1e-3)
+    assert plans.state == OFF
+    assert plans.why == "The motion did not begin: a does not answer; wait until it does, and plan again"
+
+
 def test_in_a_rehearsal_the_model_moves_alone():
     plans = running(machine=True)
     plans.step(signals([0, 0, 0], level=2.0, model=3.0, phase=1.0), 0.0, 1e-3)

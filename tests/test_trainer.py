@@ -42,7 +42,7 @@ from twin.simulation.devices.joint_packets import pack as pack_joints
 from twin.simulation.machine import states
 from twin.simulation.machine.itp import number_of, pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.link import Address, MachineLink, StateReader
+from twin.simulation.machine.link import PATIENCE, Address, MachineLink, StateReader
 from twin.simulation.machine.modelled import Modelled
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.states import State
@@ -322,7 +322,7 @@ def test_a_replay_is_refused_with_what_to_do(desk, prepare, expected):
         ("arm.deviation", 3.1e-3, 0, "was 3.1 mm from its model (limit 3)"),
         ("arm.deviation", 0.09, 1, "moved at 90 mm/s (limit 80)"),
         ("arm.run", Level.E_STOP, 1, "left PEDAL_DN (run level E_STOP)"),
-        ("arm.run", 0.0, 0, "left PEDAL_DN"),
+        ("arm.run", 0.0, 0, "no state of arm was received for 0.5 s"),
         ("console.mode", 1.0, 0, "by the clutch"),
     ],
 )
@@ -569,6 +569,22 @@ def test_a_reader_stops_at_a_wrong_state(second, message):
         sender.send(second)
         assert re.search(message, soon(lambda: reader.problem))
         assert not reader.answers
+        reader.close()
+
+
+def test_a_pause_of_the_reading_program_is_no_silence_of_the_machine(monkeypatch):
+    """States that arrived in the pause are read after it, late; the machine sent them in time."""
+    with Sender() as sender:
+        reader = StateReader("127.0.0.1", sender.port, 7)
+        sender.send(STATE)
+        soon(lambda: reader.answers)
+        late = time.monotonic() + 10 * PATIENCE
+        monkeypatch.setattr(time, "monotonic", lambda: late)
+        assert reader.answers
+        monkeypatch.undo()
+        soon(lambda: not reader.answers)  # now it is really silent
+        sender.send(replace(STATE, tick=STATE.tick + 1, t=STATE.t + 1e-3))
+        soon(lambda: reader.answers)
         reader.close()
 
 

@@ -25,6 +25,7 @@ from twin.simulation.controllers.pedals import CAMERA, TOOLS
 from twin.simulation.controllers.planned import RUN
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
+from twin.simulation.machine.link import PATIENCE
 from twin.simulation.world import Block, Signals
 
 MODE = "pedals.training"
@@ -105,6 +106,7 @@ class Why(IntEnum):
     OPERATOR = 11
     NOT_JUDGED = 12
     FULL = 13
+    MACHINE_SILENT = 14
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,8 @@ def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
         f"(limit {bounds.deviation / MM:g}); find the cause before the next replay",
         Why.MACHINE_STOPPED: f"the replay was stopped: {robot} left PEDAL_DN "
         f"(run level {Level(int(value)).name if 0 <= value <= 3 else value})",
+        Why.MACHINE_SILENT: f"the replay was stopped: no state of {robot} was received for {PATIENCE:g} s; wait until "
+        "it answers, then rehearse again",
         Why.OPERATOR: f"the replay was stopped by the clutch, or because the hands were silent for {_SILENCE:g} s",
     }[why]
 
@@ -427,7 +431,8 @@ class Trainer(Block):
         far, speed = s["deviation"]
         for bad, why, value in (
             (held, Why.OPERATOR, 0.0),
-            (s["run"][ANSWERS] < 0.5 or level < Level.PEDAL_UP, Why.MACHINE_STOPPED, level),
+            (s["run"][ANSWERS] < 0.5, Why.MACHINE_SILENT, 0.0),
+            (level < Level.PEDAL_UP, Why.MACHINE_STOPPED, level),
             (t - self._since > _READY, Why.NOT_READY, level),
             (speed > self.bounds.replayed, Why.MACHINE_FAST, speed),
             (far > self.bounds.deviation, Why.DEVIATES, far),

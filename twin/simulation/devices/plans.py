@@ -170,17 +170,23 @@ class Plans(Block):
         """
         name = self.robot
         run, level = signals[f"{name}.run"], signals[f"{name}.model"][0]
-        if signals[f"{name}.phase"][0] != Phase.REHEARSE:
-            level = min(level, run[LEVEL] if run[ANSWERS] > 0.5 else Level.E_STOP)
+        uses_machine = signals[f"{name}.phase"][0] != Phase.REHEARSE
+        silent = uses_machine and run[ANSWERS] < 0.5
+        if silent:
+            level = Level.E_STOP
+        elif uses_machine:
+            level = min(level, run[LEVEL])
         if level >= Level.PEDAL_DN:
             return True
         began = self._k > 0
         if level < Level.PEDAL_UP or began or t - self._since > _READY:
-            ended, now = "was stopped" if began else "did not begin", Level(int(level)).name
-            self.stop(
-                f"The motion {ended}: {name} is in {now}, not in PEDAL_DN; press its start button, wait for PEDAL_UP, "
-                "and plan again"
-            )
+            ended = "was stopped" if began else "did not begin"
+            if silent:
+                now = f"{name} does not answer; wait until it does"
+            else:
+                level_name = Level(int(level)).name
+                now = f"{name} is in {level_name}, not in PEDAL_DN; press its start button, wait for PEDAL_UP"
+            self.stop(f"The motion {ended}: {now}, and plan again")
         return False
 
 

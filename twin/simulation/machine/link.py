@@ -76,7 +76,7 @@ class StateReader:
         """
         self.newest: State | None = None
         self.problem, self._where, self._n = "", f"{host}:{port}", n
-        self._heard = time.monotonic()
+        self._silent = False
         try:
             self._socket = socket.create_connection((host, port), _CONNECT)
         except (OSError, UnicodeError) as error:  # UnicodeError: a name that no host can have, such as "a..b"
@@ -91,8 +91,12 @@ class StateReader:
 
     @property
     def answers(self) -> bool:
-        """Whether a state has arrived within the last `PATIENCE` seconds."""
-        return not self.problem and self.newest is not None and time.monotonic() - self._heard < PATIENCE
+        """Whether a state has arrived since the thread last waited `PATIENCE` seconds in vain.
+
+        The thread measures the silence, not the caller: after a pause of the whole program, the states that arrived in
+        the pause wait in the socket, and the machine was never silent.
+        """
+        return not self.problem and self.newest is not None and not self._silent
 
     def press(self, button: str) -> None:
         """Press the button "start" or "stop" of the machine."""
@@ -113,6 +117,7 @@ class StateReader:
                 try:
                     more = self._socket.recv(1 << 16)
                 except TimeoutError:
+                    self._silent = True
                     continue
                 if not more:
                     raise DeviceError("the machine has closed the connection: start it again, and connect again")
@@ -130,7 +135,8 @@ class StateReader:
                 f"the clock of the machine went back from {last.t:g} s (tick {last.tick}) to {state.t:g} s "
                 f"(tick {state.tick}): connect again"
             )
-        self.newest, self._heard = state, time.monotonic()
+        self.newest = state
+        self._silent = False
 
 
 class MachineLink:
