@@ -25,8 +25,12 @@ ROOT = Path(__file__).parents[1]
 ROBOT = "hibou"
 KILLS = int(os.environ.get("TWIN_KILLS", "6"))
 
-LONGEST = 0.1 if "TWIN_KILLS" in os.environ else 30.0
-"""Time in s after which no process of a killed command may run: with TWIN_KILLS a measurement, for a quiet machine."""
+LONGEST = 0.1 if KILLS >= 100 else 30.0
+"""Time in s after which no process of a killed command may run.
+
+Beside other tests, a killed process can wait for a processor for longer than it takes to end; only the long form, which
+runs on a quiet machine, measures the time.
+"""
 
 # Kills itself before the nth file is moved: a program of its own, because the moves take a few milliseconds.
 AT_MOVE = """
@@ -212,7 +216,9 @@ def test_a_sweep_that_is_killed_leaves_nothing(tmp_path, cache):
         assert process.poll() is None
         time.sleep(0.05)
     assert len(_own(process.pid)) >= 4  # the program, the command, two workers
-    assert _killed(process) < LONGEST
+    seconds = _killed(process)
+    print(f"the last child process ended {1e3 * seconds:.0f} ms after the kill")
+    assert seconds < LONGEST
     out.next_start()
     assert not out.litter()
 

@@ -111,6 +111,48 @@ def test_a_busy_process_ends_at_once_with_its_owner_that_is_killed(start):
     owner.stdout.close()
 
 
+SUPERVISED = """
+import ctypes, os, sys, time
+from twin.cli.supervisor import supervised
+def command():
+    ctypes.CDLL(None).prctl(1, 0)  # the kernel no longer kills the command with its supervisor
+    exec({start!r}, globals())
+    print(os.getpid(), flush=True)
+    time.sleep(600)
+sys.exit(supervised(command))
+"""
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_a_busy_process_ends_with_the_supervisor_while_the_command_lives(start):
+    """The end of a large command takes as long as its memory is freed; its child processes do not wait for that."""
+    program = SUPERVISED.format(start=STARTS[start].format(busy=BUSY))
+    supervisor = subprocess.Popen(isolated(program), stdout=subprocess.PIPE, text=True)
+    assert supervisor.stdout is not None
+    child, command = sorted((int(supervisor.stdout.readline()) for _ in range(2)), key=_is_command(supervisor.pid))
+    assert _running(child)
+    supervisor.kill()
+    supervisor.wait()
+    killed = time.monotonic()
+    try:
+        while _running(child):
+            assert time.monotonic() - killed < 60
+            time.sleep(0.001)
+        assert _running(command)
+    finally:
+        os.kill(command, signal.SIGKILL)
+        supervisor.stdout.close()
+
+
+def _is_command(supervisor):
+    """Return a function that tells whether the supervisor has started a process itself."""
+    return lambda process: _parent(process) == supervisor
+
+
+def _parent(process):
+    return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+
+
 def _running(process):
     try:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"

@@ -12,6 +12,8 @@ import signal
 import sys
 import time
 
+from twin.core import program_pipe
+
 TYPE_CHECKING = False  # as in `typing`, whose import takes a while
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,15 +37,19 @@ _LONGEST = 4096
 def supervised(command: Callable[[], int]) -> int:
     """Run a command in a child process and return its exit code; 2 if the child ends without reporting one."""
     reading, writing = os.pipe()
+    running, end_of_run = os.pipe()  # nothing is written: the writing end closes when this process ends
     parent = os.getpid()
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {*_FORWARDED, signal.SIGCHLD})
     child = os.fork()
     if child == 0:
         os.close(reading)
+        os.close(end_of_run)
+        program_pipe.reading = running
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         return _child(command, writing, parent)
     os.close(writing)
-    status, sent = _ended(child)
+    os.close(running)
+    status, sent = _ended(child, end_of_run)
     signal.pthread_sigmask(signal.SIG_SETMASK, mask)
     os.set_blocking(reading, False)
     try:
@@ -95,10 +101,11 @@ class _Bystander:
     once more, it would be a second Ctrl-C, which interrupts the clean-up after the first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, end_of_run: int) -> None:
         parent = os.getpid()
         self.process = os.fork()
         if self.process == 0:
+            os.close(end_of_run)
             _end_with(parent)
             while True:
                 signal.pause()
@@ -120,9 +127,12 @@ class _Bystander:
         os.waitpid(self.process, 0)
 
 
-def _ended(child: int) -> tuple[int, set[int]]:
-    """Wait for the end of the child; return its status and the signals that it received from elsewhere."""
-    bystander = _Bystander()
+def _ended(child: int, end_of_run: int) -> tuple[int, set[int]]:
+    """Wait for the end of the child; return its status and the signals that it received from elsewhere.
+
+    Only this process may have the writing end `end_of_run` of the pipe.
+    """
+    bystander = _Bystander(end_of_run)
     sent: set[int] = set()
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
@@ -137,7 +147,7 @@ def _ended(child: int) -> tuple[int, set[int]]:
             continue
         if bystander.received(received.si_signo):
             bystander.end()  # a blocked signal stays with its process
-            bystander = _Bystander()
+            bystander = _Bystander(end_of_run)
             continue
         os.kill(child, received.si_signo)
 

@@ -22,6 +22,7 @@ from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any
 
+from twin.core import program_pipe
 from twin.core.program_end import name_exits
 
 _PACKAGES = ("site-packages", "dist-packages")
@@ -55,7 +56,8 @@ class Child(subprocess.Popen[bytes]):
 
     The child has the reading end of a pipe, and this process the only writing end. When the writing end closes, the
     kernel sends SIGKILL to the child, also while the child is busy in a native library. PR_SET_PDEATHSIG would kill the
-    child already when the thread ends that has started it.
+    child already when the thread ends that has started it. A second pipe does the same when the process ends that
+    supervises this program: the child need not wait until the memory of this process is freed.
 
     Args:
         command: the command line, from `isolated`.
@@ -66,25 +68,45 @@ class Child(subprocess.Popen[bytes]):
     def __init__(self, command: list[str], pass_fds: Sequence[int] = (), **options: Any) -> None:
         reading, writing = os.pipe()
         weakref.finalize(self, os.close, writing)
-        try:
-            super().__init__(command, pass_fds=(*pass_fds, reading), **options)
-            kill_at_hangup(reading, self.pid)
-        finally:
-            os.close(reading)
+        with _with_supervisor(reading) as ends:
+            super().__init__(command, pass_fds=(*pass_fds, *ends), **options)
+            kill_at_hangup(ends, self.pid)
 
 
-def kill_at_hangup(reading: int, process: int) -> None:
-    """Let the kernel kill a process when the other end of a pipe closes; the process must hold the reading end."""
-    fcntl.fcntl(reading, fcntl.F_SETOWN, process)
-    fcntl.fcntl(reading, _F_SETSIG, signal.SIGKILL)
-    fcntl.fcntl(reading, fcntl.F_SETFL, fcntl.fcntl(reading, fcntl.F_GETFL) | os.O_ASYNC)
+@contextlib.contextmanager
+def _with_supervisor(reading: int) -> Iterator[list[int]]:
+    """Yield the reading end of a pipe and a new one of the supervisor's pipe, if there is one; close both afterwards.
+
+    The end is opened anew, because the kernel signals one process for each opening of a pipe.
+    """
+    ends = [reading]
+    try:
+        if program_pipe.reading is not None:
+            # Without O_NONBLOCK, `open` waits for a writer if the supervisor has just ended.
+            ends.append(os.open(f"/proc/self/fd/{program_pipe.reading}", os.O_RDONLY | os.O_NONBLOCK))
+        yield ends
+    finally:
+        for end in ends:
+            os.close(end)
+
+
+def kill_at_hangup(ends: Sequence[int], process: int) -> None:
+    """Let the kernel kill a process when the writing end of one of these pipes closes.
+
+    The process must hold the reading ends `ends`.
+    """
+    for reading in ends:
+        fcntl.fcntl(reading, fcntl.F_SETOWN, process)
+        fcntl.fcntl(reading, _F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(reading, fcntl.F_SETFL, fcntl.fcntl(reading, fcntl.F_GETFL) | os.O_ASYNC)
 
 
 @contextlib.contextmanager
 def spawning_children() -> Iterator[None]:
     """In this context, the kernel also kills processes that `multiprocessing` spawns (for Dask) with this process.
 
-    The process that removes shared memory of ended processes (`multiprocessing.resource_tracker`) is not killed.
+    The process that removes shared memory of ended processes (`multiprocessing.resource_tracker`) is not killed; it
+    ends by itself afterwards.
     """
     spawn = util.spawnv_passfds
 
@@ -92,11 +114,9 @@ def spawning_children() -> Iterator[None]:
         if _SPAWNED not in arguments:
             return spawn(path, arguments, pass_fds)
         reading, _writing = os.pipe()  # the kernel closes `_writing` when this process ends
-        try:
-            process = spawn(path, arguments, [*pass_fds, reading])
-            kill_at_hangup(reading, process)
-        finally:
-            os.close(reading)
+        with _with_supervisor(reading) as ends:
+            process = spawn(path, arguments, [*pass_fds, *ends])
+            kill_at_hangup(ends, process)
         return process
 
     util.spawnv_passfds = spawn_child
