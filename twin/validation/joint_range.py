@@ -15,7 +15,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Kind
 from twin.core.spatial import Array
-from twin.core.units import display_unit
+from twin.core.units import ROUNDING, display_unit
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
@@ -141,18 +141,30 @@ def _of_inverse(
     if len(other):
         true = run.Ts_base_tool[other]
         offset[other] = turn[other] = np.inf
-        # Full turns change no pose, but a walk from the rest poses may reach only one of the values.
+        reads_orientation = _reads_orientation(kin, true)
+        closing = Closing(model, np.ones(q.shape[1]))
+        closing.keep(run.q, run.x)
+        # Full turns change no pose, but a walk from the known states may reach only one of the values.
         within = np.where(kin.revolute, (q + np.pi) % (2 * np.pi) - np.pi, q)
-        for values in (q[other], within[other], run.q[other] + difference[other]):
-            states, possible = Closing(model, np.ones(q.shape[1])).states(values)
+        nearest_turn = run.q + difference
+        tried: list[Array] = []
+        for values in (q, within, nearest_turn):
+            new = np.ones(len(other), bool)
+            for before in tried:
+                new &= np.abs(values - before)[other].max(axis=1) > ROUNDING
+            tried.append(values)
+            rows = other[new]
+            if not len(rows):
+                continue
+            states, possible = closing.states(values[rows])
             Ts = model.collect(states).Ts_base_tool
-            moved = np.linalg.norm(Ts[:, :3, 3] - true[:, :3, 3], axis=1)
-            turned = np.linalg.norm(rotation_vectors(true, Ts), axis=1)
-            if not _reads_orientation(kin, true):
+            moved = np.linalg.norm(Ts[:, :3, 3] - true[new, :3, 3], axis=1)
+            turned = np.linalg.norm(rotation_vectors(true[new], Ts), axis=1)
+            if not reads_orientation:
                 turned[:] = 0.0  # in another working mode, a position has another orientation
-            nearer = possible & (moved + turned < offset[other] + turn[other])
-            offset[other[nearer]] = moved[nearer]
-            turn[other[nearer]] = turned[nearer]
+            nearer = possible & (moved + turned < offset[rows] + turn[rows])
+            offset[rows[nearer]] = moved[nearer]
+            turn[rows[nearer]] = turned[nearer]
     return offset, turn, own
 
 
