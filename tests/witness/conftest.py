@@ -86,6 +86,22 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             _foreign.need(name)
 
 
+ALIKE = {"davinci_psm_si": "davinci_psm", "raven_right": "raven_left"}
+"""Robots that differ from another one in numbers, not in kind; what is read of every robot is read of these nightly."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of robots that are `ALIKE` another one; a pair of a program and a robot is chosen on purpose."""
+    for item in items:
+        if HERE not in item.path.parents:
+            continue
+        chosen = item.callspec.params if isinstance(item, pytest.Function) and hasattr(item, "callspec") else {}
+        robots = [chosen[key] for key in ("case", "name") if key in chosen]
+        if len(robots) == 1 and robots[0] in ALIKE:
+            item.add_marker(pytest.mark.nightly)
+
+
 class Figures:
     """Collects rows of the table for one test."""
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.lanes import nightly
 from twin.api.scene_export import export_scene
 from twin.core import assets, spatial
 from twin.model.scene import load_scene
@@ -22,7 +23,7 @@ NO = float("nan")
 pytestmark = pytest.mark.witness
 
 
-@pytest.fixture(scope="module", params=LED)
+@pytest.fixture(scope="module", params=nightly(LED, every=2))
 def exported(request, tmp_path_factory):
     """(scene, folder, {place: mechanism as exported}) of a scene."""
     folder = tmp_path_factory.mktemp(request.param)
