@@ -13,7 +13,7 @@ from twin.cad.build import CadModel
 from twin.cad.features import Measured
 from twin.cad.step import Face, Part, StepModel, read_step
 from twin.core import spatial
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, UM
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,19 @@ def some(robot: api.Robot, rng: np.random.Generator) -> Off:
                 turned = _angle(_frame(face.direction, x), _frame(R @ face.direction, x))
             return Off(joint.name, body, spec.origin, "deg", turned, T)
         return Off(joint.name, body, spec.origin, "mm", size * MM, spatial.pose(p=size * MM * u))
+
+
+def noisy(robot: api.Robot, rng: np.random.Generator) -> CadModel:
+    """Return the robot's CAD as read with every feature of a joint moved by 5 to 20 µm."""
+    offs = []
+    for joint in robot.cad.description.joint:
+        for body, spec in joint.sides:
+            if isinstance(spec.origin, str):
+                u = rng.normal(size=3)
+                size = rng.uniform(5 * UM, 20 * UM)
+                T = spatial.pose(p=size * u / np.linalg.norm(u))
+                offs.append(Off(joint.name, body, spec.origin, "mm", size, T))
+    return drawn(robot, *offs)
 
 
 def _frame(z: np.ndarray, x: np.ndarray) -> np.ndarray:

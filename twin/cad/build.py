@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
@@ -19,6 +19,7 @@ from twin.cad.features import Measured
 from twin.cad.frames import Drawn, into
 from twin.cad.meeting import meetings
 from twin.cad.motors import actuators, transmissions
+from twin.cad.noise import CAUSE, Noise, noise
 from twin.cad.parameters import parameters
 from twin.cad.step import MASS_TOLERANCE, PROP_TOLERANCE, VISUAL_TOLERANCE, Part, StepModel, read_step
 from twin.core.errors import CadError, unknown
@@ -47,6 +48,8 @@ class CadModel:
         dimensions: the dimensions from which the CAD was drawn, with provenance.
         gaps: (lower joint, upper joint, minimum difference upper - lower of the coordinates in m) for each pair of
             joints that slide on the same rail.
+        noise: noise of the features, if it causes the gaps of the joints; None if there are none, or if they have
+            another cause.
     """
 
     mechanism: Mechanism
@@ -55,6 +58,7 @@ class CadModel:
     measured: dict[str, dict[str, Measured]]
     dimensions: tuple[Parameter, ...]
     gaps: tuple[tuple[str, str, float], ...]
+    noise: Noise | None = None
 
     @property
     def placement_loss(self) -> float:
@@ -138,7 +142,11 @@ def read_mechanism(
     fine = read_step(step.path, MASS_TOLERANCE, 0.15, read) if step is not None and with_mass else None
     meshes, inertias = _shapes(d, folder, parts, at.bodies, _exact(step, fine), with_mass, found)
     joints = [_joint(d, j, at, measured) for j in d.joint]
-    found += meetings(d, at)
+    gaping = meetings(d, at)
+    noisy = noise(d, measured, gaping)
+    if noisy is not None:
+        gaping = [noisy.finding(d), *(replace(f, cause=CAUSE) for f in gaping)]
+    found += gaping
     if step is not None and step.placement_error > 0:
         found.append(_placement_finding(step))
 
@@ -164,7 +172,8 @@ def read_mechanism(
         source=f"{description_path.name} {fingerprint(description_path, d, read)}",
     )
     gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)
-    return CadModel(mechanism, tuple(found), d, measured, read_dimensions(folder / "dimensions.toml", read), gaps)
+    dimensions = read_dimensions(folder / "dimensions.toml", read)
+    return CadModel(mechanism, tuple(found), d, measured, dimensions, gaps, noisy)
 
 
 def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:

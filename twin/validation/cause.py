@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from twin.core.findings import Finding, by_severity
 from twin.core.format import shown
+from twin.core.units import DEG, MM
 
 Side = Literal["CAD", "equations", "stage", "motion", "protocol"]
 
@@ -32,6 +33,13 @@ _FAMILIES: dict[str, Side] = {
 
 _SAME = 0.999
 """Findings count as equally large if their size is at least this fraction of the largest size; the first is `head`."""
+
+
+_LEVER = 30.0
+"""Largest ratio of an error of the equations and a gap of the CAD at which the error can follow from noise."""
+
+_LINK = 0.1
+"""Length in m by which gaps are divided to compare them with angles."""
 
 
 @dataclass(frozen=True)
@@ -129,12 +137,23 @@ def _cause(of: Side, name: str, group: list[Finding]) -> Cause:
 
 
 def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
-    """If the first cause is a fault of the CAD, move all findings on the equations to `perhaps` of this cause."""
+    """If the first cause is a fault of the CAD, move findings on the equations to `perhaps` of this cause.
+
+    Findings on the equations that are much larger than the gaps of a noisy CAD are causes of their own.
+    """
     if not found or found[0].side != "CAD" or found[0].head.severity != "disagreement":
         return tuple(found)
-    blamed = [c for c in found if c.side == "equations"]
+    blamed = [c for c in found if c.side == "equations" and not _beyond(c.head, found[0].head)]
     below = replace(found[0], perhaps=tuple(f for c in blamed for f in c.findings))
     return (below, *(c for c in found[1:] if c not in blamed))
+
+
+def _beyond(f: Finding, cad: Finding) -> bool:
+    """Return whether the finding `f` is too large to follow from noise of the CAD, the finding `cad`."""
+    if cad.code != "cad.noise" or f.size is None or cad.size is None:
+        return False
+    gap = _LEVER * cad.size * MM
+    return f.size * MM > gap if f.unit == "mm" else f.unit == "deg" and f.size * DEG > gap / _LINK
 
 
 def _sizes(found: Sequence[Finding], most: int = 6) -> str:

@@ -21,7 +21,7 @@ from twin.reference import ReferenceModel
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.result import PartOff
 
-CODES = ("cad.meeting", "cad.tilt")
+CODES = ("cad.noise", "cad.meeting", "cad.tilt")
 """Codes of findings about joints whose parts do not meet."""
 
 _MOST = 12
@@ -91,7 +91,7 @@ def correct(
     Lengths declared in the description are evidence. `judged` is a function that returns a judge of the rows for a
     mechanism.
     """
-    findings = tuple(f for f in cad.findings if f.code in CODES)
+    findings = drawing(cad)
     if not findings:
         return None
     found = faults(cad, {p.name: float(p.value) for p in formula.parameters})
@@ -110,6 +110,11 @@ def correct(
     sides = dict(zip((f.joints for f in told), top.chosen, strict=False))
     parts = tuple(_part(f, findings, sides.get(f.joints), top, tried) for f in found)
     return Corrected(findings, parts, top.model, top.judge, top.agrees and len(told) == len(found))
+
+
+def drawing(cad: CadModel) -> tuple[Finding, ...]:
+    """Return the findings on joints whose parts do not meet in the CAD."""
+    return tuple(f for f in cad.findings if f.code in CODES)
 
 
 def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[ReferenceModel], Judge]) -> _Tried:

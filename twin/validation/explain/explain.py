@@ -25,11 +25,12 @@ from twin.validation.explain.candidate import TOKENS, Candidate, Found
 from twin.validation.explain.conventions import conventions, general
 from twin.validation.explain.coverage import coverage, margins
 from twin.validation.explain.deadline import Deadline, LateError
-from twin.validation.explain.drawing import correct
+from twin.validation.explain.drawing import Corrected, correct, drawing
 from twin.validation.explain.heldout import held_out
 from twin.validation.explain.identify import identify
 from twin.validation.explain.invariants import invariants
 from twin.validation.explain.judge import Judge, Place, Tolerance
+from twin.validation.explain.noise import limits
 from twin.validation.explain.repair import Search
 from twin.validation.explain.result import (
     Change,
@@ -141,7 +142,9 @@ def explain(
     def judged(model: ReferenceModel) -> Judge:
         return Judge(formula, variants, known(formula, model, parameters, variants=variants), tolerance)
 
-    corrected = correct(formula, cad, judged, lambda f: progress("correct the CAD", f)) if cad is not None else None
+    corrected: Corrected | None = None
+    if cad is not None and cad.noise is None:
+        corrected = correct(formula, cad, judged, lambda f: progress("correct the CAD", f))
     laps.end("drawing")
     drawn: Judge | None = None
     try:
@@ -175,6 +178,21 @@ def explain(
         if corrected.judge is not None and corrected.model is not None:
             judge, model = corrected.judge, corrected.model
             notes.append("the corrected CAD does not explain every row; the rows below were judged against it")
+    if cad is not None and cad.noise is not None and judge.truth.run is not None:
+        made = partial(made, drawing=drawing(cad))
+        judge = Judge(formula, variants, judge.truth, tolerance, limits(cad.noise, cad, judge, parameters))
+        laps.end("noise")
+        if not judge.failing():
+            return made(
+                "unchecked" if skipped or not judge.residuals else "disagree",
+                explained=True,
+                samples=judge.truth.k,
+                invariants=(),
+                rows=(),
+                notes=tuple(notes),
+                lead="noise",
+            )
+        notes.append("noise of the CAD does not explain every row; the wrong rows differ by more than it can cause")
     if not judge.failing():
         progress("joint range", 0.0)
         wider = _over_range(formula, model, variants, parameters, tolerance)
@@ -358,6 +376,7 @@ def _shown(path: Path, root: Path | None) -> str:
 def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> Row:
     step, truth = judge.step(place.equation), judge.truth
     size = np.abs(judge.residuals[place]).max(axis=1)
+    limit = judge.limits[place.symbol][:, 0] if place.symbol in judge.limits else 1.0
     name, scale = _unit(judge, place.symbol)
     statement = step.source.statements[place.statement]
     text = step.source.text(statement.start, statement.end)
@@ -371,7 +390,7 @@ def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> R
         place.line,
         _short(text if not statement.returns else text.splitlines()[0], 400),
         _means(judge, place.symbol),
-        float(size[known].max()) * scale if (size[known] > 1).any() else float("nan"),
+        float((size * limit)[known].max()) * scale if (size[known] > 1).any() else float("nan"),
         name,
         float((~(size <= 1)).mean()),
         truth.pose_text(int(np.argmax(np.where(known, size, np.inf)))),
@@ -494,7 +513,10 @@ def _told(way: list[Candidate]) -> list[Candidate]:
 def _size(judge: Judge, rows: list[Key], score: float) -> str:
     if not np.isfinite(score):
         return "not a number"
-    name, scale = _unit(judge, _symbol(judge, rows[0]))
+    symbol = _symbol(judge, rows[0])
+    if symbol in judge.limits:
+        return f"{score:.3g} times as large as noise of the CAD explains"
+    name, scale = _unit(judge, symbol)
     return f"{score * scale:.3g} {name}"
 
 

@@ -31,7 +31,10 @@ from twin.validation.explain.truth import Truth
 STAGES: tuple[Stage, ...] = ("inverse", "forward", "helper")
 
 Residuals = dict[Place, Array]
-"""Residuals (k, entries) by row: differences from the mechanism in units of the tolerance."""
+"""Residuals (k, entries) by row: differences from the mechanism in units of the tolerance.
+
+With a noisy CAD, the unit is the largest difference that noise explains; see `Judge`.
+"""
 
 
 class Judge:
@@ -43,11 +46,14 @@ class Judge:
         variants: Mapping[str, str] | str | None,
         truth: Truth,
         tolerance: Tolerance | None = None,
+        limits: Mapping[str, Array] | None = None,
     ) -> None:
         """Compare a formula with the mechanism's values.
 
-        `variants` are the chosen variants by equation; None for the defaults.
+        `variants` are the chosen variants by equation; None for the defaults. `limits` are the largest differences
+        of symbols (k, 1) that noise explains, in units of the tolerance; 1 for other symbols.
         """
+        self.limits = dict(limits or {})
         self.formula, self.truth, self.tolerance = formula, truth, tolerance or Tolerance()
         self.variants = choose(formula, variants)
         self.rebuild = Rebuilder()
@@ -69,7 +75,9 @@ class Judge:
         `only`: names of the equations to run; None for all.
         """
         other = copy.copy(self)
-        other.truth, other.residuals, other.notes, other._zeros = truth, {}, [], {}
+        other.truth, other.residuals, other.notes, other._zeros, other.limits = truth, {}, [], {}, {}
+        for name, limit in self.limits.items():  # at other states, the largest limit holds
+            other.limits[name] = limit.max(keepdims=True, initial=1.0, where=np.isfinite(limit))
         other.steps = [
             Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required, plain=s.plain)
             for s in self.steps
@@ -227,6 +235,11 @@ class Judge:
         return out
 
     def difference(self, name: str, value: Any) -> Array:
+        """Return the difference of a value and the mechanism's value of the symbol `name`, as in `Residuals`."""
+        d = self._difference(name, value)
+        return d / self.limits[name] if name in self.limits else d
+
+    def _difference(self, name: str, value: Any) -> Array:
         """Return a value minus the mechanism's value of the symbol `name`, (k, entries) in units of the tolerance."""
         true, kind = self.truth.symbols[name], self.truth.kinds[name]
         if value is true:

@@ -426,7 +426,7 @@ class Search:
                 formula = load_formula(file, formula.name, lambda: (joints, np.eye(4), None), trial=True)
             except KinematicsError:
                 return None
-            judge = Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance)
+            judge = Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance, self.judge.limits)
             return _After(len(judge.failing()), bool(coincidences(judge)))
 
     def _text(self, c: Candidate) -> str:

@@ -204,8 +204,8 @@ class Explanation(Result):
         notes: texts on equations and rows that were not judged, with the reason.
         judged, rows_of_formula: number of judged rows, and of all rows.
         seconds: duration of each step in s.
-        lead: kind of the explanation: "drawing", "edits", "numbers", "edits or numbers" (equally simple),
-            "conventions"; "" if there is none.
+        lead: kind of the explanation: "drawing" (faulty parts of the CAD), "noise" (of the CAD), "edits", "numbers",
+            "edits or numbers" (equally simple), "conventions"; "" if there is none.
         drawing: findings on joints whose parts do not meet in the CAD.
         parts: the faulty parts of the CAD.
     """
@@ -273,15 +273,17 @@ class Explanation(Result):
             count = f"{self.judged} of {self.rows_of_formula} rows judged"
             return Line(f"  AGREE: {count}, and each agrees at every pose; there is nothing to explain", "bold green")
         wrong = f"{len(self.rows)} row{'s' if len(self.rows) > 1 else ''} wrong"
+        colour = "bold red" if self.verdict == "disagree" else "bold yellow"
         if self.lead == "drawing":
             what = "parts do not meet in the CAD; every row agrees"
             if self.rows:
                 what = (
                     f"{wrong} because of the CAD: with the CAD corrected, every row agrees; the equations need no edit"
                 )
-            return Line(
-                f"  {self.verdict.upper()}: {what}", f"bold {'red' if self.verdict == 'disagree' else 'yellow'}"
-            )
+            return Line(f"  {self.verdict.upper()}: {what}", colour)
+        if self.lead == "noise":
+            what = "noise of the CAD explains the differences of all rows; the equations need no edit"
+            return Line(f"  {self.verdict.upper()}: {what}", colour)
         if not self.rows:
             return Line("  UNCHECKED: not every row could be checked", "bold yellow")
         if self.verdict == "unchecked":

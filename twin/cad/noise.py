@@ -1,0 +1,135 @@
+"""Find noise of the measured features: the parts of many joints do not meet, and no single part is at fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import nnls
+
+from twin.cad import meeting
+from twin.cad.description import Description
+from twin.cad.features import Measured
+from twin.cad.frames import Faces, drawn
+from twin.core import spatial
+from twin.core.errors import CadError
+from twin.core.findings import Finding, disagreement
+from twin.core.quantity import mm
+from twin.core.spatial import Array
+from twin.core.units import DEG, UM
+
+CAUSE = "noise of the CAD"
+"""Name of the cause of the findings on joints whose parts do not meet because of noise."""
+
+_LEAST = 4
+"""Minimum number of joints that do not meet for which the gaps can be noise."""
+
+_EQUAL = 6.0
+"""Maximum ratio of the largest and the median gap; a larger gap has a cause of its own."""
+
+_DRAWS = 16
+"""Number of random errors from which the gaps are computed that noise causes."""
+
+_UNIT = (1 * UM, 1e-5)
+"""Noise of positions in m and of directions in rad for which gaps are computed; the gaps are proportional to it."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the measured features of a CAD model.
+
+    Attributes:
+        position: standard deviation in m of each coordinate of a feature's position.
+        direction: standard deviation in rad of a feature's direction about each axis.
+        joints: names of the joints whose parts do not meet.
+        largest: the largest gap in m.
+    """
+
+    position: float
+    direction: float
+    joints: tuple[str, ...]
+    largest: float
+
+    def finding(self, d: Description) -> Finding:
+        """Return the finding on the noise of a CAD with this description."""
+        parts = []
+        if self.position > 0.1 * UM:
+            parts.append(f"{self.position / UM:.2g} µm in each coordinate")
+        if self.direction > 1e-6:
+            parts.append(f"{self.direction / DEG:.2g}° in each direction")
+        return disagreement(
+            "cad.noise",
+            "the features",
+            f"the features in the CAD have noise of {' and '.join(parts)} (standard deviation), and the parts of "
+            f"{len(self.joints)} joints do not meet; largest gap",
+            mm(self.largest),
+            mm(d.tolerance.meeting_um * UM),
+            "export the CAD again with more digits, or place the parts exactly",
+            when="as drawn",
+            cause=CAUSE,
+            word="tolerance",
+        )
+
+
+def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise | None:
+    """Return the noise of the features that causes the gaps of a CAD model; None if they have another cause.
+
+    The gaps are noise if at least half of the joints with measured features have one, if they are of similar size, and
+    if three parts or more must be at fault. `findings` are those of `meeting.meetings`.
+    """
+    joints = tuple(dict.fromkeys(f.where for f in findings))
+    read = [j for j in d.joint if any(spec.position_mm is None for _, spec in j.sides)]
+    if len(joints) < max(_LEAST, len(read) / 2) or _of_two_parts(d, joints):
+        return None
+    for code in {f.code for f in findings}:
+        sizes = [f.size or 0.0 for f in findings if f.code == code]
+        if max(sizes) > _EQUAL * float(np.median(sizes)):
+            return None
+    gaps = _gaps(d, measured)
+    rng = np.random.default_rng(0)
+    effect = np.zeros((2, 2))
+    try:
+        for _ in range(_DRAWS):
+            for column, unit in enumerate(np.diag(_UNIT)):
+                change = _gaps(d, redrawn(measured, unit[0], unit[1], rng)) - gaps
+                effect[:, column] += _squares(change) / _DRAWS
+    except CadError:  # the features hardly define the frames
+        return None
+    scale = np.array(_UNIT) ** 2
+    variances = nnls(effect / scale[:, None], _squares(gaps) / scale)[0]
+    position, direction = np.sqrt(variances) * _UNIT
+    largest = float(np.linalg.norm(gaps[:, :3], axis=1).max())
+    return Noise(float(position), float(direction), joints, largest)
+
+
+def redrawn(measured: Faces, position: float, direction: float, rng: np.random.Generator) -> Faces:
+    """Return the features with random errors of the given standard deviations (m; rad)."""
+    out: dict[str, dict[str, Measured]] = {}
+    for body, features in measured.items():
+        out[body] = {}
+        for name, m in features.items():
+            R = spatial.exp_so3(direction * rng.standard_normal(3))
+            point = m.face.point + position * rng.standard_normal(3)
+            face = replace(m.face, point=point, direction=R @ m.face.direction)
+            out[body][name] = replace(m, face=face, direction=R @ m.direction)
+    return out
+
+
+def _of_two_parts(d: Description, joints: Sequence[str]) -> bool:
+    """Return whether every one of the joints is on one of the same two parts."""
+    sides = [{j.parent, j.child} for j in d.joint if j.name in joints]
+    bodies = sorted(set().union(*sides))
+    return any(all(side & set(pair) for side in sides) for pair in combinations(bodies, 2))
+
+
+def _gaps(d: Description, faces: Faces) -> Array:
+    """Return offsets in m and rotation vectors in rad (joints, 6) between the two frames of each joint."""
+    at = drawn(d, faces)
+    return np.array([np.concatenate(meeting.locked(meeting.between(at, j.name), j.type)) for j in d.joint])
+
+
+def _squares(gaps: Array) -> Array:
+    """Return the sums of squares of offsets and of rotation vectors (2,)."""
+    return np.array([(gaps[:, :3] ** 2).sum(), (gaps[:, 3:] ** 2).sum()])

@@ -1,0 +1,57 @@
+"""Judge rows if the CAD is noisy: compute the differences that noise of its features causes in each row.
+
+The features are given further random errors of the size that the gaps of the joints show. For small errors, a row
+changes as much by the further errors as it differs by those in the CAD.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from twin.cad import frames
+from twin.cad.build import CadModel
+from twin.cad.noise import Noise, redrawn
+from twin.core.spatial import Array
+from twin.reference import ReferenceModel
+from twin.reference.newton import minimise
+from twin.validation.explain.judge import Judge, Residuals
+from twin.validation.explain.truth import gather
+
+_DRAWS = 12
+"""Number of mechanisms with further random errors."""
+
+_SIGMA = 5.0
+"""Differences up to so many standard deviations are explained by noise."""
+
+
+def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, float] | None) -> dict[str, Array]:
+    """Return the largest differences (k, 1) that noise of the CAD explains, by symbol, in units of the tolerance.
+
+    `judge` has states of the mechanism of `cad`. At a state where a symbol has no value with some of the further errors
+    (near the end of reach), its difference is not limited.
+    """
+    rng = np.random.default_rng(1)
+    others = [_residuals(noise, cad, judge, parameters, rng) for _ in range(_DRAWS)]
+    out: dict[str, Array] = {}
+    for place, residual in judge.residuals.items():
+        changes = np.array([other[place] - residual for other in others if place in other])
+        if not len(changes):
+            continue
+        # Entries of one value have similar errors; the largest of them is the most certain estimate.
+        sigma = np.sqrt((changes**2).mean(axis=0)).max(axis=1, keepdims=True)
+        limit = np.maximum(1.0, _SIGMA * np.where(np.isnan(sigma), np.inf, sigma))
+        out[place.symbol] = np.maximum(limit, out.get(place.symbol, 1.0))
+    return out
+
+
+def _residuals(
+    noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, float] | None, rng: np.random.Generator
+) -> Residuals:
+    """Return the residuals at the driven joint values of `judge`, for a mechanism with further errors."""
+    faces = redrawn(cad.measured, noise.position, noise.direction, rng)
+    model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces))
+    assert judge.truth.run is not None
+    X, _ = minimise(model.tree, judge.truth.run.x.copy(), model.loops_only, model.tree.passive)
+    return judge.on(gather(judge.formula, model.collect(X), model, parameters)).residuals
