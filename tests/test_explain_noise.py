@@ -43,7 +43,7 @@ def named(name, seed):
     cad = noisy(robot, np.random.default_rng(seed))
     assert cad.noise is not None
     rms = 13.2 * UM / np.sqrt(3)  # of each coordinate, for lengths between 5 and 20 um
-    assert 0.6 * rms < cad.noise.position < 1.4 * rms
+    assert 0.5 * rms < cad.noise.position < 1.5 * rms
     assert cad.noise.direction < 1e-5
     x = explained(robot, cad)
     assert (x.lead, x.explained, x.exit_code) == ("noise", True, 1)
