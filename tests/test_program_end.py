@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
@@ -29,6 +30,7 @@ ENDINGS = {  # code of an author that tries to end the program, and a part of th
     "GeneratorExit": "raise GeneratorExit",
     "Leaving": "class Leaving(BaseException): pass\nraise Leaving",
     "CancelledError": "import asyncio\nraise asyncio.CancelledError",
+    "SystemExit(0), so": "import sys\ndef end(*a): raise SystemExit(0)\nsys.settrace(end)\n(lambda: None)()",
     "without an end": "while True: pass",
     "run for 0.2 s": "while True:\n  try:\n    while True: pass\n  except Exception: pass",
     "for 0.2 s without": "import time; time.sleep(1e6)",
@@ -42,6 +44,7 @@ INTERPRETER_ENDS = {  # what Python cannot catch: the process ends
     "os.execve was called": "import os; os.execle('/bin/true', 'true', {})",
     "with exit code 0": "import ctypes; ctypes.CDLL(None).exit(0)",
     "ended with exit code 0": "import ctypes; ctypes.CDLL(None)._exit(0)",
+    "exit code 1 before": "import faulthandler as f, time; f.dump_traceback_later(0.05, exit=True); time.sleep(30)",
     "SIGABRT": "import os; os.abort()",
     "SIGKILL": "import os; os.kill(os.getpid(), 9)",
     "SIGTERM": "import os; os.kill(os.getpid(), 15)",
@@ -51,6 +54,16 @@ INTERPRETER_ENDS = {  # what Python cannot catch: the process ends
     "exit code 0": "import os, threading, time; threading.Thread(target=os._exit, args=[0]).start(); time.sleep(30)",
     "SIGXCPU": "import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 5))\nwhile True: pass",
     "SIGALRM": "import signal; signal.signal(14, signal.SIG_DFL); signal.alarm(1); signal.pause()",
+}
+
+OUTPUT_ENDS = {  # the program goes on, but prints where nobody reads
+    "replaces sys.stdout": "import io, sys; sys.stdout = io.StringIO()",
+    "the code replaces sys.stdout, so": "import sys; sys.stdout = None",
+    "replaces print": "import builtins; builtins.print = lambda *a, **k: None",
+    "closes sys.stdout": "import sys; sys.stdout.close()",
+    "the code closes sys.stdout, so": "import sys; sys.stdout.detach()",
+    "closes or redirects the file descriptor 1": "import os; os.close(1)",
+    "redirects the file descriptor 1": "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 1)",
 }
 
 FORMULA = """
@@ -96,14 +109,66 @@ def test_code_that_ends_the_program_is_an_error_with_file_and_line(tmp_path, mon
     assert line <= int(place.rsplit(":", 1)[1]) <= last
 
 
+@pytest.mark.parametrize("where", ["import", "forward"])
+@pytest.mark.parametrize("message", [m for m in OUTPUT_ENDS if "print" in m or "replaces" in m])
+def test_code_that_prints_elsewhere_is_an_error_with_its_file(tmp_path, capsys, message, where):
+    path = written(tmp_path, OUTPUT_ENDS[message], where)
+
+    def driven():
+        import numpy as np
+
+        return (("q1", True),), np.eye(4), np.zeros(1)
+
+    with pytest.raises(ProgramEndError, match="so no verdict can be printed") as error:
+        load_formula(path, driven=driven)
+    assert message in str(error.value)
+    place = path if where == "import" else f"{path}:4"
+    assert str(error.value).startswith(f"{place}: the code ")
+    print("seen")
+    assert capsys.readouterr().out == "seen\n"
+
+
+def test_code_that_restores_the_output_is_right(tmp_path):
+    code = "import contextlib, io\nwith contextlib.redirect_stdout(io.StringIO()):\n    print('not seen')"
+    path = written(tmp_path, code + "\nraise SystemExit", "import")
+    with pytest.raises(ProgramEndError, match="ends the program by SystemExit"):
+        load_formula(path)
+
+
+@pytest.mark.parametrize("message", OUTPUT_ENDS)
+def test_a_command_that_prints_where_nobody_reads_has_exit_code_2(tmp_path, message):
+    """Also if the code does so in a thread, after it has been called: the command line checks its output at the end."""
+    path = tmp_path / "author.py"
+    path.write_text(OUTPUT_ENDS[message])
+    program = (
+        "import runpy, sys\n"
+        "from twin.cli import command_line\n"
+        "from twin.cli.supervisor import supervised\n"
+        "def command(args):\n"
+        f"    runpy.run_path({str(path)!r})\n"
+        "    try:\n"
+        "        print('done')\n"
+        "    except (OSError, ValueError):\n"
+        "        pass\n"
+        "    return 0\n"
+        "command_line._prepared = lambda args: command\n"
+        "sys.exit(supervised(lambda: command_line.run(['list'])))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message in done.stderr
+    assert "no verdict can be printed" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_the_time_is_that_of_the_outermost_context_and_ends_with_it(monkeypatch):
     import signal
 
     monkeypatch.setenv(SECONDS, "1000")
     before = signal.signal(signal.SIGALRM, signal.SIG_IGN)
-    with contained():
+    with contained(Path(__file__)):
         outer = signal.getitimer(signal.ITIMER_REAL)[0]
-        with contained():
+        with contained(Path(__file__)):
             assert 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= outer
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
     assert signal.signal(signal.SIGALRM, before) == signal.SIG_IGN
@@ -112,7 +177,10 @@ def test_the_time_is_that_of_the_outermost_context_and_ends_with_it(monkeypatch)
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "soon"])
 def test_a_wrong_time_is_refused(monkeypatch, text):
     monkeypatch.setenv(SECONDS, text)
-    with pytest.raises(TwinError, match=f"{SECONDS}={text}: give a positive number of seconds"), contained():
+    with (
+        pytest.raises(TwinError, match=f"{SECONDS}={text}: give a positive number of seconds"),
+        contained(Path(__file__)),
+    ):
         pass
 
 
@@ -166,10 +234,27 @@ def test_no_command_passes_if_its_code_exits(capsys, monkeypatch, command):
     def leave(args):
         raise SystemExit(0)
 
-    monkeypatch.setattr(command_line, "_prepared", lambda args: leave)
-    monkeypatch.setattr(Command, "parse_known_args", lambda self, args, names: (Namespace(json=False, debug=False), []))
-    assert command_line.run([command]) == 2
+    assert _code_of(leave, command, monkeypatch) == 2
     assert "the code ends the program by SystemExit(0), so nothing can be checked" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", HELP)
+def test_no_command_passes_if_its_verdict_is_printed_elsewhere(capsys, monkeypatch, command):
+    def print_elsewhere(args):
+        sys.stdout = io.StringIO()
+        print("agree")
+        return 0
+
+    assert _code_of(print_elsewhere, command, monkeypatch) == 2
+    assert "the code replaces sys.stdout, so no verdict can be printed" in capsys.readouterr().err
+
+
+def _code_of(function, command, monkeypatch):
+    """Return the exit code of a command that runs a function instead of its own."""
+    monkeypatch.setattr(command_line, "_prepared", lambda args: function)
+    parsed = Namespace(command=command, json=False, debug=False)
+    monkeypatch.setattr(Command, "parse_known_args", lambda self, args, names: (parsed, []))
+    return command_line.run([command])
 
 
 def leave_worker(status: int) -> None:
@@ -186,6 +271,31 @@ def test_the_end_of_a_worker_is_an_error_of_its_caller(capfd):
     assert f"twin: os._exit was called at {__file__}:" in capfd.readouterr().err
     with Call(exit_worker) as call, pytest.raises(TwinError, match=r"the code ends the program by SystemExit\(0\)"):
         call.result()
+
+
+WORKER_ENDS = {
+    "by SIGABRT": "import os; os.abort()",
+    "by SIGALRM": "import signal; signal.setitimer(signal.ITIMER_REAL, 0.05); signal.pause()",
+    "with exit code 1": "import faulthandler, time; faulthandler.dump_traceback_later(0.05, exit=True); time.sleep(30)",
+    "with exit code 0": "import os, threading, time; threading.Timer(0, os._exit, [0]).start(); time.sleep(30)",
+    "by SystemExit": "import sys\ndef end(*a): raise SystemExit(0)\nsys.settrace(end)\n(lambda: None)()",
+    "worker process ended": "import os; os.closerange(3, 100)",
+    "worker process ended with exit code 1": "raise GeneratorExit",
+}
+
+
+@pytest.mark.parametrize("message", WORKER_ENDS)
+def test_a_worker_that_ends_early_gives_no_result(message):
+    with Call(exec, WORKER_ENDS[message]) as call, pytest.raises(TwinError, match=message):
+        call.result()
+
+
+def test_a_closed_output_is_refused_before_the_command_runs():
+    line = [sys.executable, "-m", "twin", "list"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, preexec_fn=lambda: os.close(1))
+    assert done.returncode == 2
+    assert "the standard output is closed, so no verdict can be printed" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_signals_reach_the_command_and_it_does_not_outlive_its_supervisor(tmp_path):

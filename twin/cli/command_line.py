@@ -13,6 +13,7 @@ from importlib import import_module
 from twin.cli.interrupt import after_imports
 from twin.cli.parser import UsageError, parser
 from twin.core.errors import TwinError
+from twin.core.program_end import Output, ending
 
 # Other modules are imported where they are used, so that `twin --help` takes 46 ms of processor time instead of 64 ms.
 
@@ -23,10 +24,14 @@ _SERVERS = ("serve", "view", "follow")
 def run(argv: Sequence[str]) -> int:
     """Run one command and return its exit code."""
     argv = list(argv)
+    if sys.stdout is None:
+        text = "the standard output is closed, so no verdict can be printed; redirect it to a file or to /dev/null"
+        return failed("OutputError", text, as_json=False)
     _settle_all()
     for stream in (sys.stdout, sys.stderr):  # print a question mark for unsupported characters
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    output = Output()
     if not argv:  # no command: print the help; this is wrong usage
         parser().print_help()
         return 2
@@ -38,6 +43,7 @@ def run(argv: Sequence[str]) -> int:
         # asyncio, which serves pages, replaces only Python's own handler of Ctrl-C.
         with contextlib.nullcontext() if args.command in _SERVERS else after_imports():
             code = _completed(command, args)
+        output.check()
         sys.stdout.flush()  # raises a broken pipe here, where it is handled
         return code
     except UsageError as error:
@@ -72,8 +78,6 @@ def _completed(command: Callable[[argparse.Namespace], int], args: argparse.Name
     Raises:
         ProgramEndError: code that the command runs asks to end the program; without a verdict, that is no success.
     """
-    from twin.core.program_end import ending
-
     try:
         return int(command(args))
     except SystemExit as end:

@@ -80,7 +80,11 @@ def _child(command: Callable[[], int], writing: int, parent: int) -> int:
         code = command()
     except SystemExit as end:  # of argparse, after --help and --version; one raised by a command is an error there
         code = int(end.code or 0)
-    sys.stdout.flush()
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except (OSError, ValueError):  # code has closed the output: nobody has seen a verdict
+        code = 2
     os.write(writing, f"{code}\n".encode())
     return code
 

@@ -1,10 +1,12 @@
 """Limits for running the Python code of a robot's author: it may not end the program, and it must return in time.
 
-`sys.exit()` in a formula would otherwise end a check without a verdict, and with exit code 0.
+`sys.exit()` in a formula would otherwise end a check without a verdict, and with exit code 0. The same is true of code
+that sends the output of this program elsewhere.
 """
 
 from __future__ import annotations
 
+import builtins
 import contextlib
 import os
 import signal
@@ -15,7 +17,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, TextIO
 
 from twin.core.errors import TwinError
 
@@ -41,16 +43,74 @@ class _LateError(Exception):
     """Code still runs after the allowed time."""
 
 
+class Output:
+    """The output of this program at one time, to find code that replaces or closes it.
+
+    A verdict that is printed to a replaced or closed output is not seen.
+    """
+
+    def __init__(self) -> None:
+        self._stream, self._print, self._file = sys.stdout, builtins.print, _open_file()
+
+    def restore(self) -> list[str]:
+        """Restore the output as far as possible; return what had been done to it, as verbs with objects."""
+        done = []
+        if sys.stdout is not self._stream:
+            done.append("replaces sys.stdout")
+            sys.stdout = self._stream
+        if builtins.print is not self._print:
+            done.append("replaces print")
+            builtins.print = self._print
+        if _is_closed(self._stream):
+            done.append("closes sys.stdout")
+        elif _open_file() != self._file:
+            done.append("closes or redirects the file descriptor 1")
+        return done
+
+    def check(self, place: str = "") -> None:
+        """Restore the output; `place` is "file:line" of the code that ran in the meantime, "" if it is not known.
+
+        Raises:
+            ProgramEndError: the output was not the same as before.
+        """
+        if done := self.restore():
+            raise ProgramEndError(
+                f"{place or 'code of the robot'}: the code {' and '.join(done)}, so no verdict can be printed. Use "
+                "contextlib.redirect_stdout, which restores the output."
+            )
+
+
+def _is_closed(stream: TextIO | None) -> bool:
+    try:
+        return stream is not None and stream.closed
+    except ValueError:  # its buffer was detached
+        return True
+
+
+def _open_file() -> tuple[int, int] | None:
+    """Return device and inode of the file that is open at file descriptor 1; None if it is closed."""
+    try:
+        found = os.fstat(1)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
 @contextlib.contextmanager
-def contained() -> Iterator[None]:
+def contained(code: Path | Callable[..., Any]) -> Iterator[None]:
     """In this context, code that ends the program or does not return in time raises a `ProgramEndError`.
 
-    The time is measured only in the main thread, and only by the outermost context.
+    Time and output are checked only in the main thread; the time is measured only by the outermost context.
+
+    Args:
+        code: the file or function that runs in this context.
 
     Raises:
-        ProgramEndError: the code raises SystemExit, KeyboardInterrupt or the like, or runs longer than
-            `TWIN_CODE_SECONDS` (default: 60 s). The message gives file and line.
+        ProgramEndError: the code raises SystemExit, KeyboardInterrupt or the like, runs longer than
+            `TWIN_CODE_SECONDS` (default: 60 s), or replaces or closes the output of this program. The message gives
+            file and line; for the output, those of `code`.
     """
+    output = Output() if threading.current_thread() is threading.main_thread() else None
     try:
         with _timed():
             yield
@@ -64,6 +124,20 @@ def contained() -> Iterator[None]:
         raise
     except BaseException as end:  # SystemExit, or another exception that handlers of errors do not catch
         raise ending(end) from end
+    else:
+        if output is not None:
+            output.check(_source(code))
+    finally:
+        if output is not None:
+            output.restore()
+
+
+def _source(code: Path | Callable[..., Any]) -> str:
+    """Return "file" of a file, "file:line" of a function; "" of a callable object without code."""
+    if isinstance(code, Path):
+        return str(code)
+    inside = getattr(code, "__code__", None)
+    return f"{inside.co_filename}:{inside.co_firstlineno}" if inside else ""
 
 
 def ending(error: BaseException) -> ProgramEndError:

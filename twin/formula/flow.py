@@ -77,7 +77,7 @@ def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence
             text = unknown("symbol", name, symbols, unread).removeprefix("there is no ")
             raise KinematicsError(f"{what} needs {text}")
     try:
-        with contained():
+        with contained(function):
             return function(**{n: symbols[n] for n in (*required, *optional) if n in symbols})
     except (KinematicsError, ProgramEndError):
         raise
@@ -113,7 +113,7 @@ def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
     """Return {symbol: value} of a pose (4, 4): the pose itself and its coordinates."""
     what = f"formula '{formula.name}', coordinates.from_pose"
     try:
-        with contained():
+        with contained(formula.coordinates.from_pose):
             values = formula.coordinates.from_pose(T)
     except ProgramEndError:
         raise
@@ -132,7 +132,7 @@ def to_pose(formula: Formula, symbols: Mapping[str, Any]) -> ca.SX:
         if name not in symbols:
             raise KinematicsError(f"{what} needs {unknown('symbol', name, symbols).removeprefix('there is no ')}")
     try:
-        with contained():
+        with contained(formula.coordinates.to_pose):
             T = ca.SX(formula.coordinates.to_pose(*(symbols[n] for n in formula.coordinates.names)))
     except ProgramEndError:
         raise

@@ -141,7 +141,7 @@ class _Rows(PlainRows):
         try:
             with warnings.catch_warnings(), np.errstate(invalid="raise", divide="raise"):
                 warnings.simplefilter("error", FutureWarning)  # CasADi warns about NumPy functions
-                with contained():
+                with contained(self.function):
                     return self.function(**arguments)
         except (KinematicsError, ProgramEndError):
             raise

@@ -117,7 +117,7 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
             spec.loader = Loader(name, path, read(path, "text"))
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module  # dataclasses look up their module while its code runs
-        with contained():
+        with contained(path):
             spec.loader.exec_module(module)
     except ProgramEndError:
         sys.modules.pop(name, None)
