@@ -33,7 +33,7 @@ from twin.exchange.read.source import (
     stated_gravity,
     warning,
 )
-from twin.model.body import TOOL, Body, Frame
+from twin.model.body import TOOL, Body, Frame, Point
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive, Joint, JointType
 from twin.model.mechanism import Coupling
@@ -147,17 +147,18 @@ class _Mjcf:
                 self.findings.warn("equality", text, where)
         self.findings += _left_out(m, self._name, self.motors.tendons)
         site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
-        # In files that twin exported, the site frame_NAME marks the frame NAME; one of these frames is the tool.
+        # In files that twin exported, the site frame_NAME marks the frame NAME, and point_NAME the point NAME; one of
+        # the frames is the tool.
         prefix = "frame_" if f"frame_{TOOL}" in site_names else ""
-        frames = [
-            Frame(
-                site_names[self._name("SITE", i)].removeprefix(prefix),
-                self.bodies[m.site_bodyid[i]],
-                _pose(m.site_pos[i], m.site_quat[i]),
-            )
-            for i in range(m.nsite)
-            if m.site_bodyid[i] in kept
-        ]
+        frames, points = [], []
+        for i in range(m.nsite):
+            if m.site_bodyid[i] not in kept:
+                continue
+            name, body = site_names[self._name("SITE", i)], self.bodies[m.site_bodyid[i]]
+            if prefix and name.startswith("point_"):
+                points.append(Point(name.removeprefix("point_"), body, m.site_pos[i].copy()))
+            else:
+                frames.append(Frame(name.removeprefix(prefix), body, _pose(m.site_pos[i], m.site_quat[i])))
         name = (m.names[: m.names.index(b"\0")] or b"").decode("utf-8", "replace") or self.path.stem
         efforts = {n: e for n, e in self.efforts.items() if n in {j.name for j in joints}}
         start = {self.joints[k]: float(m.qpos0[m.jnt_qposadr[k]]) for k in self._single(kept)}
@@ -166,7 +167,7 @@ class _Mjcf:
         )
         motors = self.motors
         moved = replace(out.mechanism, actuators=motors.actuators, transmissions=motors.transmissions)
-        moved = replace(moved, gravity=self._gravity())
+        moved = replace(moved, gravity=self._gravity(), points=tuple(points))
         keys = self._keys(kept)
         driven = {self.joints[k] for k in self.drives}
         postures = {n: {j: q for j, q in key.items() if j in driven} for n, key in keys.items()}

@@ -175,6 +175,7 @@ class _Writer:
             }
             ET.SubElement(element, "geom", shape)
         marks = [(f"frame_{f.name}", f.T_body_frame) for f in self.mechanism.frames if f.body == name]
+        marks += [(f"point_{p.name}", spatial.pose(p=p.p_body)) for p in self.mechanism.points if p.body == name]
         for site, at in [*marks, *self.sites.get(name, [])]:
             ET.SubElement(element, "site", {"name": site, "size": "0.002", **_place(at)})
         for child in self.spanning.tree:
