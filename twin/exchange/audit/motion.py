@@ -235,10 +235,16 @@ def check_quaternions(
         k = flips[0]
         text = (
             f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
-            f"{times[k + 1]:.4g} s: players that interpolate components (Unity) rotate the link by up to 180 deg."
+            f"{times[k + 1]:.4g} s"
         )
         if code == "gltf":
-            text += " Players that follow the glTF specification take the shorter way, where the sign does no harm."
+            text += (
+                ": the file is valid and its motion is right, because glTF 2.0 (appendix C.4) requires that players "
+                "take the shorter rotation, at which the sign does no harm. Players that interpolate components, as "
+                "old versions of glTFast do, rotate the link by up to 180 deg."
+            )
+        else:
+            text += ": players that interpolate components (Unity) rotate the link by up to 180 deg."
         ledger.add(
             f"{code}.quaternion_sign",
             "warning" if code == "gltf" else "disagreement",
