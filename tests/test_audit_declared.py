@@ -5,8 +5,12 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
+import mujoco
+import numpy as np
 import pytest
+from pxr import Gf, Sdf
 
 from made.bundle import grave, write_good
 from twin.exchange.audit import audit
@@ -50,6 +54,164 @@ def test_a_wrong_control_map_or_a_soft_loop_of_an_mjcf_is_found(pattern, new, co
         pytest.fail(f"the MJCF of the bundle has no {pattern}")
     file = edited(good, tmp_path, "bars.xml", pattern, new)
     assert code in {f.code for f in grave(audit(file).findings)}
+
+
+SOFT = (
+    ("both", r'solref="[^"]+" solimp="[^"]+"', 'solref="0.02 1" solimp="0.9 0.95 0.001 0.5 2"', 4.4e-4),
+    ("time constant", r'solref="[^"]+"', 'solref="0.02 1"', 3.9e-7),
+    ("impedance", r'solimp="[^"]+"', 'solimp="0.9 0.95 0.001 0.5 2"', 4.4e-6),
+)
+
+
+@pytest.mark.parametrize(("pattern", "new", "opening"), [s[1:] for s in SOFT], ids=[s[0] for s in SOFT])
+def test_loops_that_are_all_soft_are_found_and_their_opening_is_computed(pattern, new, opening, good, tmp_path):
+    text, count = re.subn(pattern, new, (good / "bars.xml").read_text())
+    assert count >= 2
+    shutil.copytree(good / "meshes", tmp_path / "meshes")
+    shutil.copytree(good / "usd", tmp_path / "usd")
+    (tmp_path / "bars.xml").write_text(text)
+    found = [f for f in grave(audit(tmp_path).findings) if f.code == "physics.opening"]
+    assert [f.where for f in found] == ["bars.xml: the loops"]
+    assert found[0].size == pytest.approx(opening, rel=0.05)
+    alone = [f for f in audit(tmp_path / "bars.xml").findings if f.severity == "disagreement"]
+    assert not alone  # a file of others may have the defaults of MuJoCo
+
+
+def pin_points(root: ET.Element) -> tuple[ET.Element, np.ndarray]:
+    """Return a <connect> of a pin, and the vector (3,) in m from its anchor to that of the other <connect>."""
+    one, two = root.findall("equality/connect")[:2]
+    assert one.get("body1") == two.get("body1")
+    assert one.get("body2") == two.get("body2")
+    a, b = (np.array(str(c.get("anchor")).split(), float) for c in (one, two))
+    return one, b - a
+
+
+@pytest.mark.parametrize(("share", "codes"), [(0.01, set()), (0.995, {"physics.kind"})])
+def test_an_anchor_moved_along_its_pin_does_no_harm_until_the_points_of_the_pin_meet(share, codes, good, tmp_path):
+    """Two points hold the line through them, wherever they are on it; only when they meet they hold a point."""
+    shutil.copytree(good / "meshes", tmp_path / "meshes")
+    shutil.copytree(good / "usd", tmp_path / "usd")
+    right = mujoco.MjModel.from_xml_path(str(good / "bars.xml"))
+    root = ET.fromstring((good / "bars.xml").read_bytes())
+    connect, along = pin_points(root)
+    anchor = np.array(str(connect.get("anchor")).split(), float) + share * along
+    connect.set("anchor", " ".join(map(repr, anchor.tolist())))
+    (tmp_path / "bars.xml").write_bytes(ET.tostring(root))
+    assert {f.code for f in grave(audit(tmp_path).findings)} == codes
+    if not codes:  # MuJoCo closes the loop at the same states
+        moved = mujoco.MjModel.from_xml_path(str(tmp_path / "bars.xml"))
+        one, two = (free_velocity(model) for model in (right, moved))
+        assert abs(one @ two) == pytest.approx(1, abs=1e-9)
+
+
+def free_velocity(model: mujoco.MjModel) -> np.ndarray:
+    """Return the velocity (nv,) of size 1 that the closed loop allows at the start."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.efc_pos).max() < 1e-9
+    rows = np.zeros((data.nefc, model.nv))
+    for k in range(data.nefc):
+        force = np.zeros(data.nefc)
+        force[k] = 1.0
+        mujoco.mj_mulJacTVec(model, data, rows[k], force)
+    return np.linalg.svd(rows)[2][-1]
+
+
+def usd_edited(good: Path, folder: Path, change) -> set[tuple[str, str, str]]:
+    """Return {(severity, code, subject)} of an audit after an edit of the geometry layer, with and without its MJCF."""
+    for part in ("meshes", "usd"):
+        shutil.copytree(good / part, folder / part)
+    shutil.copy(good / "bars.xml", folder / "bars.xml")
+    file = folder / "usd/geometry.usdc"
+    layer = Sdf.Layer.OpenAsAnonymous(str(file))
+    found: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, found.append)
+    change(layer, [layer.GetPrimAtPath(p) for p in found if p.IsPrimPath()])
+    file.unlink()
+    layer.Export(str(file))
+    told = grave(audit(folder).findings)
+    return {(f.severity, f.code, f.where.partition(": ")[2]) for f in told}
+
+
+def mark(prims, kind: str, name: str):
+    for prim in prims:
+        told = prim.attributes.get("twin:kind")
+        if told is not None and told.default == kind and name in prim.name:
+            return prim
+    raise AssertionError(name)
+
+
+def frame_inactive(layer, prims):
+    mark(prims, "frame", "tool").SetInfo("active", False)
+
+
+def point_inactive(layer, prims):
+    mark(prims, "point", "marker").SetInfo("active", False)
+
+
+def point_moved(layer, prims):
+    translate = mark(prims, "point", "marker").attributes["xformOp:translate"]
+    translate.default = translate.default + Gf.Vec3d(0, 0.02, 0)
+
+
+def stray_shape(layer, prims):
+    prim = Sdf.CreatePrimInLayer(layer, "/bars/stray")
+    prim.specifier = Sdf.SpecifierDef
+    prim.typeName = "Cube"
+
+
+def binding_lost(layer, prims):
+    mesh = next(p for p in prims if "material:binding" in p.relationships)
+    del mesh.properties["material:binding"]
+
+
+MARKS = (
+    (frame_inactive, "disagreement", "physics.existence", "frame 'tool'"),
+    (point_inactive, "disagreement", "physics.existence", "point 'marker'"),
+    (point_moved, "disagreement", "physics.point", "point 'marker'"),
+    (stray_shape, "warning", "usd.stray", "/bars/stray"),
+    (binding_lost, "warning", "usd.no_material", None),
+)
+
+
+@pytest.mark.parametrize(("change", "severity", "code", "subject"), MARKS, ids=lambda v: getattr(v, "__name__", ""))
+def test_frames_points_stray_shapes_and_lost_materials_of_a_stage_are_found(
+    change, severity, code, subject, good, tmp_path
+):
+    told = usd_edited(good, tmp_path, change)
+    assert {(severity, code)} == {(s, c) for s, c, _ in told}
+    if subject is not None:
+        assert {where for _, _, where in told} == {subject}
+
+
+def driven_urdf(good: Path, folder: Path, change) -> set[str]:
+    """Return the codes of an audit of stages and URDF, after an edit of the URDF's text; without its YAML."""
+    for part in ("meshes", "usd"):
+        shutil.copytree(good / part, folder / part)
+    text = (good / "bars.urdf").read_text()
+    (folder / "bars.urdf").write_text(change(text))
+    return {f.code for f in grave(audit(folder).findings)}
+
+
+TRANSMISSIONS = (
+    ("untouched", lambda t: t, set()),
+    ("deleted", lambda t: re.sub("<transmission .*?</transmission>", "", t, flags=re.DOTALL), {"urdf.transmission"}),
+    ("reduction", lambda t: t.replace("<mechanicalReduction>1<", "<mechanicalReduction>50<"), {"physics.reduction"}),
+    (
+        "of a passive joint",
+        lambda t: t.replace(
+            "</robot>", TRANSMISSION.format("more", re.findall(r'<joint name="([^"]+)" type="revolute"', t)[1], "m")
+        ),
+        {"physics.driven", "physics.reduction", "physics.existence"},
+    ),
+)
+
+
+@pytest.mark.parametrize(("change", "codes"), [t[1:] for t in TRANSMISSIONS], ids=[t[0] for t in TRANSMISSIONS])
+def test_transmissions_of_a_urdf_are_compared_as_sets_of_joint_actuator_reduction(change, codes, good, tmp_path):
+    found = driven_urdf(good, tmp_path, change)
+    assert found <= codes
+    assert bool(found) == bool(codes)
 
 
 TRANSMISSION = """<transmission name="{0}"><type>transmission_interface/SimpleTransmission</type>

@@ -145,6 +145,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "largest effort": Compared(_number, 1e-5, "N or N m", True),
     "largest speed": Compared(_number, 1e-5, "m/s or rad/s", True),
     "frame pose": Compared(_place, 2e-6, "m"),
+    "point": Compared(_distance, 2e-6, "m"),
     "link": Compared(_word, 0.0),
     "surface": Compared(_surface, ALIKE, "m"),
     "closed": Compared(_word, 0.0),
@@ -153,6 +154,8 @@ QUANTITIES: Mapping[str, Compared] = {
     "held": Compared(_word, 0.0),
     "ratios": Compared(_distance, 1e-5),
     "sum": Compared(_distance, 1e-6, "m or rad"),
+    "opening": Compared(_distance, 1e-7, "m or rad"),
+    "reduction": Compared(_number, 1e-6, "", True),
     "row": Compared(_row, 1e-6, "", True),
     "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
 }
@@ -223,11 +226,16 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
             held = tuple(f" on '{n}'" for n in still)
             view.said = {k: v for k, v in view.said.items() if k[1] != "place" or not k[0].endswith(held)}
     there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
-    for view in (v for v in views if v.physics.complete):
-        stated = ("joint", *["motor"] * view.physics.all_motors, *["coupling"] * (view.physics.couplings is not None))
+    for view in views:
+        stated = tuple(view.physics.marks)
+        if view.physics.complete:
+            stated += ("joint",)
+            stated += ("motor",) * view.physics.all_motors
+            stated += ("coupling",) * (view.physics.couplings is not None)
         for subject in there:
             if subject.startswith(stated):
                 view.said.setdefault((subject, "existence"), False)
+    _check_transmissions(views)
     subjects = dict.fromkeys(key for v in views for key in v.said)
     worst: dict[str, dict[str, tuple[float, str]]] = {}
     alone = truth is not None and len(views) == 2
@@ -243,6 +251,27 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
                 others = MECHANISM if alone else "the other files"
                 check = f"{_WORDS.get(name, name)} against {others}"
                 view.ledger.row(check, min(off, 1e300), unit, q.tolerance, where=where, against=others)
+
+
+def _check_transmissions(views: Sequence[View]) -> None:
+    """Report a URDF without transmissions if other files state which joints are driven.
+
+    A single file that is compared with the mechanism receives a warning, because URDFs of others often have none.
+    """
+    for view in views:
+        if view.format != "urdf" or view.physics.reductions is not None or view.ledger is None:
+            continue
+        joints = {j.names[0] for j in view.physics.joints if len(j.names) == 1 and len(j.motions) == 1}
+        stating = [v for v in views if v is not view]
+        driven = {n for n in joints if any(v.said.get((f"joint '{n}'", "driven")) for v in stating)}
+        if driven:
+            text = (
+                f"the file has no transmissions; in {_listed([v.file for v in stating])} the driven joints are "
+                f"{', '.join(sorted(driven))}."
+            )
+            severity = "disagreement" if len(views) > 2 else "warning"
+            advice = "write a transmission for each driven joint"
+            view.ledger.add("urdf.transmission", severity, text, "transmissions", suggestion=advice)
 
 
 # --------------------------------------------------------------------------------------------- values of each file
@@ -360,9 +389,12 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         frames.setdefault(TOOL, frames[p.tool])
     for name, frame in frames.items():
         subject = "the tool frame" if name == TOOL else f"frame '{name}'"
-        view.say(subject, {"link": frame.link, "frame pose": frame.T})
+        view.say(subject, {"existence": None if name == TOOL else True, "link": frame.link, "frame pose": frame.T})
+    for name, point in p.points.items():
+        view.say(f"point '{name}'", {"existence": True, "link": point.link, "point": point.T[:3, 3]})
     held = None if still is None else tuple(sorted(still))
     view.say("the world", {"gravity": p.gravity, "held": held})
+    view.say("the loops", {"opening": p.opening})
     for name, (ratios, total) in solved(p.couplings or {}).items():
         joints = tuple(sorted(ratios))
         numbers = np.array([ratios[n] for n in joints])
@@ -463,12 +495,29 @@ def _state_joint(view: View, name: str, joint: Joint, canonical: Joint, movable:
         drive = {
             "limits": None if joint.tied else d.limits,
             "driven": d.driven,
+            "reduction": _reduction(view.physics, joint),
             "stiffness": d.stiffness,
             "damping": d.damping,
             "largest effort": d.effort,
             "largest speed": d.speed,
         }
         view.say(subject, drive)
+
+
+def _reduction(p: Physics, joint: Joint) -> float | None:
+    """Return motor coordinate / joint coordinate of a joint with a motor of its own; None if it is not stated.
+
+    In files with all motors, driven joints without one have the drive at the joint, which is a reduction of 1.
+    """
+    name = joint.names[0] if len(joint.names) == 1 else ""
+    if p.reductions is not None:
+        return p.reductions.get(name)
+    if not p.all_motors or p.motors is None or not joint.drive.driven:
+        return None
+    rows = [m.row for m in p.motors.values() if m.row and name in m.row]
+    if not rows:
+        return 1.0
+    return rows[0][name] if len(rows) == 1 and len(rows[0]) == 1 else None
 
 
 # --------------------------------------------------------------------------------------------- the comparison
@@ -536,9 +585,15 @@ def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: s
     if q.relative and isinstance(mine, int | float):
         ratio = f" (x {mine / right:.4g})" if right else ""
         word = _WORDS.get(name, name)
-        return f"{subject}: {word} is {mine:.6g} {q.unit}; in {others} it is {right:.6g} {q.unit}{ratio}."
+        here, there = (f"{value:.6g} {q.unit}".rstrip() for value in (mine, right))
+        return f"{subject}: {word} is {here}; in {others} it is {there}{ratio}."
     off = q.apart(mine, right)
-    if name in ("mass centre", "place", "frame pose", "pose", "zero"):
+    if name == "opening":
+        return (
+            f"{subject} open by {quantity(mine, 'm')} if 1 g pulls at them, by the parameters of the solver; in "
+            f"{others} by {quantity(right, 'm')}."
+        )
+    if name in ("mass centre", "place", "frame pose", "point", "pose", "zero"):
         return f"{subject}: {_WORDS.get(name, name)} differs by {quantity(off, 'm')} from {others}."
     if name == "surface":
         return f"{subject}: a point of its mesh is {quantity(off, 'm')} from the mesh of {others}."
@@ -572,6 +627,9 @@ _WORDS = {
     "driven": "driven or passive",
     "existence": "presence in the file",
     "row": "joint factors of the transmission",
+    "opening": "opening of the loops if 1 g pulls at them",
+    "point": "position of the point on its link",
+    "reduction": "reduction of its transmission",
 }
 
 

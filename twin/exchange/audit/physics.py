@@ -19,6 +19,9 @@ from twin.exchange.audit.poses import Array
 _SAME = 1e-5
 """Tolerance in m and in components of unit vectors, within which lines coincide or meet in a point."""
 
+_APART = 1e-3
+"""Minimum distance in m between two tied points of a hinge: nearer points let it tilt like a ball joint."""
+
 WORLD = "world"
 """Name of the base in many files, and of the fixed body that every MJCF has."""
 
@@ -155,7 +158,9 @@ class Joint:
         if self.kind_said:
             return self.kind_said
         if self.tied:
-            return {1: "spherical", 2: "revolute"}.get(len(self.tied), "fixed")
+            first = self.tied[0][0]
+            others = [point for point, _ in self.tied[1:] if np.linalg.norm(point - first) > _APART]
+            return {0: "spherical", 1: "revolute"}.get(len(others), "fixed")
         return "" if self.T is None else _kind(self.motions)
 
     def end(self, link: str) -> tuple[Array, Array | None] | None:
@@ -208,6 +213,8 @@ class Physics:
         partly: links whose shapes do not show the whole link, as the file states or because they are for display only
             or not all read: their masses are not judged by them.
         frames: {name: named frame}.
+        points: {name: named point}, as frames with the axes of the link. A frame may have the name of a point.
+        marks: "frame", "point": those of which `frames` or `points` contains all that the robot has.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
         held: links that a joint fixes directly to the world; None if the format cannot state that a link is fixed.
         tool: name of the frame that protocols move; "" if not stated.
@@ -215,7 +222,10 @@ class Physics:
         couplings: {name: ({joint: factor}, constant)}; the sum of factor times joint coordinate is the constant. None
             if the format cannot state couplings.
         motors: {name: motor with a transmission}; None if not stated.
+        reductions: {joint: motor coordinate / joint coordinate} of the transmissions of one joint; None if a file has
+            no transmissions.
         all_motors: whether `motors` contains all motors with transmissions.
+        opening: length in m (angle in rad) by which the loops open if gravity pulls at them; None if not stated.
         complete: whether `joints` contains all joints, each with its links; without this, a missing joint is not found.
     """
 
@@ -225,6 +235,8 @@ class Physics:
     partly: frozenset[str] = frozenset()
     joints: list[Joint] = field(default_factory=list)
     frames: dict[str, Frame] = field(default_factory=dict)
+    points: dict[str, Frame] = field(default_factory=dict)
+    marks: frozenset[str] = frozenset()
     gravity: Array | None = None
     held: frozenset[str] | None = None
     tool: str = ""
@@ -232,6 +244,8 @@ class Physics:
     couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
     motors: Mapping[str, Motor] | None = None
     all_motors: bool = False
+    reductions: Mapping[str, float] | None = None
+    opening: float | None = None
     complete: bool = False
 
     def still(self, known: Collection[str]) -> frozenset[str] | None:

@@ -12,7 +12,10 @@ from twin.exchange.audit.physics import Drive, Frame, Joint, Line, Mass, Motor, 
 from twin.exchange.audit.poses import Array
 
 MARK = "frame_"
-"""Prefix in the names of sites that represent named frames. All other sites belong to loop closures."""
+"""Prefix in the names of sites that represent named frames."""
+
+POINT = "point_"
+"""Prefix in the names of sites that represent named points. All other sites belong to loop closures."""
 
 FREE, BALL, SLIDE, HINGE = range(4)
 """Numbers of MuJoCo's joint types (enumeration mjtJoint)."""
@@ -54,8 +57,39 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
     for s in (s for s in range(m.nsite) if s not in tying):
         site = m.site(s)
         T = _pose(m.site_pos[s], m.site_quat[s])
-        out.frames[site.name.removeprefix(MARK)] = Frame(names[m.site_bodyid[s]], T)
+        body = names[m.site_bodyid[s]]
+        if site.name.startswith(POINT):
+            out.points[site.name.removeprefix(POINT)] = Frame(body, poses.pose(None, T[:3, 3]))
+            out.marks |= {"point"}
+            continue
+        out.frames[site.name.removeprefix(MARK)] = Frame(body, T)
+        if site.name.startswith(MARK):
+            out.marks |= {"frame"}
+    out.opening = _opening(m)
     return out
+
+
+def _opening(m: mujoco.MjModel) -> float | None:
+    """Return the length in m (angle in rad) by which the softest equality constraint opens if 1 g pulls at it.
+
+    A constraint with the impedance d and the stiffness k balances an acceleration a at the displacement
+    (1 - d) a / (d^2 k), with k = 1 / (d_width timeconst dampratio)^2 (MuJoCo, "Computation", solver parameters). Links
+    that carry heavier ones open by a multiple of it. Return None if there is no constraint.
+    """
+    openings = []
+    for e in range(m.neq):
+        if not m.eq_active0[e]:
+            continue
+        time, ratio = m.eq_solref[e].tolist()
+        start, width = np.clip(m.eq_solimp[e][:2], 1e-4, 0.9999).tolist()
+        if time > 0:
+            if not m.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE:
+                time = max(time, 2 * m.opt.timestep)
+            stiffness = 1 / (width * time * ratio) ** 2 if ratio > 0 else np.inf
+        else:
+            stiffness = -time / width**2
+        openings.append(9.81 * (1 - start) / (start**2 * stiffness) if stiffness else np.inf)
+    return max(openings, default=None)
 
 
 def _by_sites(m: mujoco.MjModel, e: int) -> bool:

@@ -25,14 +25,16 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
         trocars=frozenset(m.trocars),
         couplings={c.name: (dict(zip(c.joints, c.ratios, strict=True)), c.total) for c in m.couplings},
         motors=_motors(m),
+        points={p.name: Frame(p.body, poses.pose(None, p.p_body)) for p in m.points},
+        marks=frozenset({"frame", "point"}),
         all_motors=True,
+        opening=0.0,
         complete=True,
     )
     for j in m.joints:
         T = j.T_parent_joint @ poses.inverse(j.T_child_joint)
         out.joints.append(Joint((j.name,), j.parent, j.child, T, along(j.type, j.T_parent_joint), _drive(j, out)))
-    out.frames = {p.name: Frame(p.body, poses.pose(None, p.p_body)) for p in m.points}
-    out.frames |= {f.name: Frame(f.body, f.T_body_frame) for f in m.frames}
+    out.frames = {f.name: Frame(f.body, f.T_body_frame) for f in m.frames}
     return out
 
 

@@ -18,9 +18,10 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     or "Z".
     """
     names = {str(p.GetPath()): p.GetName() for p in bodies}
-    out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters))
+    out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
     if robot := stage.GetDefaultPrim():
         out.motors, out.all_motors = _motors(robot), bool(robot.GetAttribute("twin:base"))
+        out.marks = frozenset({"frame", "point"} if out.all_motors else ())
     kilograms = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
     for prim in bodies:
         if (mass := _mass(prim, meters, kilograms)) is not None:
@@ -41,15 +42,19 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     out.held = frozenset(held)
     cache = UsdGeom.XformCache()
     for prim in (p for b in bodies for p in Usd.PrimRange(b)):
-        if prim.GetAttribute("twin:kind").Get() in ("frame", "point"):
+        kind = prim.GetAttribute("twin:kind").Get()
+        if kind in ("frame", "point"):
             M = np.array(cache.GetLocalToWorldTransform(prim)).T
             above = prim.GetParent()
             while above and str(above.GetPath()) not in names:
                 above = above.GetParent()
             T, _ = poses.split(np.linalg.inv(np.array(cache.GetLocalToWorldTransform(above)).T) @ M)
             T[:3, 3] *= meters
-            named = prim.GetAttribute("twin:name").Get()
-            out.frames[str(named or prim.GetName())] = Frame(above.GetName(), T)
+            name = str(prim.GetAttribute("twin:name").Get() or prim.GetName())
+            if kind == "point":
+                out.points[name] = Frame(above.GetName(), poses.pose(None, T[:3, 3]))
+            else:
+                out.frames[name] = Frame(above.GetName(), T)
     root = stage.GetDefaultPrim()
     if root:
         out.tool, trocar = (str(root.GetAttribute(f"twin:{n}").Get() or "") for n in ("tool", "trocar"))

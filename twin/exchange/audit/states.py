@@ -382,10 +382,13 @@ def _rename(content: Content, links: Mapping[str, str], joints: Mapping[str, str
     physics.partly = frozenset(map(link, physics.partly))
     physics.held = None if physics.held is None else frozenset(map(link, physics.held))
     physics.frames = {n: Frame(link(f.link), f.T) for n, f in physics.frames.items()}
+    physics.points = {n: Frame(link(f.link), f.T) for n, f in physics.points.items()}
     physics.joints = [
         replace(j, names=tuple(joints.get(n, n) for n in j.names), parent=link(j.parent), child=link(j.child))
         for j in physics.joints
     ]
+    if physics.reductions is not None:
+        physics.reductions = _keyed(physics.reductions, joints)
     if physics.couplings is not None:
         physics.couplings = {n: (_keyed(row, joints), total) for n, (row, total) in physics.couplings.items()}
     if physics.motors is not None:

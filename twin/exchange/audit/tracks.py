@@ -281,6 +281,7 @@ def _physics(data: dict[str, Any], links: list[str], joints: list[str]) -> Physi
     if len(names) == len(on) and local.size == 7 * len(names):
         for name, link, row in zip(names, on, local.reshape(-1, 7), strict=True):
             out.frames[str(name)] = Frame(str(link), poses.from_seven(row))
+        out.marks = frozenset({"frame"} if names else ())
     tool = np.array(data.get("tool_frame", []), float)
     if tool.shape == (7,):
         out.frames[TOOL] = Frame(str(data.get("tool_link", "")), poses.from_seven(tool))

@@ -123,6 +123,7 @@ class Urdf:
         self.content.physics.assumed = assumed_masses(path)
         self.content.physics.partly = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
+        self.content.physics.reductions = _reductions(root, moving)
         _check_transmissions(root, {j.name for j in self.above.values()}, ledger)
         self._check_home(beside.name)
 
@@ -406,8 +407,15 @@ _PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def _moving(root: ET.Element) -> frozenset[str]:
-    """Return the names of the joints in transmissions: the driven joints, if there are transmissions."""
-    return frozenset(str(e.get("name")) for t in root.findall("transmission") for e in t.findall("joint"))
+    """Return the names of the joints in transmissions, or with a command interface of ros2_control: the driven joints.
+
+    If no joint is named, the file does not state which joints are driven.
+    """
+    out = {str(e.get("name")) for t in root.findall("transmission") for e in t.findall("joint")}
+    for element in (e for control in root.findall("ros2_control") for e in control.findall("joint")):
+        if element.find("command_interface") is not None:
+            out.add(str(element.get("name")))
+    return frozenset(out)
 
 
 def _tree_physics(
@@ -425,7 +433,8 @@ def _tree_physics(
         if j.link.kind == "slide" and max(abs(low), abs(high)) >= NO_LIMIT:
             low, high = -np.inf, np.inf
         effort, speed = (None if b is None or b >= NO_BOUND else b for b in (j.effort, j.speed))
-        drive = Drive((low, high), None, None, None, effort, speed) if len(motions) == 1 else Drive()
+        driven = j.name in moving if moving else None
+        drive = Drive((low, high), driven, None, None, effort, speed) if len(motions) == 1 else Drive()
         out.joints.append(Joint((j.name,), j.parent, j.child, T, motions, drive))
     return out
 
@@ -444,6 +453,17 @@ def _check_transmissions(root: ET.Element, names: Collection[str], ledger: Ledge
             text = f"transmission '{own}': actuator '{actuators[0]}' drives '{joints[0]}', not the joint of its name."
             advice = "let the actuator drive the joint of its name, or rename it"
             ledger.wrong("urdf.transmission", text, joints[0], suggestion=advice)
+
+
+def _reductions(root: ET.Element, moving: Collection[str]) -> dict[str, float] | None:
+    """Return {joint: reduction} of the transmissions with one joint; None if no transmission names a joint."""
+    out = {}
+    for t in root.findall("transmission"):
+        joints = [str(e.get("name")) for e in t.findall("joint")]
+        if len(joints) == 1:
+            reductions = [float(numbers(r.text, 1, ())[0]) for r in t.iter("mechanicalReduction")]
+            out[joints[0]] = float(np.prod(reductions))  # without one, it is 1
+    return out if moving else None
 
 
 def _motors(root: ET.Element) -> dict[str, Motor]:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from pxr import Tf, Usd, UsdGeom, UsdPhysics, UsdShade
+from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba
@@ -66,6 +66,8 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
         check_poses(ledger, clip, "usd")
         out.clips.append(clip)
     _check_materials(prims, ledger)
+    if bodies:
+        _check_stray(prims, {p.GetPath() for p in bodies}, ledger)
     out.shapes, out.colors = _shapes(prims, {p.GetPath() for p in shown.values()} if bodies else None, world, ledger)
     if bodies:
         out.physics = stage_physics(stage, bodies, world.meters, world.up)
@@ -188,6 +190,28 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
             if not there or not there.IsA(UsdShade.Material):
                 text = f"{path} binds {target}, which is not a material."
                 ledger.wrong("usd.material", text, path, suggestion="bind an existing material")
+
+
+def _check_stray(prims: list[Usd.Prim], bodies: Collection[Sdf.Path], ledger: Ledger) -> None:
+    """Report visible shapes that belong to no link, and shapes without a material if others have one."""
+    shapes = [p for p in prims if p.IsA(UsdGeom.Gprim)]
+    shown = [p for p in shapes if UsdGeom.Imageable(p).ComputePurpose() in ("default", "render")]
+    colored = [p for p in shown if _has_material(p)]
+    for prim in shown:
+        path = str(prim.GetPath())
+        if not any(prim.GetPath().HasPrefix(body) for body in bodies):
+            text = f"the shape {path} belongs to no link: it stays in place while the robot moves."
+            ledger.add("usd.stray", "warning", text, path, suggestion="move the shape below its link, or delete it")
+        elif colored and not any(prim == other for other in colored):
+            text = f"the shape {path} has no material, but {len(colored)} other shapes have one."
+            ledger.add("usd.no_material", "warning", text, path, suggestion="bind the material again")
+
+
+def _has_material(prim: Usd.Prim) -> bool:
+    """Return whether a material is bound to a shape, or to some of its faces."""
+    if UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]:
+        return True
+    return prim.IsA(UsdGeom.Mesh) and bool(UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(prim)))
 
 
 def _shapes(
