@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import twin
+from made import explain_seeds as seeds
 from made.arm import LINK, arm
 from made.lanes import one_of_a_kind
 from twin.core import spatial
@@ -172,7 +173,8 @@ def test_the_equations_of_a_robot_agree_over_the_whole_range(name):
     out = Comparison()
     whole_range(kin, robot.reference(), Tolerances(), out)
     assert [f.message for f in out.findings] == []
-    assert {r.name for r in out.residuals} == {n for n in ("inverse", "forward") if getattr(kin, f"closed_{n}")}
+    stages = {r.name.partition(",")[0] for r in out.residuals}
+    assert stages == {n for n in ("inverse", "forward") if getattr(kin, f"closed_{n}")}
 
 
 @pytest.mark.parametrize("name", one_of_a_kind())
@@ -223,3 +225,21 @@ def test_after_a_disagreement_along_the_protocol_it_is_a_consequence(tmp_path):
     out = judged(tmp_path, template, parts, before=before)
     assert [f.severity for f in out.findings] == ["info"]
     assert [r.consequence_of for r in out.residuals[1:]] == ["q1", "q1"]
+
+
+@pytest.mark.parametrize("wrong", ["", "atan2(sqrt(w[0] ** 2), w[2])"])
+def test_an_error_that_a_swivel_of_zero_hides_is_found(tmp_path, wrong):
+    """At swivel 0, w[1] is zero at every pose: an elbow row without its square agrees there, and only there."""
+    robot = twin.load("pa10")
+    right = "atan2(sqrt(w[0] ** 2 + w[1] ** 2), w[2])"
+    case = seeds.built_in("pa10")
+    text = case.path.read_text(encoding="utf-8")
+    assert text.count(right) == 1
+    path = tmp_path / "formula.py"
+    path.write_text(text.replace(right, wrong or right), encoding="utf-8")
+    out = Comparison()
+    whole_range(compile_formula(case.load(path)), robot.reference(), Tolerances(), out)
+    wrong_rows = {(r.name, r.unit) for r in out.residuals if not r.agrees}
+    assert wrong_rows == ({("inverse, swivel = 23 deg", "m")} if wrong else set())
+    assert [(f.code, f.cause) for f in out.findings] == ([("range.differs", "inverse")] if wrong else [])
+    assert all("inverse equations with swivel = 23 deg are wrong" in f.message for f in out.findings)

@@ -3,7 +3,9 @@
 An inverse that uses atan instead of atan2 is right near home and wrong behind the robot. Therefore the mechanism is put
 into states all over its joint range (`reference.joint_range`), and the equations are evaluated at the tool poses and at
 the joint values of these states. Joint values of another solution of the same pose are right: the mechanism is driven
-to them, and its tool pose is compared.
+to them, and its tool pose is compared. In a redundant mechanism, an angle that only the inverse reads (a swivel angle)
+selects one of many solutions. It may have any value, so the inverse is also evaluated with another one: at the
+published value, usually zero, terms vanish that are wrong elsewhere.
 """
 
 from __future__ import annotations
@@ -14,9 +16,11 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.findings import Kind
+from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.core.units import ROUNDING, display_unit
-from twin.kinematics import Kinematics
+from twin.core.units import DEG, ROUNDING, display_unit
+from twin.formula.contract import arguments
+from twin.kinematics import Kinematics, compile_formula
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.closing import Closing
@@ -30,12 +34,16 @@ HEADING = "joint range"
 _SLACK = 10.0
 """Factor on the tolerances of the protocol: singularities at the ends of the range magnify rounding errors."""
 
+_CHANGE = 0.4
+"""Change in rad of an angle that selects one solution of a redundant mechanism."""
+
 _DIFFERS = Kind(
     "range.differs",
     "disagreement",
     "the equations are wrong in a part of the joint range: look for a quadrant (atan for atan2), a sign or a branch",
     word="tolerance",
 )
+_VANISHES = "the equations must hold for every value: look for a term that vanishes at the published value"
 _FOLLOWS = Kind("range.differs", "info", word="tolerance")
 _NO_ANSWER = Kind(
     "range.no_answer",
@@ -56,12 +64,15 @@ class RangeErrors:
         errors: {"inverse" or "forward": errors of the tool pose, (k,) in m and (k,) in rad}; NaN without a result,
             infinite if the mechanism cannot take the joint values of the equations.
         own: (k,) bool, whether the inverse gives the joint values of the state, not those of another solution.
+        other_values: errors of the inverse, as in `errors`, if a redundant mechanism's free angle has another value;
+            by name and value of the angle. States without a result at this value are not judged.
     """
 
     drawn: JointRange
     beyond: dict[str, np.ndarray]
     errors: dict[str, tuple[Array, Array]]
     own: np.ndarray
+    other_values: dict[str, tuple[Array, Array]]
 
     @property
     def inside(self) -> np.ndarray:
@@ -90,7 +101,29 @@ def range_errors(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances)
         errors["inverse"] = offset, turn
     if kin.closed_forward:
         errors["forward"] = _of_forward(kin, drawn)
-    return RangeErrors(drawn, _beyond(kin, drawn), errors, own)
+    other_values = {}
+    for p in _free_angles(kin, model):
+        changed = {**kin.parameters, p.name: kin.parameters[p.name] + _CHANGE}
+        extra_joints = model.mechanism.extra_joints(j.name for j in kin.formula.joints)
+        other = compile_formula(kin.formula, kin.variants, changed, extra_joints)
+        offset, turn, _ = _of_inverse(other, model, drawn, tolerances)
+        judged = np.isfinite(offset)
+        text = f"inverse, {p.name} = {changed[p.name] / DEG:.0f} deg"
+        other_values[text] = np.where(judged, offset, np.nan), np.where(judged, turn, np.nan)
+    return RangeErrors(drawn, _beyond(kin, drawn), errors, own, other_values)
+
+
+def _free_angles(kin: Kinematics, model: ReferenceModel) -> list[Parameter]:
+    """Return the assumed angles that inverse equations read and forward equations do not, if the robot is redundant."""
+    if not (kin.closed_inverse and kin.closed_forward and model.redundant):
+        return []
+    read: dict[str, set[str]] = {"inverse": set(), "forward": set(), "helper": set()}
+    for equation in kin.formula.equations:
+        required, optional = arguments(equation.variants[kin.variants.get(equation.name, equation.default)])
+        read[equation.stage].update(required, optional)
+    free = read["inverse"] - read["forward"]
+    angles = [p for p in kin.formula.parameters if p.unit in ("deg", "rad") and p.provenance == "ASSUMED"]
+    return [p for p in angles if p.name in free]
 
 
 def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: Comparison) -> None:
@@ -106,6 +139,8 @@ def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, 
     judge = _Judge(found.drawn, inside, model.mechanism, tolerances, wrong_before, out)
     for name, (offset, turn) in found.errors.items():
         judge.rows(name, offset, turn)
+    for name, (offset, turn) in found.other_values.items():
+        judge.compared(name, offset, turn)
 
 
 def _beyond(kin: Kinematics, drawn: JointRange) -> dict[str, np.ndarray]:
@@ -210,6 +245,10 @@ class _Judge:
         missing = self.inside & np.isnan(offset)
         if missing.any():
             self._no_answer(name, missing)
+        self.compared(name, offset, turn)
+
+    def compared(self, name: str, offset: Array, turn: Array) -> None:
+        """Add rows and findings as `rows` does, but none on states without a result."""
         judged = self.inside & ~np.isnan(offset)
         if not judged.any():
             return
@@ -221,8 +260,11 @@ class _Judge:
             row = rotation if position.agrees else position
             kind = _FOLLOWS if self.wrong_before else _DIFFERS
             worst = int(np.argmax(np.where(wrong, turn if position.agrees else offset, -1.0)))
-            text = f"over the joint range, the {name} equations are wrong at {_share(wrong, self.inside)}"
-            self.out.findings.append(row.finding(kind, text, when=self._state(worst), cause=name))
+            stage, _, value = name.partition(", ")
+            equations = f"{stage} equations with {value}" if value else f"{stage} equations"
+            text = f"over the joint range, the {equations} are wrong at {_share(wrong, self.inside)}"
+            way = _VANISHES if value and not self.wrong_before else ""
+            self.out.findings.append(row.finding(kind, text, suggestion=way, when=self._state(worst), cause=stage))
 
     def _no_answer(self, name: str, missing: np.ndarray) -> None:
         kind = _NO_ANSWER_FOLLOWS if self.wrong_before else _NO_ANSWER
