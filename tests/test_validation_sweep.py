@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 import twin
+from made.arm import LINK, arm
 from twin.cli import main
 from twin.core.units import DEG, UM
+from twin.kinematics import compile_formula
+from twin.reference import ReferenceModel
+from twin.robots import load_formula
 from twin.validation.sweep import STANDINS, sweep
 
 
@@ -108,3 +112,36 @@ def test_command_writes_table_picture_and_numbers(tmp_path, capsys):
 def test_wrong_options_are_named(options, message, capsys):
     assert main(["validate", "sher", *options]) == 2
     assert message in capsys.readouterr().err
+
+
+INVERSE = """
+from casadi import atan, atan2, cos, sin
+
+def inverse(pose):
+    c = atan2(pose[1, 0], pose[0, 0])
+    x = pose[0, 3] - {link} * cos(c)
+    y = pose[1, 3] - {link} * sin(c)
+    q = {first}
+    return q, c - q
+"""
+
+
+@pytest.mark.parametrize(("first", "wrong"), [("atan2(y, x)", ()), ("atan(y / x)", ("q0",)), ("-atan2(y, x)", ("q0",))])
+def test_an_inverse_alone_is_compared_over_the_stroke(tmp_path, first, wrong):
+    """Two joints do not determine a pose: the mechanism is driven to the joint values that the inverse gives."""
+    model = ReferenceModel(arm(2))
+    path = tmp_path / "formula.py"
+    path.write_text(INVERSE.format(link=LINK, first=first))
+    home = np.zeros(2)
+    driven = [("q0", True), ("q1", True)]
+    formula = load_formula(path, "arm", driven=lambda: (driven, model.solve(home).T_base_tool, home))
+    found = {}
+    for joint in ("q0", "q1"):
+        one = sweep(compile_formula(formula), model, joint, home, samples=101)
+        assert (one.q[0], one.q[-1]) == pytest.approx((-2.6, 2.6))
+        found[joint] = one
+        assert one.agrees == (joint not in wrong)
+    if "atan(" in first:  # beyond 90 deg, the arm points to the opposite side
+        beyond = np.abs(found["q0"].q) > np.pi / 2
+        assert found["q0"].formula.distance[beyond] == pytest.approx(2 * LINK)
+        assert found["q0"].formula.distance[~beyond] == pytest.approx(0, abs=1e-12)

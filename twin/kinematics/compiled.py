@@ -228,9 +228,14 @@ class Compiled(ABC):
         back = self.program.forward.many(q)
         return bool(np.abs(back - Ts).max() <= POSE_TOL)
 
+    @property
+    def determined(self) -> bool:
+        """Whether joint values determine a tool pose: there is a forward equation, or there are exactly six joints."""
+        return self.closed_forward or len(self.formula.joints) == 6
+
     def need_six_joints(self) -> None:
-        """Raise `KinematicsError` if the formula has neither a forward equation nor exactly six joints."""
-        if not self.closed_forward and len(self.formula.joints) != 6:
+        """Raise `KinematicsError` if joint values do not determine a tool pose; see `determined`."""
+        if not self.determined:
             raise KinematicsError(
                 f"{self.formula.name}: {len(self.formula.joints)} joints do not determine the 6 numbers of a pose; "
                 "add a forward equation to the formula."

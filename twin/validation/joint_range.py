@@ -22,7 +22,7 @@ from twin.core.units import DEG, ROUNDING, display_unit
 from twin.formula.contract import arguments
 from twin.kinematics import Kinematics, compile_formula
 from twin.model.mechanism import Mechanism
-from twin.reference import ReferenceModel
+from twin.reference import ReferenceModel, Run
 from twin.reference.closing import Closing
 from twin.reference.joint_range import JointRange, joint_range
 from twin.validation.compare import Comparison
@@ -161,7 +161,25 @@ def _of_inverse(
 
     The error is 0 where the equations give the joint values of the state.
     """
-    run = drawn.run
+    Ts, own = poses_by_inverse(kin, model, drawn.run, tolerances)
+    true = drawn.run.Ts_base_tool
+    taken = np.isfinite(Ts).all(axis=(1, 2)) & ~own
+    offset = np.where(np.isnan(Ts).any(axis=(1, 2)), np.nan, np.inf)
+    offset[own] = 0.0
+    turn = offset.copy()
+    offset[taken] = np.linalg.norm(Ts[taken, :3, 3] - true[taken, :3, 3], axis=1)
+    turn[taken] = np.linalg.norm(rotation_vectors(true[taken], Ts[taken]), axis=1)
+    return offset, turn, own
+
+
+def poses_by_inverse(
+    kin: Kinematics, model: ReferenceModel, run: Run, tolerances: Tolerances
+) -> tuple[Array, np.ndarray]:
+    """Return (tool poses (k, 4, 4) of the mechanism at the joint values that the inverse gives for its states, `own`).
+
+    `own` (k,) says whether the inverse gives the joint values of the state; otherwise the mechanism is driven to its
+    values. Poses are NaN without a result, infinite if the mechanism cannot take the joint values.
+    """
     q = kin.inverse_many(run.Ts_base_tool)
     q[:, kin.auxiliary] = run.q[:, kin.auxiliary]
     difference = q - run.q
@@ -170,37 +188,39 @@ def _of_inverse(
     limit = np.where(kin.revolute, tolerances.rotation, tolerances.position)
     answered = np.isfinite(q).all(axis=1)
     own = np.logical_and(answered, (np.abs(difference) <= limit).all(axis=1))
+    out = run.Ts_base_tool.copy()
+    out[~answered] = np.nan
     other = np.flatnonzero(answered & ~own)
-    offset = np.where(answered, 0.0, np.nan)
-    turn = offset.copy()
-    if len(other):
-        true = run.Ts_base_tool[other]
-        offset[other] = turn[other] = np.inf
-        reads_orientation = _reads_orientation(kin, true)
-        closing = Closing(model, np.ones(q.shape[1]))
-        closing.keep(run.q, run.x)
-        # Full turns change no pose, but a walk from the known states may reach only one of the values.
-        within = np.where(kin.revolute, (q + np.pi) % (2 * np.pi) - np.pi, q)
-        nearest_turn = run.q + difference
-        tried: list[Array] = []
-        for values in (q, within, nearest_turn):
-            new = np.ones(len(other), bool)
-            for before in tried:
-                new &= np.abs(values - before)[other].max(axis=1) > ROUNDING
-            tried.append(values)
-            rows = other[new]
-            if not len(rows):
-                continue
-            states, possible = closing.states(values[rows])
-            Ts = model.collect(states).Ts_base_tool
-            moved = np.linalg.norm(Ts[:, :3, 3] - true[new, :3, 3], axis=1)
-            turned = np.linalg.norm(rotation_vectors(true[new], Ts), axis=1)
-            if not reads_orientation:
-                turned[:] = 0.0  # in another working mode, a position has another orientation
-            nearer = possible & (moved + turned < offset[rows] + turn[rows])
-            offset[rows[nearer]] = moved[nearer]
-            turn[rows[nearer]] = turned[nearer]
-    return offset, turn, own
+    if not len(other):
+        return out, own
+    true = run.Ts_base_tool[other]
+    out[other] = np.inf
+    least = np.full(len(q), np.inf)
+    reads_orientation = _reads_orientation(kin, true)
+    closing = Closing(model, np.ones(q.shape[1]))
+    closing.keep(run.q, run.x)
+    # Full turns change no pose, but a walk from the known states may reach only one of the values.
+    within = np.where(kin.revolute, (q + np.pi) % (2 * np.pi) - np.pi, q)
+    nearest_turn = run.q + difference
+    tried: list[Array] = []
+    for values in (q, within, nearest_turn):
+        new = np.ones(len(other), bool)
+        for before in tried:
+            new &= np.abs(values - before)[other].max(axis=1) > ROUNDING
+        tried.append(values)
+        rows = other[new]
+        if not len(rows):
+            continue
+        states, possible = closing.states(values[rows])
+        Ts = model.collect(states).Ts_base_tool
+        if not reads_orientation:
+            Ts[:, :3, :3] = true[new, :3, :3]  # in another working mode, a position has another orientation
+        error = np.linalg.norm(Ts[:, :3, 3] - true[new, :3, 3], axis=1)
+        error += np.linalg.norm(rotation_vectors(true[new], Ts), axis=1)
+        nearer = possible & (error < least[rows])
+        out[rows[nearer]] = Ts[nearer]
+        least[rows[nearer]] = error[nearer]
+    return out, own
 
 
 def _reads_orientation(kin: Kinematics, Ts: Array) -> bool:

@@ -27,6 +27,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, UM, display_unit
 from twin.kinematics import Kinematics
 from twin.reference import ReferenceModel, Run
+from twin.validation.joint_range import poses_by_inverse
 from twin.validation.rows import Tolerances, rotation_vectors
 
 STANDINS = ("serial", "mimic")
@@ -139,9 +140,12 @@ def sweep(
     tolerances = Tolerances()
     q = np.tile(home, (samples, 1))
     q[:, i] = np.linspace(*limits, samples)
-    start = model.solve(home)
-    Ts = _formula(kin, q, i, home, start.T_base_tool)
-    q, Ts, run = _reachable(kin, model, q, Ts, i, home)
+    if kin.determined or not kin.closed_inverse:
+        start = model.solve(home)
+        Ts = _formula(kin, q, i, home, start.T_base_tool)
+        q, Ts, run = _reachable(kin, model, q, Ts, i, home)
+    else:
+        q, Ts, run = _by_inverse(kin, model, q, i, home, tolerances)
     formula = Curve(
         Ts[:, :3, 3] - run.Ts_base_tool[:, :3, 3], np.linalg.norm(rotation_vectors(run.Ts_base_tool, Ts), axis=1)
     )
@@ -168,25 +172,65 @@ def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> A
     return np.concatenate([down[::-1][:-1], up])
 
 
+def _by_inverse(
+    kin: Kinematics, model: ReferenceModel, q: Array, i: int, home: Array, tolerances: Tolerances
+) -> tuple[Array, Array, Run]:
+    """Return (joint values, tool poses, run) for an inverse alone whose joints do not determine a pose.
+
+    The inverse is evaluated at the tool poses of the mechanism. The tool poses of the equations are those of the
+    mechanism at the joint values that result.
+    """
+    first, last, run = _moved(kin, model, q, 0, len(q) - 1, i, home)
+    q = q[first : last + 1]
+    Ts, _ = poses_by_inverse(kin, model, run, tolerances)
+    answered = np.asarray(~np.isnan(Ts).any(axis=(1, 2)), bool)
+    good = _regular(kin, run.Ts_base_tool, q, answered, i)
+    first, last = _around_home(good, q, i, home)
+    kept = slice(first, last + 1)
+    return q[kept], Ts[kept], model.collect(run.x[kept])
+
+
 def _reachable(
     kin: Kinematics, model: ReferenceModel, q: Array, Ts: Array, i: int, home: Array
 ) -> tuple[Array, Array, Run]:
     """Return (joint values, tool poses, run) around home, up to the first unsolved or near-singular state."""
-    good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)), bool)
-    if not good.any():
+    solved = np.asarray(np.isfinite(Ts).all(axis=(1, 2)), bool)
+    good = _regular(kin, Ts, q, solved, i)
+    first, last = _around_home(good, q, i, home)
+    first, last, run = _moved(kin, model, q, first, last, i, home)
+    return q[first : last + 1], Ts[first : last + 1], run
+
+
+def _regular(kin: Kinematics, Ts: Array, q: Array, solved: np.ndarray, i: int) -> np.ndarray:
+    """Return (k,) bool: whether the equations have a solution and are not near a singularity."""
+    if not solved.any():
         raise KinematicsError(f"the equations have no solution anywhere on the stroke of '{kin.joints[i]}'")
+    good = solved
     for alarm in kin.singularity_alarm(Ts, q).values():
         good = np.logical_and(good, ~alarm)
     if not good.any():
         raise TwinError(
             f"the equations are near a singularity on the whole stroke of '{kin.joints[i]}' (other joints: home)"
         )
+    return good
+
+
+def _around_home(good: np.ndarray, q: Array, i: int, home: Array) -> tuple[int, int]:
+    """Return the first and the last index of the good states around home."""
     middle = int(np.argmin(np.where(good, np.abs(q[:, i] - home[i]), np.inf)))
     first, last = middle, middle
     while first > 0 and good[first - 1]:
         first -= 1
     while last < len(q) - 1 and good[last + 1]:
         last += 1
+    return first, last
+
+
+def _moved(
+    kin: Kinematics, model: ReferenceModel, q: Array, first: int, last: int, i: int, home: Array
+) -> tuple[int, int, Run]:
+    """Return (first index, last index, run) of the states from `first` to `last` that the mechanism reaches."""
+    middle = first + int(np.argmin(np.abs(q[first : last + 1, i] - home[i])))
     while True:
         if last - first < 2:
             raise TwinError(f"joint '{kin.joints[i]}' cannot move from home, so there is no stroke to compare")
@@ -197,7 +241,7 @@ def _reachable(
         except AssemblyError:  # the mechanism has a smaller range than the equations: shorten the range at both ends
             first, last = (first + middle + 1) // 2, (last + middle) // 2
     states = np.concatenate([down.x[::-1][:-1], up.x])
-    return q[first : last + 1], Ts[first : last + 1], model.collect(states)
+    return first, last, model.collect(states)
 
 
 def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
