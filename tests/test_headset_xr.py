@@ -77,8 +77,8 @@ def guided(page, robot, kind, wanted, reachable=True):
 
 def test_ar_on_a_quest_places_plays_and_is_led(browser, server, emulator, robot, rng):
     with device(browser, server, emulator, "quest", room=True) as page:
-        headset.ready(page, robot)
         page.draws(False)
+        headset.ready(page, robot)
         assert page.id("enter").inner_text() == "Enter AR"
         page.enter()
         assert page("[twin.app.xr.mode, twin.app.xr.blend]") == ["immersive-ar", "alpha-blend"]
@@ -146,6 +146,7 @@ def test_ar_on_a_quest_places_plays_and_is_led(browser, server, emulator, robot,
 
 def test_ar_on_additive_glasses_with_hands_only(browser, server, emulator, robot):
     with device(browser, server, emulator, "lens") as page:
+        page.draws(False)
         headset.ready(page, robot)
         page.enter()
         assert page("[twin.app.xr.mode, twin.app.xr.blend]") == ["immersive-ar", "additive"]
@@ -153,16 +154,17 @@ def test_ar_on_additive_glasses_with_hands_only(browser, server, emulator, robot
         assert page("[...twin.app.xr.session.inputSources].every(s => s.hand)")
         assert page("twin.app.world.look") == "additive"
         look_at(page, page("twin.app.xrPanel.group.position.toArray()"))
+        page.draws(True)
         page.pictures(4)
         panel = page("(() => { const p = twin.app.xrPanel; return [[.02, .02], [.98, .98]].map(([x, y]) =>"
                      " p.pointAt({x, y}).toArray()) })()")  # fmt: skip
         (x0, y1), (x1, y0) = (page.pixel(p) for p in panel)
         image = page.image()
+        page.draws(False)
         card = image[int(y0) + 12 : int(y1) - 12, int(x0) + 12 : int(x1) - 12]
         assert card.max(axis=2).min() > 120  # nothing on the panel is nearly black: there it would be a hole
         colors = page("twin.app.robot.targets().map(m => m.material.color.getHSL({h: 0, s: 0, l: 0}).l)")
         assert min(colors) > 0.2
-        page.draws(False)
         guided(page, robot, "hands", np.array([-15, 10, -20]) * MM)
         page.press("tab-scene", kind="hands")
         page.pictures(8)
@@ -172,8 +174,8 @@ def test_ar_on_additive_glasses_with_hands_only(browser, server, emulator, robot
 
 def test_a_finger_that_touches_takes_the_tool(browser, server, emulator, robot):
     with device(browser, server, emulator, "lens") as page:
-        headset.ready(page, robot)
         page.draws(False)
+        headset.ready(page, robot)
         page.enter()
         page.until("twin.app.hands.count === 2", "the hands")
         look_at(page, page.to_scene(page.tool()[:3, 3]))
@@ -195,8 +197,8 @@ def test_a_finger_that_touches_takes_the_tool(browser, server, emulator, robot):
 
 def test_without_hand_or_controller_a_long_look_presses(browser, server, emulator, robot):
     with device(browser, server, emulator, "quest") as page:
-        headset.ready(page, robot)
         page.draws(False)
+        headset.ready(page, robot)
         page("for (const c of Object.values(device.controllers)) c.connected = false")
         page.enter()
         page.until("twin.app.hands.count === 0", "no hands")
@@ -208,6 +210,7 @@ def test_without_hand_or_controller_a_long_look_presses(browser, server, emulato
 
 def test_vr_where_there_is_no_ar(browser, server, emulator, robot):
     with device(browser, server, emulator, "vr") as page:
+        page.draws(False)
         headset.ready(page, robot)
         assert page.id("enter").inner_text() == "Enter VR"
         assert "VR is available, AR is not" in page.id("xr").inner_text()

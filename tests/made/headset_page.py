@@ -155,17 +155,26 @@ class Page:
             raise AssertionError(f"{error}; the page says: {self.page.inner_text('body')}") from None
 
     def draws(self, on):
-        """Let the page draw, or only update its matrices, because drawing is slow without a graphics card."""
+        """Let the page draw, or only update its matrices, because drawing is slow without a graphics card.
+
+        An emulated headset clears the canvas before each picture and draws its room; both would be drawing too.
+        """
         self(
             """((on) => {
-              const { renderer } = twin.app.world;
               const still = (scene, camera) => {
                 scene.updateMatrixWorld();
                 if (camera.parent === null) camera.updateMatrixWorld();
                 if (renderer.xr.enabled && renderer.xr.isPresenting) renderer.xr.updateCamera(camera);
               };
-              renderer.drawing ??= renderer.render;
-              renderer.render = on ? renderer.drawing : still;
+              const { renderer } = twin.app.world;
+              for (const each of [renderer, globalThis.device?.sem?.renderer]) {
+                if (each === undefined) continue;
+                each.drawing ??= each.render;
+                each.render = on ? each.drawing : still;
+              }
+              const context = renderer.getContext();
+              context.clearing ??= context.clear;
+              context.clear = on ? context.clearing : () => undefined;
             })"""
             f"({str(on).lower()})"
         )
