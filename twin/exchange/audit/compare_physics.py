@@ -57,6 +57,10 @@ def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
     return max((0.0 if x == y else abs(x - y) / max(1.0, min(abs(x), abs(y)))) for x, y in zip(a, b, strict=True))
 
 
+def _passive(a: Sequence[float], b: Sequence[float]) -> float:
+    return max(abs(x - y) for x, y in zip(a, b, strict=True))
+
+
 def _distance(a: Array | float, b: Array | float) -> float:
     return float(np.linalg.norm(np.subtract(a, b)))
 
@@ -155,6 +159,10 @@ QUANTITIES: Mapping[str, Compared] = {
     "ratios": Compared(_distance, 1e-5),
     "sum": Compared(_distance, 1e-6, "m or rad"),
     "opening": Compared(_distance, 1e-7, "m or rad"),
+    "passive": Compared(_passive, 1e-9),
+    "law": Compared(_word, 0.0),
+    "breaks": Compared(_number, 1e-5, "N", True),
+    "weightless": Compared(_distance, 1e-9),
     "reduction": Compared(_number, 1e-6, "", True),
     "row": Compared(_row, 1e-6, "", True),
     "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
@@ -456,6 +464,9 @@ def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> N
     for link, shares in view.colors.items():
         if link in known:
             view.say(f"link '{link}'", {"colours": shares})
+    for link, share in (p.floats or {}).items():
+        if link in known:
+            view.say(f"link '{link}'", {"weightless": share})
     for link, m in p.masses.items():
         if link in known:
             inertial = {"mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
@@ -496,6 +507,9 @@ def _state_joint(view: View, name: str, joint: Joint, canonical: Joint, movable:
             "limits": None if joint.tied else d.limits,
             "driven": d.driven,
             "reduction": _reduction(view.physics, joint),
+            "passive": None if joint.tied else d.passive,
+            "law": d.law,
+            "breaks": d.breaks,
             "stiffness": d.stiffness,
             "damping": d.damping,
             "largest effort": d.effort,
@@ -630,6 +644,10 @@ _WORDS = {
     "opening": "opening of the loops if 1 g pulls at them",
     "point": "position of the point on its link",
     "reduction": "reduction of its transmission",
+    "passive": "stiffness, damping, friction and inertia of the joint itself",
+    "law": "quantity that the gains of the drive give",
+    "breaks": "force at which the joint breaks",
+    "weightless": "share of its weight that is compensated",
 }
 
 

@@ -81,6 +81,10 @@ class Drive:
         damping: damping of the position drive in N s/m or N m s/rad.
         effort: maximum effort in N or N m.
         speed: maximum speed in m/s or rad/s.
+        passive: (stiffness, damping, friction, inertia) of springs, dampers, dry friction and rotors at the joint
+            itself, in SI units.
+        law: "force" if the drive's gains give a force, "acceleration" if they give an acceleration.
+        breaks: force in N at which the joint breaks; infinite if it never breaks.
     """
 
     limits: tuple[float, float] | None = None
@@ -89,6 +93,13 @@ class Drive:
     damping: float | None = None
     effort: float | None = None
     speed: float | None = None
+    passive: tuple[float, float, float, float] | None = None
+    law: str | None = None
+    breaks: float | None = None
+
+
+FREE_JOINT = (0.0, 0.0, 0.0, 0.0)
+"""`Drive.passive` of a joint without spring, damper, friction and rotor."""
 
 
 @dataclass(frozen=True)
@@ -225,6 +236,7 @@ class Physics:
         reductions: {joint: motor coordinate / joint coordinate} of the transmissions of one joint; None if a file has
             no transmissions.
         all_motors: whether `motors` contains all motors with transmissions.
+        floats: {link: share of its weight that is compensated}, 0 without compensation; None if not stated.
         opening: length in m (angle in rad) by which the loops open if gravity pulls at them; None if not stated.
         complete: whether `joints` contains all joints, each with its links; without this, a missing joint is not found.
     """
@@ -245,6 +257,7 @@ class Physics:
     motors: Mapping[str, Motor] | None = None
     all_motors: bool = False
     reductions: Mapping[str, float] | None = None
+    floats: Mapping[str, float] | None = None
     opening: float | None = None
     complete: bool = False
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -20,6 +21,14 @@ POINT = "point_"
 FREE, BALL, SLIDE, HINGE = range(4)
 """Numbers of MuJoCo's joint types (enumeration mjtJoint)."""
 
+_NO_GRAVITY, _NO_LIMITS, _NO_LOOPS, _NO_DRIVES = (
+    int(mujoco.mjtDisableBit.mjDSBL_GRAVITY),
+    int(mujoco.mjtDisableBit.mjDSBL_LIMIT),
+    int(mujoco.mjtDisableBit.mjDSBL_EQUALITY),
+    int(mujoco.mjtDisableBit.mjDSBL_ACTUATION),
+)
+"""Flags of <option> with which MuJoCo ignores gravity, limits of joints, equality constraints, or actuators."""
+
 _CONNECT, _WELD, _COUPLE, _TENDON = range(4)
 """Numbers of MuJoCo's equality constraints (enumeration mjtEq): connect, weld, joint, tendon."""
 
@@ -30,7 +39,9 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
     `bodies` maps link names to MuJoCo's body numbers; the world may be one of the links.
     """
     m = model
-    out = Physics(tuple(bodies), complete=True, gravity=np.array(m.opt.gravity), couplings=_couplings(m))
+    gravity = np.zeros(3) if m.opt.disableflags & _NO_GRAVITY else np.array(m.opt.gravity)
+    out = Physics(tuple(bodies), complete=True, gravity=gravity, couplings=_couplings(m))
+    out.floats = {name: float(m.body_gravcomp[i]) for name, i in bodies.items()}
     out.motors, out.all_motors = _motors(m), True
     names = [m.body(i).name for i in range(m.nbody)]
     for name, i in bodies.items():
@@ -78,7 +89,7 @@ def _opening(m: mujoco.MjModel) -> float | None:
     """
     openings = []
     for e in range(m.neq):
-        if not m.eq_active0[e]:
+        if not _holds(m, e):
             continue
         time, ratio = m.eq_solref[e].tolist()
         start, width = np.clip(m.eq_solimp[e][:2], 1e-4, 0.9999).tolist()
@@ -90,6 +101,11 @@ def _opening(m: mujoco.MjModel) -> float | None:
             stiffness = -time / width**2
         openings.append(9.81 * (1 - start) / (start**2 * stiffness) if stiffness else np.inf)
     return max(openings, default=None)
+
+
+def _holds(m: mujoco.MjModel, e: int) -> bool:
+    """Return whether an equality constraint acts from the start."""
+    return bool(m.eq_active0[e]) and not m.opt.disableflags & _NO_LOOPS
 
 
 def _by_sites(m: mujoco.MjModel, e: int) -> bool:
@@ -151,24 +167,32 @@ def _drives(m: mujoco.MjModel, motors: dict[str, Motor]) -> list[Drive]:
     acting = {
         int(m.actuator_trnid[a, 0]): a
         for a in range(m.nu)
-        if int(m.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        if int(m.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT) and not m.opt.disableflags & _NO_DRIVES
     }
     out = []
     for j in range(m.njnt):
-        limits = tuple(map(float, m.jnt_range[j])) if m.jnt_limited[j] else (-np.inf, np.inf)
+        limited = m.jnt_limited[j] and not m.opt.disableflags & _NO_LIMITS
+        limits = tuple(map(float, m.jnt_range[j])) if limited else (-np.inf, np.inf)
         a = acting.get(j)
+        dof = m.jnt_dofadr[j]
+        own = (m.jnt_stiffness[j], m.dof_damping[dof], m.dof_frictionloss[dof], m.dof_armature[dof])
+        stiff, damped, dry, heavy = (float(np.max(v)) for v in own)  # stiffness and damping may be polynomials
+        passive = (stiff, damped, dry, heavy)
         if m.jnt_type[j] not in (SLIDE, HINGE):
             out.append(Drive())
             continue
         if a is None:
             gains = felt(motors, m.joint(j).name)
-            out.append(Drive((limits[0], limits[1]), gains is not None, *(gains or ())))
+            stiffness, damping = gains or (None, None)
+            drive = Drive((limits[0], limits[1]), gains is not None, stiffness, damping)
+            out.append(replace(drive, passive=passive, breaks=np.inf))
             continue
         gear = float(m.actuator_gear[a, 0])
         stiffness, damping = (-float(m.actuator_biasprm[a, k]) * gear**2 for k in (1, 2))
         bounds = m.actuator_forcerange[a] if m.actuator_forcelimited[a] else None
         effort = None if bounds is None else float(max(abs(bounds[0]), abs(bounds[1])) * abs(gear))
-        out.append(Drive((limits[0], limits[1]), True, stiffness, damping, effort))
+        drive = Drive((limits[0], limits[1]), True, stiffness, damping, effort)
+        out.append(replace(drive, passive=passive, law="force", breaks=np.inf))  # MuJoCo has no other law
     return out
 
 
@@ -177,7 +201,7 @@ def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
     out = []
     for e in range(m.neq):
         kind = int(m.eq_type[e])
-        if kind not in (_CONNECT, _WELD) or not m.eq_active0[e]:
+        if kind not in (_CONNECT, _WELD) or not _holds(m, e):
             continue
         one, two = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
         if _by_sites(m, e):
@@ -199,7 +223,7 @@ def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
 def _couplings(m: mujoco.MjModel) -> dict[str, tuple[dict[str, float], float]]:
     out: dict[str, tuple[dict[str, float], float]] = {}
     for e in range(m.neq):
-        if not m.eq_active0[e]:
+        if not _holds(m, e):
             continue
         if int(m.eq_type[e]) == _TENDON and m.eq_obj2id[e] < 0:
             t = int(m.eq_obj1id[e])

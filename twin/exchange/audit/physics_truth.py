@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Motor, Physics, along, felt
+from twin.exchange.audit.physics import FREE_JOINT, Drive, Frame, Joint, Mass, Motor, Physics, along, felt
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
@@ -29,6 +29,7 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
         marks=frozenset({"frame", "point"}),
         all_motors=True,
         opening=0.0,
+        floats={b.name: 0.0 for b in m.bodies},
         complete=True,
     )
     for j in m.joints:
@@ -64,4 +65,4 @@ def _drive(j, physics: Physics) -> Drive:
     gains = (None, None, None) if j.drive is None else (j.drive.stiffness, j.drive.damping, j.drive.max_effort)
     if (by_motors := felt(physics.motors or {}, j.name)) is not None:
         gains = (*by_motors, None)
-    return Drive(j.limits or (-np.inf, np.inf), j.active, *gains, j.max_speed)
+    return Drive(j.limits or (-np.inf, np.inf), j.active, *gains, j.max_speed, FREE_JOINT, "force", np.inf)

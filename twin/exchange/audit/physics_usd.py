@@ -28,6 +28,7 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
             out.masses[prim.GetName()] = mass
         if not _shows_all(prim, set(names)):
             out.partly |= {prim.GetName()}
+    out.floats = {p.GetName(): float(bool(p.GetAttribute("physxRigidBody:disableGravity").Get())) for p in bodies}
     held = {p.GetName() for p in bodies if UsdPhysics.RigidBodyAPI(p).GetKinematicEnabledAttr().Get()}
     for prim in stage.Traverse():
         if prim.IsA(UsdPhysics.Joint) and is_stated(prim):
@@ -168,6 +169,8 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:
         None if damping is None else damping / unit,
         effort if effort is not None and np.isfinite(effort) else None,
         None if speed is None else float(speed) * unit,
+        law=str(drive.GetTypeAttr().Get()) if there else None,
+        breaks=float(UsdPhysics.Joint(prim).GetBreakForceAttr().Get()),
     )
 
 

@@ -46,6 +46,7 @@ class UrdfJoint:
         limits: (lower, upper) in rad or m; None if not stated.
         effort: maximum effort in N or N m; None if not stated.
         speed: maximum speed in m/s or rad/s; None if not stated.
+        damping, friction: of <dynamics>, in N s/m or N m s/rad, and N or N m; 0 if not stated.
         mimic: (leader, multiplier, offset) if the joint follows the joint `leader`, else None.
     """
 
@@ -57,6 +58,8 @@ class UrdfJoint:
     effort: float | None
     speed: float | None
     mimic: tuple[str, float, float] | None
+    damping: float = 0.0
+    friction: float = 0.0
 
     def values(self, clip: Clip) -> Array | None:
         """Return the values (k,) in rad or m of the joint in a track; None if the track lacks the values.
@@ -315,7 +318,12 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     if follows is not None:
         factor, offset = (float(numbers(follows.get(k), 1, (d,))[0]) for k, d in (("multiplier", 1.0), ("offset", 0.0)))
         mimic = (follows.get("joint", ""), factor, offset)
-    return UrdfJoint(name, ends[0], ends[1], Link(T, KINDS[kind], a, name), limits, effort, speed, mimic)
+    dynamics = element.find("dynamics")
+    damping, friction = (
+        0.0 if dynamics is None else float(numbers(dynamics.get(k), 1, (0.0,))[0]) for k in ("damping", "friction")
+    )
+    link = Link(T, KINDS[kind], a, name)
+    return UrdfJoint(name, ends[0], ends[1], link, limits, effort, speed, mimic, damping, friction)
 
 
 def _origin(element: ET.Element | None) -> Array:
@@ -434,7 +442,9 @@ def _tree_physics(
             low, high = -np.inf, np.inf
         effort, speed = (None if b is None or b >= NO_BOUND else b for b in (j.effort, j.speed))
         driven = j.name in moving if moving else None
-        drive = Drive((low, high), driven, None, None, effort, speed) if len(motions) == 1 else Drive()
+        drive = Drive()
+        if len(motions) == 1:
+            drive = Drive((low, high), driven, None, None, effort, speed, (0.0, j.damping, j.friction, 0.0))
         out.joints.append(Joint((j.name,), j.parent, j.child, T, motions, drive))
     return out
 

@@ -223,6 +223,8 @@ def _shapes(
     for prim in prims:
         if not prim.IsA(UsdGeom.Mesh) or UsdGeom.Imageable(prim).ComputePurpose() not in ("default", "render"):
             continue
+        if UsdGeom.Imageable(prim).ComputeVisibility() == UsdGeom.Tokens.invisible:
+            continue
         vertices, triangles, normals = _corners(UsdGeom.Mesh(prim))
         if not len(triangles):
             continue

@@ -1,0 +1,763 @@
+"""More kinds of seeded defects, none of which is in `audit_seeds`: what formats declare beside poses and masses.
+
+Each kind is seeded without proof.json and README.txt; it is found by its cause, with and without `--robot`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import shutil
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from pxr import Gf, Sdf
+
+from made import audit_seeds as base
+from made.audit_seeds import (
+    Seed,
+    attribute,
+    baked,
+    by,
+    every,
+    geometry,
+    has_drive,
+    joints,
+    layers,
+    loop,
+    of_poses,
+    plus,
+    prims_of,
+    robot,
+    stored,
+    table,
+    track,
+    turning,
+    usd_joints,
+    usdz,
+    value,
+    xml,
+)
+from made.glb_apart import Glb
+
+MORE: list[Seed] = []
+WARNED = ("USD: stray shape", "USD: binding lost")
+"""Kinds that are warnings: the motion is right."""
+
+
+def more(kind: str, edit, says: str, blamed: str) -> None:
+    MORE.append(Seed(kind, edit, blamed, says))
+
+
+# -------------------------------------------------------------------------------------------------------- USD
+
+
+def in_geometry(wanted, change):
+    def edit(folder):
+        layer, found = geometry(folder, wanted)
+        if not found:
+            return False
+        change(found[0], layer)
+        stored(layer, folder, "geometry.usdc")
+        return True
+
+    return edit
+
+
+def is_mark(kind: str, part: str = ""):
+    return lambda p: value(p, "twin:kind") == kind and part in p.name
+
+
+def is_mesh(p) -> bool:
+    return p.typeName == "Mesh"
+
+
+def inactive(p, layer) -> None:
+    p.SetInfo("active", False)
+
+
+def moved(x: float, y: float, z: float):
+    def change(p, layer):
+        a = p.attributes["xformOp:translate"]
+        a.default = a.default + type(a.default)(x, y, z)
+
+    return change
+
+
+def to_frame(p, layer) -> None:
+    p.attributes["twin:kind"].default = "frame"
+
+
+def renamed_mark(p, layer) -> None:
+    p.name = f"{p.name}_other"
+    if "twin:name" in p.attributes:
+        p.attributes["twin:name"].default = f"{p.attributes['twin:name'].default}_other"
+
+
+def set_or_add(name: str, kind, new):
+    def change(p, layer):
+        a = p.attributes[name] if name in p.attributes else Sdf.AttributeSpec(p, name, kind)
+        a.default = new
+
+    return change
+
+
+def stray(folder):
+    layer, name = layers(folder, "geometry.usdc")
+    prim = Sdf.CreatePrimInLayer(layer, f"/{name}/stray")
+    prim.specifier, prim.typeName = Sdf.SpecifierDef, "Cube"
+    stored(layer, folder, "geometry.usdc")
+
+
+def unbound(p, layer) -> None:
+    del p.properties["material:binding"]
+
+
+def half_triangles(p, layer) -> None:
+    for name, width in (("faceVertexCounts", 1), ("faceVertexIndices", 3)):
+        a = p.attributes[name]
+        a.default = type(a.default).FromNumpy(np.array(a.default)[: -20 * width])
+
+
+def scaled_points(p, layer) -> None:
+    a = p.attributes["points"]
+    a.default = type(a.default).FromNumpy(1.01 * np.array(a.default))
+
+
+def turned_frame(name: str):
+    def change(j, layer):
+        a = j.attributes[name]
+        a.default = Gf.Quatf(Gf.Quatd(a.default) * Gf.Quatd(0.9990482, 0.0436194, 0, 0))
+
+    return change
+
+
+def limit_shift(j, layer) -> None:
+    for name in ("physics:lowerLimit", "physics:upperLimit"):
+        j.attributes[name].default += 0.02
+
+
+def limited(j) -> bool:
+    return "physics:upperLimit" in j.attributes
+
+
+def acceleration_drive(j, layer) -> None:
+    base.drive_attribute(j, "physics:type").default = "acceleration"
+
+
+def body_prim(folder, change):
+    layer, name = layers(folder)
+    bodies = [b for b in layer.GetPrimAtPath(f"/{name}").nameChildren if value(b, "physics:mass")]
+    change(bodies[-1], layer)
+    stored(layer, folder)
+
+
+def every_joint_inactive(folder):
+    layer, name = layers(folder)
+    for j in joints(layer, name):
+        if loop(j):
+            j.SetInfo("active", False)
+            stored(layer, folder)
+            return True
+    return False
+
+
+def no_layer(folder):
+    (folder / "usd/physics.usda").unlink()
+
+
+def attribute_of_body(name: str, new: bool):
+    return lambda folder: body_prim(folder, set_or_add(name, Sdf.ValueTypeNames.Bool, new))
+
+
+def invisible(p, layer) -> None:
+    set_or_add("visibility", Sdf.ValueTypeNames.Token, "invisible")(p, layer)
+
+
+def guide(p, layer) -> None:
+    set_or_add("purpose", Sdf.ValueTypeNames.Token, "guide")(p, layer)
+
+
+def grams(folder):
+    return base.usd_head("kilogramsPerUnit", 0.001)(folder)
+
+
+def with_mesh_op(p, layer) -> None:
+    a = Sdf.AttributeSpec(p, "xformOp:translate", Sdf.ValueTypeNames.Double3)
+    a.default = Gf.Vec3d(0.005, 0, 0)
+    order = Sdf.AttributeSpec(p, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
+    order.default = ["xformOp:translate"]
+
+
+def plain_mesh(p) -> bool:
+    return is_mesh(p) and "xformOpOrder" not in p.attributes
+
+
+USD = r"\.usd|\.xml"
+for kind, edit, says in (
+    ("frame inactive", in_geometry(is_mark("frame", "tool"), inactive), "frame"),
+    ("point inactive", in_geometry(is_mark("point"), inactive), "point"),
+    ("point moved", in_geometry(is_mark("point"), moved(0, 0.02, 0)), "point"),
+    ("point 5 um off", in_geometry(is_mark("point"), moved(5e-6, 0, 0)), "point"),
+    ("point called a frame", in_geometry(is_mark("point"), to_frame), "point|frame"),
+    ("frame renamed", in_geometry(is_mark("frame", "tip"), renamed_mark), "frame"),
+    ("stray shape", stray, "stray"),
+    ("binding lost", in_geometry(lambda p: "material:binding" in p.relationships, unbound), "material"),
+    ("mesh invisible", in_geometry(base.a_mesh, invisible), "mesh|link"),
+    ("mesh said to be a guide", in_geometry(base.a_mesh, guide), "mesh|link"),
+    ("20 triangles missing", in_geometry(base.a_mesh, half_triangles), "mesh|closed|face|triangle"),
+    ("mesh 1 % larger", in_geometry(base.a_mesh, scaled_points), "mesh"),
+    ("mesh 5 mm aside", in_geometry(plain_mesh, with_mesh_op), "mesh"),
+    ("joint frame turned", usd_joints(turning, turned_frame("physics:localRot0")), "axis|joint"),
+    ("child's joint frame turned", usd_joints(turning, turned_frame("physics:localRot1")), "axis|joint"),
+    ("limits shifted", usd_joints(limited, limit_shift), "limit"),
+    ("drive of acceleration", usd_joints(has_drive, acceleration_drive), "drive"),
+    (
+        "joint breaks",
+        usd_joints(turning, set_or_add("physics:breakForce", Sdf.ValueTypeNames.Float, 5.0)),
+        "breaks",
+    ),
+    ("loop joint inactive", every_joint_inactive, "joint"),
+    (
+        "loop joint in the articulation",
+        usd_joints(loop, set_or_add("physics:excludeFromArticulation", Sdf.ValueTypeNames.Bool, False)),
+        "loop|articulation",
+    ),
+    ("body kinematic", attribute_of_body("physics:kinematicEnabled", True), "fixed|kinematic"),
+    ("body without gravity", attribute_of_body("physxRigidBody:disableGravity", True), "weight"),
+    ("body not rigid", attribute_of_body("physics:rigidBodyEnabled", False), "link|joint|body"),
+    ("grams", grams, "mass|kilogram"),
+    ("layer lost", no_layer, "layer|composed"),
+):
+    more(f"USD: {kind}", edit, says, USD)
+
+
+def first_code(layer, moving, codes) -> None:
+    layer.startTimeCode = 5.0
+
+
+def value_key(layer, moving, codes) -> None:
+    paths = [f"{p.path}.{a.name}" for p in prims_of(layer, lambda p: True) for a in p.attributes]
+    path = next(p for p in paths if p.endswith("physics:position") and layer.ListTimeSamplesForPath(p))
+    code = codes[len(codes) // 2]
+    layer.SetTimeSample(path, code, layer.QueryTimeSample(path, code) + 5.0)
+
+
+def keys_exchanged(layer, moving, codes) -> None:
+    path, (a, b) = f"{moving[-1]}.xformOp:translate", (codes[3], codes[len(codes) // 2])
+    one, two = layer.QueryTimeSample(path, a), layer.QueryTimeSample(path, b)
+    layer.SetTimeSample(path, a, two)
+    layer.SetTimeSample(path, b, one)
+
+
+def link_still(layer, moving, codes) -> None:
+    prim = layer.GetPrimAtPath(moving[-1])
+    for op in ("translate", "orient"):
+        del prim.properties[f"xformOp:{op}"]
+
+
+for kind, change, says in (
+    ("joint value", value_key, "joint"),
+    ("keys exchanged", keys_exchanged, "link"),
+    ("link stands still", link_still, "link"),
+):
+    more(f"USD motion: {kind}", baked(change), says, r"\.usd")
+
+
+def usdz_smaller(folder):
+    def change(layer):
+        mesh = prims_of(layer, base.a_mesh)[0]
+        points = mesh.attributes["points"]
+        points.default = type(points.default).FromNumpy(0.98 * np.array(points.default))
+
+    usdz(folder, change)
+
+
+def usdz_two_keys(folder):
+    def change(layer):
+        paths = [f"{p.path}.xformOp:translate" for p in prims_of(layer, lambda p: "xformOp:translate" in p.attributes)]
+        path = next(p for p in reversed(paths) if len(layer.ListTimeSamplesForPath(p)) > 6)
+        codes = layer.ListTimeSamplesForPath(path)
+        one, two = (layer.QueryTimeSample(path, codes[k]) for k in (2, len(codes) // 2))
+        layer.SetTimeSample(path, codes[2], two)
+        layer.SetTimeSample(path, codes[len(codes) // 2], one)
+
+    usdz(folder, change)
+
+
+more("usdz: mesh 2 % smaller", usdz_smaller, "mesh", r"\.usdz")
+more("usdz: keys exchanged", usdz_two_keys, "link", r"\.usdz")
+
+# ------------------------------------------------------------------------------------------------------- URDF
+
+
+def text_of(suffix: str, pattern: str, new, count: int = 1):
+    def edit(folder):
+        file = next(folder.glob(f"*{suffix}"))
+        old = file.read_text("utf-8")
+        changed, done = re.subn(pattern, new, old, count=count, flags=re.DOTALL)
+        if not done or changed == old:
+            return False
+        file.unlink()
+        file.write_text(changed, "utf-8")
+        return True
+
+    return edit
+
+
+def transmissions_exchange(part: str):
+    def change(root):
+        found = [t for t in root.findall("transmission") if t.find(part) is not None]
+        if len(found) < 2:
+            return False
+        one, two = found[0].find(part), found[1].find(part)
+        a, b = one.get("name"), two.get("name")
+        one.set("name", b)
+        two.set("name", a)
+        return True
+
+    return change
+
+
+def dynamics(root):
+    joint = next(j for j in root.findall("joint") if j.get("type") in ("revolute", "prismatic", "continuous"))
+    ET.SubElement(joint, "dynamics", damping="5", friction="2")
+
+
+def bounds_mirrored(root):
+    for limit in root.findall("joint/limit"):
+        low, high = (float(limit.get(k, "0")) for k in ("lower", "upper"))
+        if abs(low + high) > 1e-3 and limit.get("lower") is not None:
+            limit.set("lower", f"{-high!r}")
+            limit.set("upper", f"{-low!r}")
+            return True
+    return False
+
+
+def limits_exchanged(root):
+    found = [e for e in root.findall("joint/limit") if e.get("lower")]
+    for other in found[1:]:
+        one = found[0]
+        if one.attrib != other.attrib:
+            mine, its = dict(one.attrib), dict(other.attrib)
+            one.attrib.update(its)
+            other.attrib.update(mine)
+            return True
+    return False
+
+
+def other_mesh(root):
+    meshes = root.findall("link/visual/geometry/mesh")
+    meshes[0].set("filename", meshes[-1].get("filename"))
+
+
+def visual_moved(root):
+    visual = root.find("link/visual")
+    origin = visual.find("origin")
+    origin = ET.SubElement(visual, "origin") if origin is None else origin
+    origin.set("xyz", "0 0.003 0")
+
+
+def extra_link(root):
+    link = ET.SubElement(root, "link", name="ballast")
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "mass", value="1")
+    ET.SubElement(inertial, "inertia", ixx="0.01", iyy="0.01", izz="0.01", ixy="0", ixz="0", iyz="0")
+    parent = root.find("link").get("name")
+    joint = ET.SubElement(root, "joint", name="ballast_joint", type="revolute")
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link="ballast")
+    ET.SubElement(joint, "axis", xyz="0 0 1")
+    ET.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
+
+
+def product_negated(root):
+    inertia = next(e for e in root.findall("link/inertial/inertia") if abs(float(e.get("ixz", "0"))) > 1e-5)
+    inertia.set("ixz", str(-float(inertia.get("ixz"))))
+
+
+def duplicate(part: str):
+    def change(root):
+        found = root.findall(part)
+        if len(found) < 2:
+            return False
+        found[1].set("name", found[0].get("name"))
+        return True
+
+    return change
+
+
+for kind, change, says in (
+    ("transmission's joints exchanged", transmissions_exchange("joint"), "actuator|transmission|reduction"),
+    ("transmission's actuators exchanged", transmissions_exchange("actuator"), "actuator|transmission"),
+    ("dynamics", dynamics, "friction"),
+    ("bounds mirrored", bounds_mirrored, "limit"),
+    ("limits exchanged", limits_exchanged, "limit|effort|speed"),
+    ("another link's mesh", other_mesh, "mesh"),
+    ("visual moved", visual_moved, "mesh"),
+    ("extra link", extra_link, "ballast"),
+    ("product of inertia negated", product_negated, "inertia"),
+    ("two links of one name", duplicate("link"), "named|name|exist|root"),
+    ("axis longer", attribute("joint/axis", "xyz", by(2.0)), "axis"),
+    ("alpha", attribute("material/color", "rgba", lambda t: " ".join([*t.split()[:3], "0.2"])), "colour"),
+):
+    more(f"URDF: {kind}", xml(".urdf", change), says, r"\.urdf")
+FIRST_LOOP = r'closed_loop: \[\["[^\]]*"\], '
+TRANSMISSION = r"<transmission .*?</transmission>"
+for kind, edit, says in (
+    ("reduction 50", text_of(".urdf", r"<mechanicalReduction>[^<]*<", "<mechanicalReduction>50<"), "reduction"),
+    ("reduction negative", text_of(".urdf", r"<mechanicalReduction>1<", "<mechanicalReduction>-1<"), "reduction"),
+    ("transmission deleted", text_of(".urdf", TRANSMISSION, ""), "driven|passive|transmission"),
+    ("transmissions deleted", text_of(".urdf", TRANSMISSION, "", 0), "driven|transmission"),
+    (
+        "loop of the YAML deleted",
+        text_of(".yaml", r'closed_loop: \[\["[^\]]*"\], ', "closed_loop: ["),
+        "loop|type|joint",
+    ),
+    ("loop type of the YAML", text_of(".yaml", r'type: \["6d"', 'type: ["3d"'), "joint|kind|loop"),
+    ("motor of the YAML deleted", text_of(".yaml", r'name_mot: \["[^"]*", ', "name_mot: ["), "driven"),
+    ("home of the YAML", text_of(".yaml", r"(home: \{[^}]*\": -?)0\.[1-9]", r"\g<1>0.0"), "home|loop"),
+):
+    more(f"URDF: {kind}", edit, says, r"\.urdf|\.yaml")
+
+# ------------------------------------------------------------------------------------------------------- MJCF
+
+
+def joint_number(name: str, new: str):
+    def change(root):
+        joint = next(j for j in root.iter("joint") if j.get("type") != "ball" and j.get("axis"))
+        joint.set(name, new)
+
+    return change
+
+
+def flag(name: str):
+    def change(root):
+        if name == "equality" and not len(root.findall("equality/*")):
+            return False
+        ET.SubElement(root.find("option"), "flag", {name: "disable"})
+        return True
+
+    return change
+
+
+def weightless(root):
+    next(b for b in root.find("worldbody").iter("body") if b.find("inertial") is not None).set("gravcomp", "1")
+
+
+def site_gone(prefix: str):
+    def change(root):
+        for body in root.iter("body"):
+            for site in body.findall("site"):
+                if site.get("name").startswith(prefix):
+                    body.remove(site)
+                    return True
+        return False
+
+    return change
+
+
+def other_end(root):
+    connect = root.find("equality/connect")
+    if connect is None:
+        return False
+    names = [b.get("name") for b in root.iter("body")]
+    connect.set("body2", next(n for n in names if n not in (connect.get("body1"), connect.get("body2"))))
+    return True
+
+
+def point_site_moved(root):
+    site = next((s for s in root.iter("site") if s.get("name").startswith("point_")), None)
+    if site is None:
+        return False
+    site.set("pos", plus(0.02, 0, 0)(site.get("pos")))
+    return True
+
+
+def geared(root):
+    root.find("actuator")[0].set("gear", "2")
+
+
+def pins_meet(root):
+    ties = root.findall("equality/connect")
+    for one, two in itertools.pairwise(ties):
+        if one.get("body1") == two.get("body1") and one.get("body2") == two.get("body2"):
+            two.set("anchor", one.get("anchor"))
+            return True
+    return False
+
+
+for kind, change, says in (
+    ("all loops soft", every("equality/*", "solref", lambda t: "0.02 1"), "loops|open"),
+    ("impedance of all loops", every("equality/*", "solimp", lambda t: "0.9 0.95 0.001 0.5 2"), "loops|open"),
+    ("points of a pin meet", pins_meet, "joint"),
+    ("loop on another body", other_end, "joint|equality"),
+    ("joint damped", joint_number("damping", "5"), "damping"),
+    ("joint heavy", joint_number("armature", "1"), "inertia"),
+    ("joint with friction", joint_number("frictionloss", "2"), "friction"),
+    ("joint with a spring", joint_number("stiffness", "100"), "stiffness"),
+    ("joint without limits", joint_number("limited", "false"), "limit|range"),
+    ("zero of a joint", joint_number("ref", "0.1"), "zero|link|joint|equality|keyframe"),
+    ("gravity disabled", flag("gravity"), "gravity"),
+    ("loops disabled", flag("equality"), "joint"),
+    ("limits disabled", flag("limit"), "limit"),
+    ("actuators disabled", flag("actuation"), "driven|passive"),
+    ("a link without weight", weightless, "weight"),
+    ("point moved", point_site_moved, "point"),
+    ("point deleted", site_gone("point_"), "point"),
+    ("frame deleted", site_gone("frame_"), "frame"),
+    ("gear", geared, "stiffness|effort|control"),
+    ("mesh mirrored", attribute("asset/mesh", "scale", lambda t: "-" + t), "mirror|mesh"),
+):
+    more(f"MJCF: {kind}", xml(".xml", change), says, r"\.xml|\.usd")
+
+# ------------------------------------------------------------------------------------------------ tracks, CSV
+
+
+def swapped(key: str):
+    def change(data):
+        if len(data[key]) < 2 or data[key][0] == data[key][1]:
+            return False
+        data[key][0], data[key][1] = data[key][1], data[key][0]
+        return True
+
+    return change
+
+
+def one_value(data):
+    data["positions"][len(data["positions"]) // 2] += 0.05
+
+
+def twice(data):
+    data["times"][5] = data["times"][4]
+
+
+def not_a_number(data):
+    data["poses"][len(data["poses"]) // 2] = float("nan")
+
+
+def unit_lost(rows):
+    rows[len(rows) // 2, -1, 3:] *= 1.01
+
+
+def jitter(data):
+    data["times"][7] += 2e-3
+
+
+def frame_turned(data):
+    data["frames_local"][-4:] = [0.6, 0.0, 0.0, 0.8]
+
+
+def frame_gone(data):
+    for key, width in (("frame_names", 1), ("frame_links", 1), ("frames_local", 7)):
+        data[key] = data[key][:-width]
+
+
+def end_of_phase(data):
+    data["phase_end"][0] = data["phase_start"][0] - 0.1
+
+
+for kind, change, says in (
+    ("joint names exchanged", swapped("joints"), "joint"),
+    ("one joint value", one_value, "joint|link"),
+    ("a time twice", twice, "time|key"),
+    ("not a number", not_a_number, "finite|number|read"),
+    ("quaternion of length 1.01", of_poses(unit_lost), "quaternion|length"),
+    ("a key 2 ms late", jitter, "rate|time"),
+    ("frame turned", frame_turned, "frame|RCM|shaft"),
+    ("frame deleted", frame_gone, "frame"),
+    ("phase ends before it starts", end_of_phase, "phase"),
+    ("angle unit", lambda d: d.__setitem__("angle_unit", "deg"), "angle_unit"),
+    ("count of keys", lambda d: d.__setitem__("frames", d["frames"] + 1), "frames|length|numbers|key"),
+    ("tool link", lambda d: d.__setitem__("tool_link", d["links"][0]), "tool"),
+):
+    more(f"tracks: {kind}", track(change), says, r"tracks/")
+
+
+def columns_exchanged(lines):
+    i = next(i for i, line in enumerate(lines) if not line.startswith("#"))
+    cells = lines[i].split(",")
+    cells[-1], cells[-8] = cells[-8], cells[-1]
+    lines[i] = ",".join(cells)
+
+
+more("CSV: columns exchanged", table(columns_exchanged), "column|head", r"\.csv")
+
+# -------------------------------------------------------------------------------------------------------- GLB
+
+
+def glb(change):
+    def edit(folder):
+        file = next(folder.glob("*.glb"))
+        data = Glb(file.read_bytes())
+        if change(data) is False:
+            return False
+        file.unlink()
+        file.write_bytes(data.bytes())
+        return True
+
+    return edit
+
+
+def channel_gone(path: str):
+    def change(data):
+        animation = data.document["animations"][0]
+        gone = [c for c in animation["channels"] if c["target"]["path"] == path][-1]
+        animation["channels"].remove(gone)
+
+    return change
+
+
+def later(data):
+    done = set()
+    for path in ("translation", "rotation"):
+        for _, sampler in data.channels(path):
+            if sampler["input"] not in done:
+                done.add(sampler["input"])
+                data.numbers(sampler["input"])[:] += 0.5
+                accessor = data.document["accessors"][sampler["input"]]
+                accessor["min"] = [v + 0.5 for v in accessor["min"]]
+                accessor["max"] = [v + 0.5 for v in accessor["max"]]
+
+
+def keys_of_a_link(data):
+    _, sampler = list(data.channels("rotation"))[-1]
+    values = data.numbers(sampler["output"])
+    a, b = 2, len(values) // 2
+    values[[a, b]] = values[[b, a]]
+
+
+def long_quaternion(data):
+    _, sampler = list(data.channels("rotation"))[-1]
+    data.numbers(sampler["output"])[:] *= 1.05
+
+
+def normals(data):
+    primitive = data.document["meshes"][0]["primitives"][0]
+    data.numbers(primitive["attributes"]["NORMAL"])[:] *= -1
+
+
+def transparent(data):
+    material = data.document["materials"][0]["pbrMetallicRoughness"]
+    material["baseColorFactor"] = [*material.get("baseColorFactor", [1, 1, 1, 1])[:3], 0.3]
+
+
+def no_mesh(data):
+    next(n for n in data.links() if "mesh" in n).pop("mesh")
+
+
+def link_scaled(data):
+    data.links()[-1]["scale"] = [1.02, 1.02, 1.02]
+
+
+def spline(data):
+    for animation in data.document["animations"]:
+        animation["samplers"][-1]["interpolation"] = "CUBICSPLINE"
+
+
+def frame_gone_glb(data):
+    node = next((n for n in data.document["nodes"] if "frame" in n.get("extras", {})), None)
+    if node is None:
+        return False
+    del node["extras"]
+    return True
+
+
+def rest_moved(data):
+    node = data.links()[-1]
+    old = node.get("translation", [0, 0, 0])
+    node["translation"] = [old[0] + 0.01, *old[1:]]
+
+
+def wrong_bounds(data):
+    primitive = data.document["meshes"][0]["primitives"][0]
+    data.document["accessors"][primitive["attributes"]["POSITION"]]["max"][0] += 1.0
+
+
+for kind, change, says in (
+    ("translation of a link missing", channel_gone("translation"), "link"),
+    ("rotation of a link missing", channel_gone("rotation"), "link"),
+    ("half a second late", later, "time|start|lasts"),
+    ("keys of a link exchanged", keys_of_a_link, "link"),
+    ("quaternions of length 1.05", long_quaternion, "quaternion"),
+    ("normals inside out", normals, "normal"),
+    ("alpha", transparent, "colour|alpha|opaque"),
+    ("link without a mesh", no_mesh, "mesh|link"),
+    ("link scaled", link_scaled, "scale|link"),
+    ("spline without tangents", spline, "spline|keys|values|CUBICSPLINE"),
+    ("rest moved", rest_moved, "rest|link|joint"),
+    ("bounds of an accessor", wrong_bounds, "max|bound|accessor"),
+):
+    more(f"GLB: {kind}", glb(change), says, r"\.glb")
+
+# ------------------------------------------------------------------------------------------------------ Unity
+
+
+def script(choose, new):
+    def edit(folder):
+        files = sorted((folder / "unity").rglob("*.cs"))
+        file = next((f for f in files if choose in f.name), None)
+        if file is None:
+            return False
+        old = file.read_text("utf-8")
+        file.unlink()
+        if new is not None:
+            file.write_text(new(old), "utf-8")
+        return True
+
+    return edit
+
+
+def line_gone(text: str) -> str:
+    lines = text.splitlines(keepends=True)
+    lines.pop(len(lines) // 2)
+    return "".join(lines)
+
+
+for kind, edit in (
+    ("script deleted", script("Track.cs", None)),
+    ("line deleted", script("Keys.cs", line_gone)),
+    ("sign of a script", script("Playhead.cs", lambda t: t.replace(" < ", " > ", 1))),
+    ("script empty", script("Grab.cs", lambda t: "")),
+):
+    more(f"Unity: {kind}", edit, "Track.cs|Keys.cs|Playhead.cs|Grab.cs", "unity")
+
+
+def slim(folder: Path, name: str) -> None:
+    """Delete what a kind of defect does not need, proof.json always: its hashes show every change."""
+    (folder / "proof.json").unlink(missing_ok=True)
+    (folder / "README.txt").unlink(missing_ok=True)
+    if name.startswith("Unity"):
+        for path in folder.iterdir():
+            if path.name not in ("unity", f"{robot(folder)}.urdf", "meshes"):
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+        return
+    shutil.rmtree(folder / "unity", ignore_errors=True)
+    if not name.startswith("usdz"):
+        for file in folder.glob("*.usdz"):
+            file.unlink()
+    if not name.startswith("USD motion"):
+        kept = {f"{robot(folder)}.usda", "physics.usda", "geometry.usdc"}
+        for file in (folder / "usd").rglob("*"):
+            if file.is_file() and file.name not in kept:
+                file.unlink()
+
+
+def copied(bundle: Path, target: Path, one: Seed) -> bool:
+    """Copy a bundle and apply a seed to the copy; return whether the bundle has the edited data."""
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(bundle, target)
+    slim(target, one.name)
+    return one.edit(target) is not False
+
+
+def found(report, one: Seed) -> bool:
+    """Return whether a report names the right cause."""
+    severities = ("disagreement", "error", *["warning"] * (one.name in WARNED))
+    for f in report.findings:
+        place = f.where + (f.message if "One of the two" in f.message else "")
+        told = f"{f.code} {f.message} {f.where}"
+        if f.severity in severities and re.search(one.blamed, place) and re.search(one.says, told, re.I):
+            return True
+    return False
