@@ -5,7 +5,7 @@ Each convention is tried as a whole, because no edit of a single row has the sam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import permutations, product
@@ -35,12 +35,15 @@ _NAMED = (
 )
 
 
-def conventions(judge: Judge) -> list[Convention]:
-    """Return the conventions that fix rows, sorted by the number of fixed rows, largest first."""
+def conventions(judge: Judge, known: Sequence[Convention] | None = None) -> list[Convention]:
+    """Return the conventions that fix rows, sorted by the number of fixed rows, largest first.
+
+    `known` is the result of `general`; None: it is computed.
+    """
     if not judge.failing():
         return []
     with np.errstate(all="ignore"):
-        found = [*general(judge), *_scalars(judge)]
+        found = [*(general(judge) if known is None else known), *_scalars(judge)]
         if not found:
             found = [*offsets(judge)]
     return sorted(found, key=lambda c: (-len(c.rows), c.after))
@@ -77,8 +80,8 @@ def _euler(judge: Judge) -> Iterator[Convention]:
     """Yield a convention if the rows agree with the mechanism for another Euler sequence, or for other signs."""
     truth = judge.truth
     angles = [n for n, unit in truth.coordinates if unit == "rad"]
-    if len(angles) != 3:
-        return
+    if len(angles) != 3 or not any(set(angles) & set(step.inputs) for step in judge.steps):
+        return  # no equation reads the angles
     bad = [p for p in judge.failing() if judge.step(p.equation).stage == "inverse"]
     if not bad:
         return

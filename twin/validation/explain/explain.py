@@ -319,6 +319,7 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
             laps.end("identify")
 
     identified = numbers(alone=True)
+    conventional: tuple[Convention, ...] | None = None
     search = Search(judge, lambda f: progress("try edits", f), Deadline(max(budget, _LEAST_EDITS)))
     if identified is None:
         edited = search.run(0.0)
@@ -346,7 +347,7 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
     if lead:
         return _Cures(search, found, identified, (), lead)
     progress("conventions", 0.0)
-    conventional = tuple(conventions(judge))
+    conventional = tuple(conventions(judge, conventional))
     laps.end("conventions")
     lead = "conventions" if _all_cured(judge, conventional, lost) else ""
     return _Cures(search, found, identified, conventional, lead, tuple(late))
