@@ -82,17 +82,28 @@ def _ends(mechanism: Mechanism, rest: Array) -> tuple[Array, Array]:
 
 def _targets(low: Array, high: Array, count: int) -> Array:
     """Return joint values (count, n): corners of the range, then low-discrepancy draws."""
-    from scipy.stats import qmc  # takes half a second
-
     n = len(low)
     corners = np.zeros((0, n))
     if n <= _CORNERS:
         corners = np.array(list(product((_INSET, 1 - _INSET), repeat=n)))
-    draws = qmc.Halton(n, rng=0).random(count - len(corners))
-    parts = np.concatenate([corners, draws])
+    parts = np.concatenate([corners, _draws(count - len(corners), n)])
     # Lines that are cut off after the first part still have draws and corners.
     parts = parts[np.random.default_rng(0).permutation(count)]
     return low + parts * (high - low)
+
+
+def _draws(count: int, n: int) -> Array:
+    """Return low-discrepancy points (count, n) of the unit cube: from its middle, n irrational steps modulo 1.
+
+    The steps are powers of 1 / g with g^(n + 1) = g + 1, so that for n = 1, g is the golden ratio (M. Roberts, "The
+    unreasonable effectiveness of quasirandom sequences", 2018). scipy.stats.qmc takes longer to import than the check.
+    """
+    g = 2.0
+    for _ in range(60):
+        g = (1.0 + g) ** (1.0 / (n + 1))
+    steps = g ** -np.arange(1.0, n + 1)
+    # The middle itself is left out: there, an arm with symmetric limits is stretched, and has two solutions in one.
+    return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
 
 
 def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: Array) -> Array:
