@@ -34,13 +34,22 @@ def server():
     serving.stop()
 
 
-@pytest.fixture
-def desk(browser, server, robot):
-    """The page without a headset, with the protocol planned and the robot at home; it does not draw unless asked to."""
+@pytest.fixture(scope="module")
+def opened(browser, server):
+    """The page without a headset; a page needs seconds to open, and the tests need not each have their own."""
     with shown(browser, server.url) as page:
         page.draws(False)
-        headset.ready(page, robot)
         yield page
+
+
+@pytest.fixture
+def desk(opened, robot):
+    """The opened page with the protocol planned and the robot at home; it does not draw unless asked to."""
+    opened.tab("Simulation")
+    headset.ready(opened, robot)
+    yield opened
+    opened.page.mouse.up()
+    opened.draws(False)
 
 
 # -- the desk ------------------------------------------------------------------------------------------
@@ -212,12 +221,12 @@ CUT = """[...document.querySelectorAll('.side .tab')].filter((tab) => {
 
 @pytest.mark.parametrize("size", [(1280, 800), (844, 390), (390, 844)])
 def test_all_headings_of_the_controls_are_whole_folded_or_not(desk, size):
-    desk.page.set_viewport_size({"width": size[0], "height": size[1]})
-    assert desk(CUT) == []
-    desk.id("fold").click()
-    assert desk(CUT) == []
-    desk.id("fold").click()
-    assert desk.id("fold").get_attribute("aria-expanded") == "true"
+    with desk.sized(*size):
+        assert desk(CUT) == []
+        desk.id("fold").click()
+        assert desk(CUT) == []
+        desk.id("fold").click()
+        assert desk.id("fold").get_attribute("aria-expanded") == "true"
 
 
 def test_a_joint_is_led_by_its_slider_and_by_its_link(desk, robot):
@@ -237,6 +246,7 @@ def test_a_joint_is_led_by_its_slider_and_by_its_link(desk, robot):
     moved = np.abs(after - q)
     assert moved[1] > 10 * MM  # the carriage runs along its rail
     assert np.delete(moved, 1).max() < 1e-6  # and no other joint
+    desk.id("mode-auto").click()
 
 
 def test_two_pages_see_the_same_and_one_holds_it(browser, server, desk):
