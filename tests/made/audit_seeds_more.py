@@ -180,7 +180,10 @@ def guide(p, layer) -> None:
 
 
 def grams(folder):
-    return base.usd_head("kilogramsPerUnit", 0.001)(folder)
+    file = f"{robot(folder)}.usda"
+    layer, _ = layers(folder, file)
+    layer.pseudoRoot.SetInfo("kilogramsPerUnit", 0.001)
+    stored(layer, folder, file)
 
 
 def with_mesh_op(p, layer) -> None:
@@ -245,10 +248,14 @@ def value_key(layer, moving, codes) -> None:
 
 
 def keys_exchanged(layer, moving, codes) -> None:
-    path, (a, b) = f"{moving[-1]}.xformOp:translate", (codes[3], codes[len(codes) // 2])
-    one, two = layer.QueryTimeSample(path, a), layer.QueryTimeSample(path, b)
-    layer.SetTimeSample(path, a, two)
-    layer.SetTimeSample(path, b, one)
+    a, b = codes[3], codes[len(codes) // 2]
+    for link in reversed(moving):
+        path = f"{link}.xformOp:translate"
+        one, two = layer.QueryTimeSample(path, a), layer.QueryTimeSample(path, b)
+        if one is not None and two is not None and (Gf.Vec3d(one) - Gf.Vec3d(two)).GetLength() > 1e-3:
+            layer.SetTimeSample(path, a, two)
+            layer.SetTimeSample(path, b, one)
+            return
 
 
 def link_still(layer, moving, codes) -> None:
