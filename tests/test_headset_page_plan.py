@@ -33,6 +33,7 @@ def page(browser, dome):
     server = headset.Serving(str(dome.file.parent))
     try:
         with console(browser, server.url, scripts=[PAD], size=(900, 520)) as opened:
+            opened.draws(False)
             yield opened
     finally:
         server.stop()
