@@ -84,18 +84,7 @@ def share_found(bundles, chosen, tmp_path) -> tuple[float, list[str]]:
 @pytest.fixture(scope="module")
 def real(tmp_path_factory) -> dict[str, Path]:
     """Return exports of real robots with one protocol and few keys: nothing else is seeded in the others."""
-    import twin
-    from twin.exchange.write.clip import Budget
-
-    out = {}
-    for name in ROBOTS if EVERY else ROBOTS[:1]:
-        robot = twin.load(name)
-        assert robot.files
-        first = next(iter(robot.files.protocols()))
-        folder = tmp_path_factory.mktemp("real") / name
-        twin.api.export(robot, folder=folder, protocols=[first], budget=Budget(2e-3, 0.02, 2e-3))
-        out[name] = folder
-    return out
+    return seeds.exported(ROBOTS if EVERY else ROBOTS[:1], tmp_path_factory.mktemp("real"))
 
 
 @pytest.mark.slow

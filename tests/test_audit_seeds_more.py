@@ -45,18 +45,7 @@ def test_the_kinds_are_many_and_stand_in_no_other_table():
 @pytest.fixture(scope="module")
 def real(tmp_path_factory) -> dict[str, Path]:
     """Return exports of real robots with one protocol and few keys."""
-    import twin
-    from twin.exchange.write.clip import Budget
-
-    out = {}
-    for name in ROBOTS:
-        robot = twin.load(name)
-        assert robot.files
-        first = next(iter(robot.files.protocols()))
-        folder = tmp_path_factory.mktemp("real") / name
-        twin.api.export(robot, folder=folder, protocols=[first], budget=Budget(2e-3, 0.02, 2e-3))
-        out[name] = folder
-    return out
+    return audit_seeds.exported(ROBOTS, tmp_path_factory.mktemp("real"))
 
 
 @pytest.mark.nightly

@@ -12,7 +12,7 @@ import os
 import re
 import shutil
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from pxr import Gf, Sdf, UsdUtils
 
+import twin
 from made.glb_apart import Glb
+from twin.exchange.write.clip import Budget
 
 
 @dataclass(frozen=True)
@@ -1255,14 +1257,16 @@ for kind, change, says in (
 # ------------------------------------------------------------------------------------- README.txt and Unity
 
 
-def text(file: str, pattern: str, new: str):
+def text(file: str, pattern: str, new: str, count: int = 1, flags: re.RegexFlag = re.NOFLAG):
+    """Return an edit that replaces `count` matches (0: all) in the first file whose path matches the glob `file`."""
+
     def edit(folder):
-        path = folder / file
-        if not path.is_file():
+        path = next(folder.glob(file), None)
+        if path is None:
             return False
         old = path.read_text("utf-8")
-        spoilt, count = re.subn(pattern, new, old, count=1)
-        if not count or spoilt == old:
+        spoilt, done = re.subn(pattern, new, old, count=count, flags=flags)
+        if not done or spoilt == old:
             return False
         path.unlink()
         path.write_text(spoilt, "utf-8")
@@ -1397,14 +1401,30 @@ def slim(folder: Path, name: str) -> None:
             file.unlink()
 
 
-def found(report, one: Seed) -> bool:
-    """Return whether a report names the correct cause; if two files contradict each other, it may name both."""
+def found(report, one: Seed, *, warned: bool = False) -> bool:
+    """Return whether a report names the correct cause; if two files contradict each other, it may name both.
+
+    With `warned`, a warning is enough.
+    """
+    severities = ("disagreement", "error", *["warning"] * warned)
     for f in report.findings:
         place = f.where + (f.message if "One of the two" in f.message else "")
         told = f"{f.code} {f.message} {f.where}"
-        if f.severity in ("disagreement", "error") and re.search(one.blamed, place) and re.search(one.says, told, re.I):
+        if f.severity in severities and re.search(one.blamed, place) and re.search(one.says, told, re.I):
             return True
     return False
+
+
+def exported(robots: Iterable[str], folder: Path) -> dict[str, Path]:
+    """Return exports of real robots in a folder, by name, with one protocol and few keys."""
+    out = {}
+    for name in robots:
+        robot = twin.load(name)
+        assert robot.files
+        first = next(iter(robot.files.protocols()))
+        out[name] = folder / name
+        twin.api.export(robot, folder=out[name], protocols=[first], budget=Budget(2e-3, 0.02, 2e-3))
+    return out
 
 
 def copied(bundle: Path, target: Path, one: Seed) -> bool:

@@ -32,6 +32,7 @@ from made.audit_seeds import (
     robot,
     stored,
     table,
+    text,
     track,
     turning,
     usd_joints,
@@ -299,20 +300,6 @@ more("usdz: keys exchanged", usdz_two_keys, "link", r"\.usdz")
 # ------------------------------------------------------------------------------------------------------- URDF
 
 
-def text_of(suffix: str, pattern: str, new, count: int = 1):
-    def edit(folder):
-        file = next(folder.glob(f"*{suffix}"))
-        old = file.read_text("utf-8")
-        changed, done = re.subn(pattern, new, old, count=count, flags=re.DOTALL)
-        if not done or changed == old:
-            return False
-        file.unlink()
-        file.write_text(changed, "utf-8")
-        return True
-
-    return edit
-
-
 def transmissions_exchange(part: str):
     def change(root):
         found = [t for t in root.findall("transmission") if t.find(part) is not None]
@@ -413,18 +400,18 @@ for kind, change, says in (
 FIRST_LOOP = r'closed_loop: \[\["[^\]]*"\], '
 TRANSMISSION = r"<transmission .*?</transmission>"
 for kind, edit, says in (
-    ("reduction 50", text_of(".urdf", r"<mechanicalReduction>[^<]*<", "<mechanicalReduction>50<"), "reduction"),
-    ("reduction negative", text_of(".urdf", r"<mechanicalReduction>1<", "<mechanicalReduction>-1<"), "reduction"),
-    ("transmission deleted", text_of(".urdf", TRANSMISSION, ""), "driven|passive|transmission"),
-    ("transmissions deleted", text_of(".urdf", TRANSMISSION, "", 0), "driven|transmission"),
+    ("reduction 50", text("*.urdf", r"<mechanicalReduction>[^<]*<", "<mechanicalReduction>50<"), "reduction"),
+    ("reduction negative", text("*.urdf", r"<mechanicalReduction>1<", "<mechanicalReduction>-1<"), "reduction"),
+    ("transmission deleted", text("*.urdf", TRANSMISSION, "", flags=re.DOTALL), "driven|passive|transmission"),
+    ("transmissions deleted", text("*.urdf", TRANSMISSION, "", 0, re.DOTALL), "driven|transmission"),
     (
         "loop of the YAML deleted",
-        text_of(".yaml", r'closed_loop: \[\["[^\]]*"\], ', "closed_loop: ["),
+        text("*.yaml", r'closed_loop: \[\["[^\]]*"\], ', "closed_loop: ["),
         "loop|type|joint",
     ),
-    ("loop type of the YAML", text_of(".yaml", r'type: \["6d"', 'type: ["3d"'), "joint|kind|loop"),
-    ("motor of the YAML deleted", text_of(".yaml", r'name_mot: \["[^"]*", ', "name_mot: ["), "driven"),
-    ("home of the YAML", text_of(".yaml", r"(home: \{[^}]*\": -?)0\.[1-9]", r"\g<1>0.0"), "home|loop"),
+    ("loop type of the YAML", text("*.yaml", r'type: \["6d"', 'type: ["3d"'), "joint|kind|loop"),
+    ("motor of the YAML deleted", text("*.yaml", r'name_mot: \["[^"]*", ', "name_mot: ["), "driven"),
+    ("home of the YAML", text("*.yaml", r"(home: \{[^}]*\": -?)0\.[1-9]", r"\g<1>0.0"), "home|loop"),
 ):
     more(f"URDF: {kind}", edit, says, r"\.urdf|\.yaml")
 
@@ -760,11 +747,5 @@ def copied(bundle: Path, target: Path, one: Seed) -> bool:
 
 
 def found(report, one: Seed) -> bool:
-    """Return whether a report names the right cause."""
-    severities = ("disagreement", "error", *["warning"] * (one.name in WARNED))
-    for f in report.findings:
-        place = f.where + (f.message if "One of the two" in f.message else "")
-        told = f"{f.code} {f.message} {f.where}"
-        if f.severity in severities and re.search(one.blamed, place) and re.search(one.says, told, re.I):
-            return True
-    return False
+    """Return whether a report names the right cause; of the kinds in WARNED, as a warning."""
+    return base.found(report, one, warned=one.name in WARNED)
