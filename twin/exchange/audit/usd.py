@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
 
 import numpy as np
@@ -192,17 +192,17 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
                 ledger.wrong("usd.material", text, path, suggestion="bind an existing material")
 
 
-def _check_stray(prims: list[Usd.Prim], bodies: Collection[Sdf.Path], ledger: Ledger) -> None:
+def _check_stray(prims: list[Usd.Prim], bodies: Set[Sdf.Path], ledger: Ledger) -> None:
     """Report visible shapes that belong to no link, and shapes without a material if others have one."""
     shapes = [p for p in prims if p.IsA(UsdGeom.Gprim)]
     shown = [p for p in shapes if UsdGeom.Imageable(p).ComputePurpose() in ("default", "render")]
-    colored = [p for p in shown if _has_material(p)]
+    colored = {p.GetPath() for p in shown if _has_material(p)}
     for prim in shown:
         path = str(prim.GetPath())
-        if not any(prim.GetPath().HasPrefix(body) for body in bodies):
+        if bodies.isdisjoint(prim.GetPath().GetAncestorsRange()):
             text = f"the shape {path} belongs to no link: it stays in place while the robot moves."
             ledger.add("usd.stray", "warning", text, path, suggestion="move the shape below its link, or delete it")
-        elif colored and not any(prim == other for other in colored):
+        elif colored and prim.GetPath() not in colored:
             text = f"the shape {path} has no material, but {len(colored)} other shapes have one."
             ledger.add("usd.no_material", "warning", text, path, suggestion="bind the material again")
 
