@@ -153,7 +153,11 @@ def _beyond(f: Finding, cad: Finding) -> bool:
     if cad.code != "cad.noise" or f.size is None or cad.size is None:
         return False
     gap = _LEVER * cad.size * MM
-    return f.size * MM > gap if f.unit == "mm" else f.unit == "deg" and f.size * DEG > gap / _LINK
+    if f.unit == "mm":
+        return f.size * MM > gap
+    if f.unit == "deg":
+        return f.size * DEG > gap / _LINK
+    return False  # rates and shares are compared with no gap
 
 
 def _sizes(found: Sequence[Finding], most: int = 6) -> str:
