@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 import pytest
 import trimesh
 
 from twin.cad import mesh
-from twin.cad.collada import read_collada
+from twin.cad.collada import TO_Z_UP, read_collada
 from twin.cli import main
+from twin.core import spatial
 from twin.core.errors import BudgetError
 from twin.core.foreign.budget import BUDGETS, Budget
 from twin.exchange.read import read
@@ -77,13 +79,15 @@ def volume(vertices, triangles):
 @pytest.mark.parametrize("kind", ["triangles", "polylist", "polygons"])
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("up", [*INTO, None])
-def test_collada_is_read_in_its_unit_and_with_its_up_axis(tmp_path, up, unit, kind):
+def test_collada_of_a_robot_folder_is_read_in_its_unit_and_with_its_up_axis(tmp_path, up, unit, kind):
     asset = f'<unit name="{unit}" meter="{UNITS[unit]}"/>' + (f"<up_axis> {up}\n</up_axis>" if up else "")
     text = collada(INTO[up or "Y_UP"](POINTS) / UNITS[unit], SHOWN, asset, kind)
     (tmp_path / "m.dae").write_text(text)
     vertices, triangles, stated = read_collada(tmp_path / "m.dae")
     assert stated == (up or "Y_UP")
-    same_points(vertices, POINTS)
+    same_points(vertices @ TO_Z_UP[stated].T, POINTS)
+    loaded, _ = mesh.load_mesh(tmp_path / "m.dae", "m")
+    same_points(loaded.vertices, POINTS)
     assert volume(vertices, triangles) == pytest.approx(SIZE.prod() / 6, rel=1e-5)
 
 
@@ -148,10 +152,10 @@ def test_collada_that_cannot_be_read_is_a_warning_and_the_collision_shape_serves
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb", "gltf", "dae"])
 def test_one_solid_in_each_format_stands_upright_in_urdf_and_sdf(tmp_path, suffix):
-    """The file of a format that is y up has y up; the robot shows z up. A scale is along the axes of the robot."""
+    """glTF has y up; the robot shows z up. A scale is along the axes of the robot."""
     file = tmp_path / f"m.{suffix}"
     if suffix == "dae":
-        file.write_text(collada(INTO["Y_UP"](POINTS), SHOWN))
+        file.write_text(collada(POINTS, SHOWN))
     else:
         points = INTO["Y_UP"](POINTS) if suffix.startswith("gl") else POINTS
         solid = trimesh.Trimesh(points, FACES, process=False)
@@ -168,6 +172,60 @@ def test_one_solid_in_each_format_stands_upright_in_urdf_and_sdf(tmp_path, suffi
         (shape,) = read(tmp_path / name).mechanism.body("a").meshes
         same_points(shape.vertices, POINTS * [1, 1, 2])
         assert volume(shape.vertices, shape.triangles) == pytest.approx(SIZE.prod() / 3, rel=1e-5)
+
+
+@pytest.mark.parametrize("up", [*INTO, None])
+def test_the_up_axis_of_collada_is_not_applied_in_urdf_and_sdf_and_told_once(tmp_path, up):
+    """As RViz, Gazebo and Pinocchio do; two links have such meshes, and the finding names the first."""
+    asset = f"<up_axis>{up}</up_axis>" if up else ""
+    for name in ("m", "n"):
+        (tmp_path / f"{name}.dae").write_text(collada(POINTS, SHOWN, asset))
+    visual = '<visual><geometry><mesh filename="{}.dae"/></geometry></visual>'
+    urdf = ROBOT.format(shapes=visual.format("m")).replace(
+        '<link name="b"/>', f'<link name="b">{visual.format("n")}</link>'
+    )
+    (tmp_path / "r.urdf").write_text(urdf)
+    visual = "<visual name='v'><geometry><mesh><uri>{}.dae</uri></mesh></geometry></visual>"
+    sdf = SDF.format(shapes=visual.format("m")).replace(
+        '<link name="b"/>', f'<link name="b">{visual.format("n")}</link>'
+    )
+    (tmp_path / "r.sdf").write_text(sdf)
+    shown = {"X_UP": "(-y, -z, x)", "Y_UP": "(x, -z, y)", None: "(x, -z, y)", "Z_UP": None}[up]
+    if shown:
+        names = dict(zip("xyz", POINTS.T, strict=True))
+        names.update({f"-{k}": -v for k, v in names.items()})
+        said = np.stack([names[k] for k in shown.strip("()").split(", ")], 1)
+        same_points(said, POINTS @ TO_Z_UP[up or "Y_UP"].T)
+    for file in ("r.urdf", "r.sdf"):
+        imported = read(tmp_path / file)
+        for link in "ab":
+            (shape,) = imported.mechanism.body(link).meshes
+            same_points(shape.vertices, POINTS)
+        told = [f for f in imported.findings if f.code == "import.up_axis"]
+        if shown is None:
+            assert not told
+            continue
+        (finding,) = told
+        assert finding.severity == "warning"
+        assert f"link 'a': the up axis of mesh m.dae is {up or 'Y_UP'}; it is not applied" in finding.message
+        assert shown in finding.message
+
+
+@pytest.mark.parametrize("up", INTO)
+def test_pinocchio_reads_collada_of_a_urdf_with_the_same_axes(tmp_path, up, rng):
+    """Drawn points, and a node with a drawn pose."""
+    points = rng.normal(size=(4, 3))
+    pose = np.eye(4)
+    pose[:3, :3] = spatial.exp_so3(rng.normal(size=3))
+    pose[:3, 3] = rng.normal(size=3)
+    scene = f'<node><matrix>{numbers(pose)}</matrix><instance_geometry url="#g"/></node>'
+    (tmp_path / "m.dae").write_text(collada(points, scene, f"<up_axis>{up}</up_axis>"))
+    path = tmp_path / "r.urdf"
+    path.write_text(ROBOT.format(shapes='<visual><geometry><mesh filename="m.dae"/></geometry></visual>'))
+    model = pinocchio.buildModelFromUrdf(str(path))
+    seen = pinocchio.buildGeomFromUrdf(model, str(path), pinocchio.GeometryType.VISUAL, package_dirs=[str(tmp_path)])
+    (shape,) = read(path).mechanism.body("a").meshes
+    same_points(np.unique(seen.geometryObjects[0].geometry.vertices(), axis=0), np.unique(shape.vertices, axis=0))
 
 
 @pytest.mark.parametrize("limit", [10_000, 100])

@@ -21,11 +21,11 @@ MESHES = {"mjcf": ("box", "stl", "obj"), "usd": ("mesh",), "urdf": ("box", "stl"
 MESHES["sdf"] = MESHES["urdf"]
 """Shapes of the links by format: a primitive, a mesh of a stage, or a box in a mesh file of one of these formats."""
 
-TURNS = {
-    "Y_UP": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
-    "Z_UP": np.eye(3),
-}
-"""Rotation (3, 3) from z up to the axes of a Collada file, by its up_axis; glTF has the axes of Y_UP."""
+AXES = ("X_UP", "Y_UP", "Z_UP")
+"""Values of up_axis in a Collada file; programs that read URDF and SDF ignore it."""
+
+R_GLTF_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+"""Rotation (3, 3) from z up to the axes of glTF."""
 
 R_STAGE_WORLD = {"Z": np.eye(3), "Y": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
 """Rotation from a world with z up to the axes of a stage, by the up axis of the stage."""
@@ -210,7 +210,7 @@ def _link(rng: random.Random, i: int, format: str) -> Link:
         np.array([rng.uniform(-0.1, 0.1) for _ in range(3)]),
         1000.0 * float(np.prod(size)) if heavy else 0.0,
         rng.choice([*MESHES[format], *MESHES[format], ""]) if i else rng.choice(MESHES[format]),
-        rng.choice(["Y_UP", "Z_UP"]),
+        rng.choice(AXES),
         rng.choice([1.0, 0.001, 0.0254]),
     )
 
@@ -252,7 +252,7 @@ def write(robot: Robot, folder: Path) -> Path:
                 path.write_text(_collada(link, box))
                 continue
             if link.shape == "glb":
-                box.apply_transform(spatial.pose(TURNS["Y_UP"]))
+                box.apply_transform(spatial.pose(R_GLTF_WORLD))
             box.export(path)
     return {"urdf": _urdf, "mjcf": _mjcf, "sdf": _sdf, "usd": _usd}[robot.format](robot, folder)
 
@@ -263,8 +263,8 @@ def text(values) -> str:
 
 
 def _collada(link: Link, box: trimesh.Trimesh) -> str:
-    """Return a Collada file of a box, in the axes and the unit of the link's file."""
-    points = text((box.vertices @ TURNS[link.file_axes].T / link.file_unit).ravel())
+    """Return a Collada file of a box in the unit of the link's file, whose up axis has no effect."""
+    points = text((box.vertices / link.file_unit).ravel())
     corners = " ".join(str(i) for i in box.faces.ravel())
     count = box.vertices.size
     return (

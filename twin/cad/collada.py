@@ -1,4 +1,4 @@
-"""Read Collada (.dae): triangles of all instances, in m and z up, by the unit and the up axis that the file states.
+"""Read Collada (.dae): triangles of all instances, in m, and the up axis that the file states.
 
 Only geometry and scene reach pycollada: materials, images, lights and animations are removed before, and no other file
 is opened.
@@ -17,7 +17,7 @@ from twin.core.foreign.budget import BUDGETS, over
 from twin.core.foreign.text import parse_xml
 from twin.core.spatial import Array
 
-_TO_Z_UP = {
+TO_Z_UP = {
     "X_UP": np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]),
     "Y_UP": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
     "Z_UP": np.eye(3),
@@ -39,7 +39,9 @@ _NOT_READ = ("convex_mesh", "spline", "instance_controller")
 
 
 def read_collada(path: Path) -> tuple[Array, np.ndarray, str]:
-    """Return vertices (n, 3) in m and z up, triangles (m, 3), and the up axis that the file states, such as "Y_UP".
+    """Return vertices (n, 3) in m along the axes of the file, triangles (m, 3), and the up axis, such as "Y_UP".
+
+    A file without an up axis has "Y_UP", the default of the Collada specification. `TO_Z_UP` turns vertices upright.
 
     Raises:
         BudgetError: the file, or the file with all its instances, exceeds the limits of its format.
@@ -58,8 +60,8 @@ def read_collada(path: Path) -> tuple[Array, np.ndarray, str]:
     _check_count(path, root)
     unit = _unit(root)
     up = (root.findtext("{*}asset/{*}up_axis") or "Y_UP").strip()
-    if up not in _TO_Z_UP:
-        raise ValueError(f"up_axis '{up[:40]}' is not one of {', '.join(_TO_Z_UP)}")
+    if up not in TO_Z_UP:
+        raise ValueError(f"up_axis '{up[:40]}' is not one of {', '.join(TO_Z_UP)}")
     document = collada.Collada(BytesIO(ElementTree.tostring(root)))
     if document.scene is None:
         raise ValueError("the file has no scene")
@@ -80,8 +82,7 @@ def read_collada(path: Path) -> tuple[Array, np.ndarray, str]:
             vertices.append(points @ T[:3, :3].T + T[:3, 3])
             triangles.append(corners + count)
             count += len(points)
-    turned = unit * np.concatenate(vertices) @ _TO_Z_UP[up].T
-    return turned, np.concatenate(triangles), up
+    return unit * np.concatenate(vertices), np.concatenate(triangles), up
 
 
 def _triangles(part) -> np.ndarray | None:

@@ -1,8 +1,8 @@
 """Triangle meshes: read files with a declared unit, find open surfaces, and compute mass properties.
 
 Most mesh files do not state a unit, so the description must declare the unit; for 3MF, the stated and the declared unit
-must be equal. A Collada file is read in the unit and with the up axis that it states. A part with an implausible size
-is reported as a finding.
+must be equal. A Collada file is read in the unit that it states. A part with an implausible size is reported as a
+finding.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from twin.cad.collada import read_collada
+from twin.cad.collada import TO_Z_UP, read_collada
 from twin.cad.threemf import UNITS, read_3mf
 from twin.core.errors import BudgetError, CadError
 from twin.core.findings import Finding, warning
@@ -37,12 +37,15 @@ def load_mesh(
     unit: str | None,
     up: Literal["z", "y"] | None = "z",
     color: Sequence[float] = (0.6, 0.6, 0.6),
+    *,
+    apply_up_axis: bool = True,
 ) -> tuple[Mesh, list[Finding]]:
     """Read an STL, OBJ, GLB, 3MF, PLY or Collada file, converted to m and z up.
 
     `unit` is a key of `LENGTH`; `up` is the axis that points up in the file, None: the axis of the format (y for
-    glTF, else z). A Collada file states both, so `unit` and `up` have no effect on it. `color` is linear RGB, or RGB
-    and alpha.
+    glTF, else z). A Collada file states both, so `unit` and `up` have no effect on it. Without `apply_up_axis`, its
+    vertices keep the axes of the file; the finding `cad.up_axis` then reports an axis other than z. `color` is linear
+    RGB, or RGB and alpha.
 
     Raises:
         CadError: the unit is missing, or the file is missing, unreadable or empty.
@@ -59,6 +62,7 @@ def load_mesh(
     if not path.is_file():
         raise CadError(f"{path}: the mesh file does not exist")
     stated = None
+    findings = []
     size = LENGTH[unit]
     suffix = path.suffix.lower()
     if up is None:
@@ -66,9 +70,13 @@ def load_mesh(
     try:
         admit(path)
         if suffix == ".dae":
-            vertices, triangles, _ = read_collada(path)
+            vertices, triangles, stated_up = read_collada(path)
             up = "z"
             size = 1.0
+            if apply_up_axis:
+                vertices = vertices @ TO_Z_UP[stated_up].T
+            elif stated_up != "Z_UP":
+                findings.append(_kept_axes(path.name, stated_up))
         elif suffix == ".3mf":
             vertices, triangles, stated = read_3mf(path)
         else:
@@ -83,7 +91,6 @@ def load_mesh(
     if stated is not None and UNITS[stated] != LENGTH[unit]:
         raise CadError(f"{path}: unit '{unit}' is declared, but the file states {stated}; declare the unit of the file")
     vertices, triangles = weld(vertices * size @ _UP[up].T, triangles)
-    findings = []
     extent = float(np.ptp(vertices, axis=0).max())
     if not _PLAUSIBLE[0] <= extent <= _PLAUSIBLE[1]:
         findings.append(
@@ -99,6 +106,18 @@ def load_mesh(
     if inertia(vertices, triangles, 1.0) is None:
         findings.append(open_mesh(path.stem))
     return Mesh(path.stem, vertices, triangles, (r, g, b, alpha[0] if alpha else 1.0)), findings
+
+
+def _kept_axes(name: str, up: str) -> Finding:
+    """Return a warning: the up axis of a Collada file has no effect; it says what the other reading would be."""
+    turned = {"X_UP": "(-y, -z, x)", "Y_UP": "(x, -z, y)"}[up]
+    text = (
+        f"the up axis of mesh {name} is {up}; it is not applied, as in RViz, Gazebo and Pinocchio. A program that "
+        f"applies it, such as Bullet, shows the points (x, y, z) of the mesh at {turned}"
+    )
+    return warning(
+        "cad.up_axis", name, text, suggestion="save the mesh with up_axis Z_UP, which all programs read alike"
+    )
 
 
 def open_mesh(name: str) -> Finding:

@@ -143,9 +143,15 @@ def find(uri: str, beside: Path) -> Path | None:
 
 
 def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Findings) -> tuple[Array, np.ndarray] | None:
-    """Return (vertices (n, 3) in m, z up, triangles (m, 3)) of a mesh file: glTF is y up, Collada states its axis.
+    """Return (vertices (n, 3) in m, z up, triangles (m, 3)) of a mesh file.
 
-    If the file cannot be read, return None and add a warning that names the file to `findings`.
+    glTF is y up. The up axis of a Collada file is not applied: RViz, Gazebo (for SDF too), MoveIt, DART and Pinocchio
+    ignore it, and authors of robots place their meshes as these programs show them. The first file with another up axis
+    than z adds a warning to `findings`. If the file cannot be read, return None and add a warning that names the file.
+
+    Sources: rviz mesh_loader.cpp and ros2/rviz assimp_loader.cpp (AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION);
+    gz-common ColladaLoader.cc (reads only the unit) and AssimpLoader.cc; moveit/geometric_shapes pull request 52;
+    hpp-fcl src/mesh_loader/assimp.cpp.
     """
     path = find(uri, beside)
     if path is None or path.suffix.lower() not in SUFFIXES:
@@ -153,9 +159,13 @@ def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Finding
         findings.warn("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without this mesh.", uri)
         return None
     try:
-        mesh, _ = load_mesh(path, "m", None)
+        mesh, found = load_mesh(path, "m", None, apply_up_axis=False)
     except CadError as error:
         findings.warn("mesh", f"link '{link}': {error}: the link is shown without this mesh.", uri)
         return None
+    told = any(f.code == "import.up_axis" for f in findings)
+    for finding in found:
+        if finding.code == "cad.up_axis" and not told:
+            findings.warn("up_axis", f"link '{link}': {finding.message}; {finding.suggestion}.", uri)
     triangles = mesh.triangles[:, ::-1] if np.prod(scale) < 0 else mesh.triangles
     return mesh.vertices * scale, triangles
