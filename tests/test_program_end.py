@@ -53,6 +53,11 @@ INTERPRETER_ENDS = {  # what Python cannot catch: the process ends
     "os._exit": "import os, threading, time; threading.Timer(0, os._exit, [0]).start(); time.sleep(30)",
     "exit code 0": "import os, threading, time; threading.Thread(target=os._exit, args=[0]).start(); time.sleep(30)",
     "SIGXCPU": "import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 5))\nwhile True: pass",
+    "was ended by SIGTERM (os.kill was called at PATH": "import os, time; os.kill(os.getppid(), 15); time.sleep(30)",
+    "SIGHUP (os.kill was": "import os, time; os.kill(os.getppid(), 1); time.sleep(30)",
+    "SIGTERM (os.kill was": "import os; os.kill(0, 15)",
+    "SIGTERM (os.killpg": "import os; os.killpg(os.getpgid(0), 15)",
+    "ended by SIGTERM before": "import os; os.system(f'kill -15 {os.getppid()}; sleep 1 >&- 2>&-')",
     "SIGALRM": "import signal; signal.signal(14, signal.SIG_DFL); signal.alarm(1); signal.pause()",
 }
 
@@ -196,7 +201,8 @@ def supervised(path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         "sys.exit(supervised(command))\n"
     )
     line = [sys.executable, "-c", program, *arguments]
-    return subprocess.run(line, capture_output=True, text=True, timeout=120, check=False)
+    # in a process group of its own, because some of these files send signals to their group
+    return subprocess.run(line, capture_output=True, text=True, timeout=120, check=False, start_new_session=True)
 
 
 @pytest.mark.parametrize("message", INTERPRETER_ENDS)
@@ -207,6 +213,62 @@ def test_a_process_that_ends_without_a_verdict_has_exit_code_2(tmp_path, message
     assert (done.returncode, done.stdout) == (2, "")
     assert message.replace("PATH", f"{path}:1") in done.stderr
     assert "before it printed a verdict, so nothing was checked" in done.stderr
+
+
+INTERRUPTS = {  # code of an author that interrupts its own program, and whether it does so where it runs
+    "import _thread; _thread.interrupt_main()": True,
+    "import signal; signal.raise_signal(signal.SIGINT)": True,
+    "import os; os.kill(os.getpid(), 2)": True,
+    "import os, time; os.kill(os.getppid(), 2); time.sleep(30)": True,
+    "import os, time; os.kill(0, 2); time.sleep(30)": True,
+    "import _thread, threading as t; t.Timer(0.2, _thread.interrupt_main).start()": False,
+}
+
+
+def commanded(path: Path, code: str) -> list[str]:
+    """Return the line of a program that runs code of an author, contained, as a command, which takes a second more."""
+    path.write_text(code)
+    program = (
+        "import pathlib, runpy, sys, time\n"
+        "from twin.cli import command_line\n"
+        "from twin.cli.supervisor import supervised\n"
+        "from twin.core.program_end import contained\n"
+        "def command(args):\n"
+        f"    path = pathlib.Path({str(path)!r})\n"
+        "    with contained(path):\n"
+        "        runpy.run_path(str(path))\n"
+        "    time.sleep(1)\n"
+        "    print('done')\n"
+        "    return 0\n"
+        "command_line._prepared = lambda args: command\n"
+        "sys.exit(supervised(lambda: command_line.run(['list'])))\n"
+    )
+    return [sys.executable, "-c", program]
+
+
+@pytest.mark.parametrize(("code", "here"), INTERRUPTS.items())
+def test_an_interrupt_by_code_is_no_ctrl_c(tmp_path, code, here):
+    path = tmp_path / "author.py"
+    line = commanded(path, code)
+    done = subprocess.run(line, capture_output=True, text=True, timeout=120, check=False, start_new_session=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "the code ends the program by KeyboardInterrupt, so nothing can be checked" in done.stderr
+    if here:
+        assert f"twin: {path}:1: the code" in done.stderr
+
+
+@pytest.mark.parametrize("group", [False, True])
+def test_ctrl_c_has_exit_code_130_also_while_code_of_an_author_runs(tmp_path, group):
+    import signal
+
+    line = commanded(tmp_path / "author.py", "import time; print('ready', flush=True); time.sleep(30)")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(line, text=True, start_new_session=True, **pipes) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
+        said = process.communicate(timeout=60)
+    assert (process.returncode, *said) == (130, "", "twin: interrupted: nothing was written\n")
 
 
 def test_a_crash_of_a_native_library_prints_the_line_that_called_it(tmp_path):

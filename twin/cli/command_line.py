@@ -13,7 +13,7 @@ from importlib import import_module
 from twin.cli.interrupt import after_imports
 from twin.cli.parser import UsageError, parser
 from twin.core.errors import TwinError
-from twin.core.program_end import Output, ending
+from twin.core.program_end import Output, ending, interrupted
 
 # Other modules are imported where they are used, so that `twin --help` takes 46 ms of processor time instead of 64 ms.
 
@@ -54,6 +54,8 @@ def run(argv: Sequence[str]) -> int:
         return failed(type(error).__name__, str(error), args.json)
     except KeyboardInterrupt as stopped:
         _settle_all()  # child processes were killed and have left their temporary folders
+        if not interrupted():  # code of a robot did this, perhaps in a thread
+            return failed("ProgramEndError", str(ending(stopped)), args.json)
         print(f"twin: interrupted: {', '.join(map(str, stopped.args)) or _kept()}", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader has closed the pipe

@@ -2,7 +2,8 @@
 
 The equations of a robot are Python code of their author. `os._exit(0)`, `os.execv` or an exit handler in them would end
 the program with exit code 0 and without a verdict. Therefore the command runs in a child process, which reports its
-exit code through a pipe after it has printed its result. Without this report, the exit code is 2.
+exit code through a pipe after it has printed its result. Without this report, the exit code is 2. A signal from
+elsewhere ends both processes, as usual; one that the command sends to its supervisor ends only the command.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ def supervised(command: Callable[[], int]) -> int:
     """Run a command in a child process and return its exit code; 2 if the child ends without reporting one."""
     reading, writing = os.pipe()
     running, end_of_run = os.pipe()  # nothing is written: the writing end closes when this process ends
+    interrupts = os.eventfd(0)
     parent = os.getpid()
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {*_FORWARDED, signal.SIGCHLD})
     child = os.fork()
@@ -45,11 +47,13 @@ def supervised(command: Callable[[], int]) -> int:
         os.close(reading)
         os.close(end_of_run)
         program_pipe.reading = running
+        program_pipe.interrupts = interrupts
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         return _child(command, writing, parent)
     os.close(writing)
     os.close(running)
-    status, sent = _ended(child, end_of_run)
+    status, sent = _ended(child, end_of_run, interrupts)
+    os.close(interrupts)
     signal.pthread_sigmask(signal.SIG_SETMASK, mask)
     os.set_blocking(reading, False)
     try:
@@ -131,10 +135,11 @@ class _Bystander:
         os.waitpid(self.process, 0)
 
 
-def _ended(child: int, end_of_run: int) -> tuple[int, set[int]]:
+def _ended(child: int, end_of_run: int, interrupts: int) -> tuple[int, set[int]]:
     """Wait for the end of the child; return its status and the signals that it received from elsewhere.
 
-    Only this process may have the writing end `end_of_run` of the pipe.
+    Only this process may have the writing end `end_of_run` of the pipe. The eventfd `interrupts` counts the interrupts
+    from elsewhere.
     """
     bystander = _Bystander(end_of_run)
     sent: set[int] = set()
@@ -146,7 +151,10 @@ def _ended(child: int, end_of_run: int) -> tuple[int, set[int]]:
         received = signal.sigwaitinfo({*_FORWARDED, signal.SIGCHLD})
         if received.si_signo == signal.SIGCHLD:
             continue
-        sent.add(received.si_signo)
+        if not _descends(received.si_pid, child):
+            sent.add(received.si_signo)
+            if received.si_signo == signal.SIGINT:
+                os.eventfd_write(interrupts, 1)
         if received.si_code == _FROM_TERMINAL:
             continue
         if bystander.received(received.si_signo):
@@ -154,6 +162,22 @@ def _ended(child: int, end_of_run: int) -> tuple[int, set[int]]:
             bystander = _Bystander(end_of_run)
             continue
         os.kill(child, received.si_signo)
+
+
+def _descends(process: int, ancestor: int) -> bool:
+    """Return whether a process is `ancestor` or descends from it; False of a process that no longer exists."""
+    from pathlib import Path
+
+    while process > 1:
+        if process == ancestor:
+            return True
+        try:
+            status = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            return False
+        after_name = status.rpartition(")")[2].split()
+        process = int(after_name[1])
+    return False
 
 
 def _unfinished(status: int, place: str) -> int:
@@ -168,6 +192,6 @@ def _unfinished(status: int, place: str) -> int:
     return failed(
         "EndedError",
         f"the program {how}{where} before it printed a verdict, so nothing was checked. Look for what ends the process "
-        "in the robot's formula.py (os._exit, os.exec, exit handlers, ctypes), or for a lack of memory.",
+        "in the robot's formula.py (os._exit, os.exec, os.kill, exit handlers, ctypes), or for a lack of memory.",
         "--json" in sys.argv,
     )

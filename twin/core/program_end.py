@@ -9,6 +9,7 @@ from __future__ import annotations
 import builtins
 import contextlib
 import os
+import select
 import signal
 import sys
 import sysconfig
@@ -19,6 +20,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO
 
+from twin.core import program_pipe
 from twin.core.errors import TwinError
 
 SECONDS = "TWIN_CODE_SECONDS"
@@ -28,6 +30,12 @@ _DEFAULT_SECONDS = 60.0
 
 _AGAIN = 1.0
 """Interval in s at which the error is raised again: code may catch it, and native libraries may discard it."""
+
+_NOTED = 2.0
+"""Longest time in s until the supervisor has counted an interrupt that this process received."""
+
+_SIGNALLING = ("kill", "killpg")
+"""Functions of `os` that send a signal, also to this process and to the one that supervises it."""
 
 _INSTALLED = ("stdlib", "purelib", "platlib")
 
@@ -115,7 +123,7 @@ def contained(code: Path | Callable[..., Any]) -> Iterator[None]:
         with _timed():
             yield
     except KeyboardInterrupt as stop:
-        if _pressed(stop):
+        if _raised_by_handler(stop) and interrupted():
             raise
         raise ending(stop) from stop
     except _LateError as late:
@@ -155,22 +163,27 @@ def ending(error: BaseException) -> ProgramEndError:
 
 
 def name_exits(report: Callable[[str], object]) -> None:
-    """Let calls of `os._exit`, `os.execv` and `os.execve` in this process first report their file and line.
+    """Let calls of functions of `os` that can end this process first report their file and line, each place once.
 
-    Child processes that are forked from this process do not report.
+    Signals are reported only if code of an author sends them. Child processes that are forked from this process do not
+    report.
     """
     process = os.getpid()
+    reported: set[str] = set()
 
     def reporting(name: str, leave: Callable[..., Any]) -> Callable[..., Any]:
         def left(*arguments: Any) -> None:
             if os.getpid() == process:
                 place = _authored(traceback.extract_stack()[:-1])
-                report(f"os.{name} was called" + (f" at {place}" if place else ""))
+                text = f"os.{name} was called" + (f" at {place}" if place else "")
+                if text not in reported and (place or name not in _SIGNALLING):
+                    reported.add(text)
+                    report(text)
             leave(*arguments)
 
         return left
 
-    for name in ("_exit", "execv", "execve"):
+    for name in ("_exit", "execv", "execve", *_SIGNALLING):
         setattr(os, name, reporting(name, getattr(os, name)))
 
 
@@ -182,14 +195,25 @@ def _authored(frames: Sequence[traceback.FrameSummary]) -> str:
     return ""
 
 
-def _pressed(stop: KeyboardInterrupt) -> bool:
-    """Return whether an interrupt comes from Ctrl-C; one that code raises has that code's own frame as the last."""
+def _raised_by_handler(stop: KeyboardInterrupt) -> bool:
+    """Return whether the handler of SIGINT raised this; what code raises has that code's own frame as the last."""
     handler = signal.getsignal(signal.SIGINT)
     code = getattr(handler, "__code__", None)
-    if code is None:  # Python's own handler has no frame: assume Ctrl-C
+    if code is None:  # Python's own handler has no frame
         return True
     frames = [frame for frame, _ in traceback.walk_tb(stop.__traceback__)]
     return bool(frames) and frames[-1].f_code is code
+
+
+def interrupted() -> bool:
+    """Return whether an interrupt of this process comes from elsewhere, such as Ctrl-C; assumed if not supervised.
+
+    Code may call `_thread.interrupt_main`, or send SIGINT to its own process; its supervisor receives nothing then.
+    """
+    if program_pipe.interrupts is None:
+        return True
+    counted, _, _ = select.select([program_pipe.interrupts], [], [], _NOTED)
+    return bool(counted)
 
 
 @contextlib.contextmanager
