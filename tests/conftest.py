@@ -30,6 +30,9 @@ FIRST = (
     "test_docs_pages", "test_hazards", "test_pegboard", "test_dome_task", "test_procedure", "test_camera_task",
     "test_explain_faults", "test_explain_hollow", "test_operator", "test_tissue", "test_cad_sher", "test_cad_sils",
     "test_wheel", "test_kill", "test_selftest", "test_session", "test_by_hand", "test_machine_operated",
+    # in a browser
+    "test_viewer_page", "test_headset_page", "test_headset_xr", "test_headset_xr_console", "test_headset_page_touch",
+    "test_headset_page_procedure", "test_viewer_console", "test_headset_page_plan", "test_headset_page_scene",
 )  # fmt: skip
 """Files whose tests take longest: a worker that began one of them last would work on alone."""
 
