@@ -105,6 +105,7 @@ NIGHTLY = {
     "twin validate my_robot/": "twin validate my_hexapod, the same robot",
     "twin validate pa10 --all-protocols":
         "test_toppra_confirms_every_phase_of_every_protocol; tests/test_point_search.py",
+    "twin validate pa10": "test_validation_compares_the_three_methods_and_counts_failures",
     "twin validate raven_left --all-protocols":
         "test_equations_and_mechanism_agree_over_the_range; test_toppra_confirms_every_phase_of_every_protocol",
     "twin validate raven_right --all-protocols":
