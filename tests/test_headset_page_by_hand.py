@@ -24,8 +24,7 @@ def serving():
 
 @pytest.fixture(scope="module")
 def page(browser, serving):
-    with console(browser, serving.url, size=(1200, 700), scripts=(PAD,)) as page:
-        page.draws(False)
+    with console(browser, serving.url, size=(1200, 700), scripts=(PAD,), draws=False) as page:
         yield page
 
 
@@ -175,7 +174,6 @@ def test_a_phone_has_the_window_of_tools_too(page, arms):
 
 def test_the_organs_are_streamed_beside_the_hands(page, arms):
     """Frames with organs arrive while an instrument presses the liver; benchmarks/organs_page.py has the rate."""
-    page.draws(False)  # a software renderer takes more than a processor, and as many frames as it pleases
     page.page.keyboard.down("q")
     page.until("twin.app.model.console.hands.left.follows", "the hand moves")
     assert page("twin.app.model.scene.fields.length") >= 1

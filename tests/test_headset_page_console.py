@@ -22,8 +22,7 @@ def serving():
 
 @pytest.fixture(scope="module")
 def opened(browser, serving):
-    with console(browser, serving.url, size=(900, 520), scripts=(PAD,)) as page:
-        page.draws(False)
+    with console(browser, serving.url, size=(900, 520), scripts=(PAD,), draws=False) as page:
         yield page
 
 

@@ -21,8 +21,7 @@ NOW = "twin.app.console.forces.now.right.length()"
 @pytest.fixture(scope="module")
 def page(browser):
     server = headset.Serving("davinci")
-    with console(browser, server.url, size=(1000, 600), scripts=(PAD,)) as page:
-        page.draws(False)
+    with console(browser, server.url, size=(1000, 600), scripts=(PAD,), draws=False) as page:
         yield page
     server.stop()
 

@@ -16,8 +16,8 @@ pytestmark = [pytest.mark.browser, pytest.mark.alone]  # machine processes in re
 @pytest.fixture(scope="module")
 def page(browser):
     server = headset.Serving("raven")
-    with console(browser, server.url, size=(900, 520)) as opened:
-        opened.draws(False)  # with few pictures in a second, a hand moves in steps, which are too fast for the machine
+    # With few pictures in a second, a hand would move in steps, which are too fast for the machine.
+    with console(browser, server.url, size=(900, 520), draws=False) as opened:
         yield opened
     server.stop()
 

@@ -25,10 +25,9 @@ def page(browser, broker):
     port = headset.free_port()
     server = headset.Serving("davinci", None, "--packets", port, "--mqtt", f"127.0.0.1:{broker.port}")
     try:
-        with headset.shown(browser, server.url, size=(1280, 900)) as page:
+        with headset.shown(browser, server.url, size=(1280, 900), draws=False) as page:
             page.until("twin.app.model.console?.packets.port", "the console's state")
             page.port = port
-            page.draws(False)
             yield page
     finally:
         server.stop()

@@ -32,8 +32,7 @@ def dome(tmp_path_factory):
 def page(browser, dome):
     server = headset.Serving(str(dome.file.parent))
     try:
-        with console(browser, server.url, scripts=[PAD], size=(900, 520)) as opened:
-            opened.draws(False)
+        with console(browser, server.url, scripts=[PAD], size=(900, 520), draws=False) as opened:
             yield opened
     finally:
         server.stop()

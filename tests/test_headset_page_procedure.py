@@ -25,9 +25,8 @@ def serving():
 
 @pytest.fixture(scope="module")
 def page(browser, serving):
-    with console(browser, serving.url, size=(700, 440), scripts=(STEER,)) as page:
+    with console(browser, serving.url, size=(700, 440), scripts=(STEER,), draws=False) as page:
         page.until("twin.app.loaded && twin.app.fields.vertices('cystic_duct').length > 0", "the vessels")
-        page.draws(False)
         yield page
 
 

@@ -27,7 +27,7 @@ def serving():
 
 @pytest.fixture(scope="module")
 def page(browser, serving):
-    with headset.shown(browser, serving.url) as page:
+    with headset.shown(browser, serving.url, draws=False) as page:
         page.until("twin.app.model.robots.every(r => r.state.protocol !== null)", "all plans")
         yield page
 
@@ -68,6 +68,7 @@ def test_every_link_of_every_robot_is_drawn_in_its_place(page, scene):
 
 def test_the_cloth_is_drawn_as_it_bends(page):
     cloth, shapes = Cloth(np.array(CLOTH["corner"]), CLOTH["edge"]), []
+    page.draws(True)
     for t in (0.0, 0.4, 1.35):
         page(f"twin.app.ask('seek', {{t: {t}}})")
         page.until(f"Math.abs(twin.app.model.time - {t}) < 1e-6", "the time")
@@ -78,6 +79,7 @@ def test_the_cloth_is_drawn_as_it_bends(page):
         page.settled()
         page("twin.app.world.touch()")
         shapes.append(page.image())
+    page.draws(False)
     # Where it hangs the picture changes: its colour is seen, and moves.
     teal = [(i[..., 1] > 1.3 * i[..., 0]) & (i[..., 1] > 40) for i in shapes]
     assert min(t[:, :600].sum() for t in teal) > 1500

@@ -57,9 +57,8 @@ def serving():
 
 @pytest.fixture(scope="module")
 def page(browser, serving):
-    with console(browser, serving.url, size=(1000, 640), scripts=(PAD,)) as page:
+    with console(browser, serving.url, size=(1000, 640), scripts=(PAD,), draws=False) as page:
         page.until("twin.app.loaded", "the scene")
-        page.draws(False)
         yield page
 
 
@@ -70,7 +69,7 @@ def test_rings_are_drawn_where_the_scene_has_them_and_every_page_has_the_scorebo
         np.testing.assert_allclose(at, item.T_world_object[:3, 3], atol=1e-3)  # they swing a little at first
     headset.until(lambda: "Rings transferred" in page.id("score").inner_text(), "the scoreboard")
     assert "0 of 4" in page.id("score").inner_text()
-    with headset.shown(browser, serving.url, size=(844, 390)) as other:  # a phone on its side
+    with headset.shown(browser, serving.url, size=(844, 390), draws=False) as other:  # a phone on its side
         other.until("twin.app.model.console?.task !== undefined", "the task")
         assert other("JSON.stringify(twin.app.model.console.task.rings)") == page(
             "JSON.stringify(twin.app.model.console.task.rings)"

@@ -10,18 +10,20 @@ from made.console_page import ARMS, JAW, console, joints, let_go, moved, rest, s
 
 pytestmark = pytest.mark.browser
 
+SCALE = 0.5
+"""Pixels of the screen by those of the page: a processor draws them."""
+
 
 @pytest.fixture(scope="module")
 def opened(browser):
     server = headset.Serving("davinci")
-    with console(browser, server.url, size=(900, 520)) as page:
+    with console(browser, server.url, size=(900, 520), draws=False, scale=SCALE) as page:
         yield page
     server.stop()
 
 
 @pytest.fixture
 def page(opened):
-    opened.draws(False)
     let_go(opened)
     return opened
 
@@ -144,15 +146,16 @@ def test_both_lenses_are_shown_side_by_side_and_in_red_and_cyan(opened):
             "!twin.app.world.dirty && !twin.app.world.pace.busy && !twin.app.world.pace.reduced", "a finished picture"
         )
         pictures[mode] = page.image()
-    right, bottom = page("twin.app.world.free()")
-    half = int(right / 2)
-    side = pictures["side"][120 : int(bottom) - 130]  # neither below the name nor beside the small picture
+    right, bottom = (int(SCALE * v) for v in page("twin.app.world.free()"))
+    half = right // 2
+    middle = slice(int(SCALE * 120), bottom - int(SCALE * 130))  # neither below the name nor beside the small picture
+    side = pictures["side"][middle]
     a, b = side[:, :half], side[:, half : 2 * half]
     apart = np.abs(a - b).max(axis=2)
     assert 0.005 < (apart > 40).mean() < 0.3, "two pictures that are alike and not the same"
-    box = pictures["red-cyan"][120 : int(bottom) - 130, : int(right)]
+    box = pictures["red-cyan"][middle, :right]
     red, green, blue = np.moveaxis(box, 2, 0)
     assert np.abs(green - blue).max() <= 2
     assert 0.002 < (np.abs(red - green) > 30).mean() < 0.4, "coloured edges where the eyes see apart"
-    _, green, blue = np.moveaxis(pictures["one"][120 : int(bottom) - 130, : int(right)], 2, 0)
+    _, green, blue = np.moveaxis(pictures["one"][middle, :right], 2, 0)
     assert (np.abs(green - blue) > 20).mean() > 0.03, "in one picture skin and pegs have their colours"

@@ -19,9 +19,8 @@ HOME = {"right": EYES + np.array([0.2, -0.35, -0.35]), "left": EYES + np.array([
 def opened(browser, emulator):
     server = headset.Serving("davinci")
     start = f"emulate('vr', false); device.position.set({', '.join(map(str, EYES))})"
-    with console(browser, server.url, size=(320, 240), scripts=(emulator, start)) as page:
+    with console(browser, server.url, size=(320, 240), scripts=(emulator, start), draws=False) as page:
         page.until("twin.app.xr.vr", "VR")
-        page.draws(False)
         page.enter()
         page.until("twin.app.hands.count === 2", "controllers")
         yield page

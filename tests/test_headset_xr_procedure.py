@@ -18,10 +18,9 @@ pytestmark = pytest.mark.browser
 def opened(browser, emulator):
     server = headset.Serving("vsrs", None, "--task", "cholecystectomy")
     start = f"emulate('vr', false); device.position.set({', '.join(map(str, EYES))})"
-    with console(browser, server.url, size=(320, 240), scripts=(emulator, start, SEE)) as page:
+    with console(browser, server.url, size=(320, 240), scripts=(emulator, start, SEE), draws=False) as page:
         page.until("twin.app.loaded && twin.app.fields.vertices('cystic_duct').length > 0", "the vessels")
         page.until("twin.app.xr.vr", "VR")
-        page.draws(False)
         page.enter()
         page.until("twin.app.hands.count === 2", "controllers")
         yield page

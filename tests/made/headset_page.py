@@ -22,7 +22,10 @@ from twin.core import spatial
 from witness import environments
 
 ROOT = Path(__file__).parents[2]
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage",
+         "--disable-gpu-compositing"]  # fmt: skip
+"""Of a browser without a graphics card. It composes its pages without the one that it emulates, which takes longer."""
+
 WAIT = 180.0
 """Time limit in s of a wait, for a busy machine without a graphics card."""
 
@@ -128,21 +131,40 @@ class Serving:
             self.process = None
 
 
-class Page:
-    """One page, and the state that it provides as `window.twin`; `errors` lists its error messages."""
+BLIND = """
+globalThis.blind = %s;
+const kinds = WebGL2RenderingContext.prototype;
+for (const name of ['clear', 'drawArrays', 'drawArraysInstanced', 'drawElements', 'drawElementsInstanced']) {
+  const draw = kinds[name];
+  kinds[name] = function (...what) {
+    if (!globalThis.blind) draw.apply(this, what);
+  };
+}
+"""
+"""Script of a page whose graphics draw nothing while `blind` is true."""
 
-    def __init__(self, browser, url, size=(1280, 800), scripts=()):
+
+class Page:
+    """One page, and the state that it provides as `window.twin`; `errors` lists its error messages.
+
+    With `draws` False it is opened as `Page.draws` leaves it: shadows and other pictures that are drawn only once are
+    never drawn. A screen with a small `scale` has fewer pixels than its `size`, which its fingers and mouse count.
+    """
+
+    def __init__(self, browser, url, size=(1280, 800), scripts=(), draws=True, scale=1.0):
         self.errors = []
-        self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.page = browser.new_page(viewport={"width": size[0], "height": size[1]}, device_scale_factor=scale)
         self.page.set_default_timeout(1000 * WAIT)
         self.page.on("pageerror", lambda e: self.errors.append(str(e)))
         self.page.on("console", lambda m: self.errors.append(m.text) if m.type == "error" else None)
-        for script in scripts:
+        for script in (BLIND % str(not draws).lower(), *scripts):
             kind = "path" if isinstance(script, Path) else "script"
             self.page.add_init_script(**{kind: script})
         self.page.goto(url)
         self.until("window.twin?.app.firstPicture > 0", "the robot's first picture")
         self.until("twin.app.model.frame !== null", "the first frame")
+        if not draws:
+            self.draws(False)
 
     def __call__(self, expression):
         return self.page.evaluate(expression)
@@ -172,9 +194,7 @@ class Page:
                 each.drawing ??= each.render;
                 each.render = on ? each.drawing : still;
               }
-              const context = renderer.getContext();
-              context.clearing ??= context.clear;
-              context.clear = on ? context.clearing : () => undefined;
+              globalThis.blind = !on;
             })"""
             f"({str(on).lower()})"
         )
