@@ -75,12 +75,43 @@ class _Limits:
 
 
 @dataclass(frozen=True)
-class _Derivatives:
-    """First and second derivatives with respect to s at k points: joints (k, n), position and rotation (k, 3)."""
+class _Curve:
+    """First and second derivatives (k, m) of m coordinates with respect to s, at k points."""
 
-    joints: tuple[Array, Array]
-    tip: tuple[Array, Array]
-    turn: tuple[Array, Array]
+    first: Array
+    second: Array
+
+    def every(self, step: int) -> _Curve:
+        """Return the derivatives at every `step`-th point, from the first one."""
+        return _Curve(self.first[::step], self.second[::step])
+
+    def velocity(self, sd: Array) -> Array:
+        """Return the velocities (k, m) at ds/dt (k,)."""
+        return self.first * sd[:, None]
+
+    def acceleration(self, sd: Array, sdd: Array) -> Array:
+        """Return the accelerations (k, m) at ds/dt (k,) and d2s/dt2 (k,)."""
+        return self.first * sdd[:, None] + self.second * sd[:, None] ** 2
+
+    def arc(self) -> _Curve:
+        """Return the derivatives (k, 1) of the arc length."""
+        speed = np.sqrt(np.sum(self.first**2, axis=1))
+        along = np.sum(self.first * self.second, axis=1)
+        # Where the curve stands still, the acceleration along it is 0, not 0/0.
+        return _Curve(speed[:, None], (along / np.maximum(speed, np.finfo(float).tiny))[:, None])
+
+
+@dataclass(frozen=True)
+class _Derivatives:
+    """The motion of joints (k, n), and of position and rotation (k, 3) of the moved frame, at k points of a path."""
+
+    joints: _Curve
+    tip: _Curve
+    turn: _Curve
+
+    def every(self, step: int) -> _Derivatives:
+        """Return the derivatives at every `step`-th point, from the first one."""
+        return _Derivatives(self.joints.every(step), self.tip.every(step), self.turn.every(step))
 
 
 @dataclass(frozen=True)
@@ -150,27 +181,48 @@ def _limits(mechanism: Mechanism, protocol: Protocol, span: PhaseSpan) -> _Limit
     limits it.
     """
     frame = protocol.limits[span.type]
-    phase = next((p for p in protocol.phases if p.name == span.name), None)
-    waypoint = protocol.waypoints.get(span.waypoint or "")
-    in_joints = isinstance(phase, (Auxiliary, Free))
-    if phase is not None and phase.by_joints and waypoint is not None and waypoint.joints is not None:
-        in_joints = True
-    speed, acceleration = [], []
+    in_joints = _is_in_joints(protocol, span)
+    speed = []
+    acceleration = []
     for joint in mechanism.active:
-        usual_speed = frame.rotation_speed if joint.is_angle else frame.tip_speed
-        usual_acceleration = frame.rotation_acceleration if joint.is_angle else frame.tip_acceleration
-        speed.append(joint.max_speed or (usual_speed if in_joints else inf))
-        acceleration.append(joint.max_acceleration or (usual_acceleration if in_joints else inf))
-    most = {a.name: a.max_speed for a in mechanism.actuators if a.max_speed}
-    limited = [i for i, name in enumerate(mechanism.motor_names) if name in most]
-    rows = mechanism.motors(np.eye(len(mechanism.active))).T[limited]
-    motor_speed = np.array([most[mechanism.motor_names[i]] for i in limited])
+        missing_speed = inf
+        missing_acceleration = inf
+        if in_joints and joint.is_angle:
+            missing_speed = frame.rotation_speed
+            missing_acceleration = frame.rotation_acceleration
+        elif in_joints:
+            missing_speed = frame.tip_speed
+            missing_acceleration = frame.tip_acceleration
+        speed.append(joint.max_speed or missing_speed)
+        acceleration.append(joint.max_acceleration or missing_acceleration)
+    rows, motor_speed = _motor_limits(mechanism)
     return _Limits(np.array(speed), np.array(acceleration), rows, motor_speed, frame)
 
 
+def _is_in_joints(protocol: Protocol, span: PhaseSpan) -> bool:
+    """Return whether a phase is a motion of the joints, whose frame follows."""
+    phase = next((p for p in protocol.phases if p.name == span.name), None)
+    if phase is None:
+        return False
+    if isinstance(phase, (Auxiliary, Free)):
+        return True
+    waypoint = protocol.waypoints.get(span.waypoint or "")
+    return phase.by_joints and waypoint is not None and waypoint.joints is not None
+
+
+def _motor_limits(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Return `motors` and `motor_speed` of `_Limits`."""
+    max_speed = {a.name: a.max_speed for a in mechanism.actuators if a.max_speed}
+    limited = [i for i, name in enumerate(mechanism.motor_names) if name in max_speed]
+    from_joints = mechanism.motors(np.eye(len(mechanism.active))).T
+    motor_speed = np.array([max_speed[mechanism.motor_names[i]] for i in limited])
+    return from_joints[limited], motor_speed
+
+
 def _derivatives(curve: PhaseCurve, s: Array) -> _Derivatives:
-    m = curve.motion(s)
-    return _Derivatives((curve.joints(s, 1), curve.joints(s, 2)), (m.p1, m.p2), (m.w1, m.w2))
+    joints = _Curve(curve.joints(s, 1), curve.joints(s, 2))
+    motion = curve.motion(s)
+    return _Derivatives(joints, _Curve(motion.p1, motion.p2), _Curve(motion.w1, motion.w2))
 
 
 def _timed(trajectory: Trajectory, span: PhaseSpan, curve: PhaseCurve, limits: _Limits, fastest: Fastest) -> _Timed:
@@ -179,25 +231,36 @@ def _timed(trajectory: Trajectory, span: PhaseSpan, curve: PhaseCurve, limits: _
     Raises:
         TimingError: the solver found no timing.
     """
-    dt, steps = trajectory.step, span.stop - span.start
+    dt = trajectory.step
+    steps = span.stop - span.start
     part = _POINTS - 1
     dense = np.linspace(0.0, 1.0, part * (span.knots - 1) + 1)
-    every = _derivatives(curve, dense)
     grid = dense[::part]
-    at_grid = _Derivatives(*((d1[::part], d2[::part]) for d1, d2 in (every.joints, every.tip, every.turn)))
+    at_dense = _derivatives(curve, dense)
+    at_grid = at_dense.every(part)
+
+    # The optimum of the other solver.
     rates = _rates(grid, at_grid, limits, steps * dt, fastest)
-    shortest = float(np.sum(2 * np.diff(grid) / (rates[1:] + rates[:-1])))
-    speed, acceleration = _between(dense, every, grid, rates, limits)
+    mean_rates = (rates[1:] + rates[:-1]) / 2
+    shortest = float(np.sum(np.diff(grid) / mean_rates))
+    speed, acceleration = _between(dense, at_dense, grid, rates, limits)
     slower = max(1.0, speed, float(np.sqrt(acceleration))) * span.for_jerk
+
     # The sampled duration, without averaging, is the needed duration, rounded up to a multiple of dt.
-    lasts = steps - round(span.smoothing / dt)
     needed = shortest * slower / dt
-    sampled = min(0.0, lasts - needed) + max(0.0, lasts - max(needed + 1, _FEWEST))
-    stated = span.optimal / shortest - 1
-    s, off = _progress(trajectory.q[span.start : span.stop + 1], curve, dense)
-    v, a = _loads(at_grid, *_at(grid, s, dt), limits)
-    deviation = max(stated, sampled / needed, key=abs)
-    return _Timed(shortest, slower, deviation, float(np.max(v)), float(np.max(a)), off)
+    lasts = steps - round(span.smoothing / dt)
+    missing = min(0.0, lasts - needed)
+    excess = max(0.0, lasts - max(needed + 1, _FEWEST))
+    sampled_deviation = (missing + excess) / needed
+    stated_deviation = span.optimal / shortest - 1
+    deviation = max(stated_deviation, sampled_deviation, key=abs)
+
+    # The samples of the plan.
+    q = trajectory.q[span.start : span.stop + 1]
+    s, off = _progress(q, curve, dense)
+    sd, sdd = _rates_of_samples(grid, s, dt)
+    speeds, accelerations = _loads(at_grid, sd, sdd, limits)
+    return _Timed(shortest, slower, deviation, float(np.max(speeds)), float(np.max(accelerations)), off)
 
 
 def _rates(grid: Array, d: _Derivatives, limits: _Limits, unit: float, fastest: Fastest) -> Array:
@@ -206,65 +269,65 @@ def _rates(grid: Array, d: _Derivatives, limits: _Limits, unit: float, fastest: 
     Times are in units of `unit` s (the duration of the plan), and each coordinate is in units of its acceleration limit
     times `unit` squared: solvers have absolute tolerances, with which they would fail for short paths.
     """
-    ways = [_arc(*d.tip), _arc(*d.turn)]
-    first = np.column_stack([d.joints[0], *(w[0] for w in ways), d.joints[0] @ limits.motors.T])
-    second = np.column_stack([d.joints[1], *(w[1] for w in ways), d.joints[1] @ limits.motors.T])
-    f = limits.frame
-    speed = np.concatenate([limits.speed, [f.tip_speed, f.rotation_speed], limits.motor_speed])
-    none = np.full(len(limits.motor_speed), inf)
-    acceleration = np.concatenate([limits.acceleration, [f.tip_acceleration, f.rotation_acceleration], none])
-    moves = np.max(np.abs(first), axis=0)
-    moves[moves == 0] = 1.0
-    speed = np.where(np.isfinite(speed), speed, _NEVER * moves / unit)
-    acceleration = np.where(np.isfinite(acceleration), acceleration, _NEVER * moves / unit**2)
+    tip = d.tip.arc()
+    turn = d.turn.arc()
+    first = np.column_stack([d.joints.first, tip.first, turn.first, d.joints.first @ limits.motors.T])
+    second = np.column_stack([d.joints.second, tip.second, turn.second, d.joints.second @ limits.motors.T])
     if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
         raise TimingError("the path has no finite derivatives")
-    size = acceleration * unit**2
-    first, second = (np.ascontiguousarray((d / size).T) for d in (first, second))
-    rates = fastest(grid, first, second, speed * unit / size)
+
+    frame = limits.frame
+    no_limit = np.full(len(limits.motor_speed), inf)
+    frame_speed = [frame.tip_speed, frame.rotation_speed]
+    frame_acceleration = [frame.tip_acceleration, frame.rotation_acceleration]
+    speed = np.concatenate([limits.speed, frame_speed, limits.motor_speed])
+    acceleration = np.concatenate([limits.acceleration, frame_acceleration, no_limit])
+
+    # The solvers need finite limits: a missing one is so high that it is never reached.
+    typical = np.max(np.abs(first), axis=0)
+    typical[typical == 0] = 1.0
+    speed = np.where(np.isfinite(speed), speed, _NEVER * typical / unit)
+    acceleration = np.where(np.isfinite(acceleration), acceleration, _NEVER * typical / unit**2)
+
+    scale = acceleration * unit**2
+    scaled_first = np.ascontiguousarray((first / scale).T)
+    scaled_second = np.ascontiguousarray((second / scale).T)
+    rates = fastest(grid, scaled_first, scaled_second, speed * unit / scale)
     if not np.all(rates[1:] + rates[:-1] > 0):
         raise TimingError("the speed is zero between start and end of the path")
     return rates / unit
 
 
-def _arc(first: Array, second: Array) -> tuple[Array, Array]:
-    """Return first and second derivative (k,) of the arc length of a curve with these derivatives (k, 3)."""
-    length = np.sqrt(np.sum(first**2, axis=1))
-    return length, np.sum(first * second, axis=1) / np.maximum(length, np.finfo(float).tiny)
-
-
-def _between(dense: Array, every: _Derivatives, grid: Array, rates: Array, limits: _Limits) -> tuple[float, float]:
+def _between(dense: Array, at_dense: _Derivatives, grid: Array, rates: Array, limits: _Limits) -> tuple[float, float]:
     """Return the largest speed and acceleration, divided by their limits, of a motion with given rates at grid points.
 
     d2s/dt2 is constant in each grid interval, so that it has two values at a grid point.
     """
-    squares = np.interp(dense, grid, rates**2)
+    # If d2s/dt2 is constant, the square of ds/dt is linear in s.
+    sd = np.sqrt(np.interp(dense, grid, rates**2))
     constant = np.diff(rates**2) / (2 * np.diff(grid))
-    before = np.repeat(constant, _POINTS - 1)
-    most = [
-        _loads(every, np.sqrt(squares), sdd, limits)
-        for sdd in (np.append(before, before[-1]), np.insert(before, 0, before[0]))
-    ]
-    speed, acceleration = (np.max([found[i] for found in most]) for i in (0, 1))
-    return float(speed), float(acceleration)
+    in_intervals = np.repeat(constant, _POINTS - 1)
+    after = np.append(in_intervals, in_intervals[-1])
+    before = np.insert(in_intervals, 0, in_intervals[0])
+    speeds, accelerations_after = _loads(at_dense, sd, after, limits)
+    _, accelerations_before = _loads(at_dense, sd, before, limits)
+    return float(np.max(speeds)), float(np.max([accelerations_after, accelerations_before]))
 
 
 def _loads(d: _Derivatives, sd: Array, sdd: Array, limits: _Limits) -> tuple[Array, Array]:
     """Return the largest speed and acceleration (k,), each divided by its limit, of joints, motors and moved frame."""
-    sd, sdd = sd[:, None], sdd[:, None]
-    qd = d.joints[0] * sd
-    qdd = d.joints[0] * sdd + d.joints[1] * sd**2
+    qd = d.joints.velocity(sd)
+    qdd = d.joints.acceleration(sd, sdd)
     speeds = [np.max(np.abs(qd) / limits.speed, axis=1)]
     accelerations = [np.max(np.abs(qdd) / limits.acceleration, axis=1)]
     if len(limits.motors):
-        speeds.append(np.max(np.abs(qd @ limits.motors.T) / limits.motor_speed, axis=1))
-    f = limits.frame
-    for (first, second), most_speed, most_acceleration in (
-        (d.tip, f.tip_speed, f.tip_acceleration),
-        (d.turn, f.rotation_speed, f.rotation_acceleration),
-    ):
-        speeds.append(np.linalg.norm(first * sd, axis=1) / most_speed)
-        accelerations.append(np.linalg.norm(first * sdd + second * sd**2, axis=1) / most_acceleration)
+        motor_speeds = qd @ limits.motors.T
+        speeds.append(np.max(np.abs(motor_speeds) / limits.motor_speed, axis=1))
+    frame = limits.frame
+    speeds.append(np.linalg.norm(d.tip.velocity(sd), axis=1) / frame.tip_speed)
+    speeds.append(np.linalg.norm(d.turn.velocity(sd), axis=1) / frame.rotation_speed)
+    accelerations.append(np.linalg.norm(d.tip.acceleration(sd, sdd), axis=1) / frame.tip_acceleration)
+    accelerations.append(np.linalg.norm(d.turn.acceleration(sd, sdd), axis=1) / frame.rotation_acceleration)
     return np.max(speeds, axis=0), np.max(accelerations, axis=0)
 
 
@@ -274,40 +337,50 @@ def _progress(q: Array, curve: PhaseCurve, dense: Array) -> tuple[Array, float]:
     The distance is a fraction of the way of the joints. The first estimate of s is by the length of the way: it also
     holds for a path that returns to earlier joint values. Newton steps then project each sample on the path.
     """
-    table = curve.joints(dense)
-    size = np.max(np.sum(np.abs(np.diff(table, axis=0)), axis=0))
-    way = _length(table)
-    gone = _length(q)
-    if not (way[-1] > 0 and gone[-1] > 0):
+    on_path = curve.joints(dense)
+    path_length = _length(on_path)
+    sample_length = _length(q)
+    if not (path_length[-1] > 0 and sample_length[-1] > 0):
         raise TimingError("no joint moves")
-    s = np.interp(gone / gone[-1], way / way[-1], dense)
+    s = np.interp(sample_length / sample_length[-1], path_length / path_length[-1], dense)
     for _ in range(2):
         first = curve.joints(s, 1)
-        steep = np.sum(first**2, axis=1)
         ahead = np.sum(first * (q - curve.joints(s)), axis=1)
-        s = np.clip(s + ahead / np.maximum(steep, 1e-12 * np.max(steep)), 0.0, 1.0)
+        slope = np.sum(first**2, axis=1)
+        slope = np.maximum(slope, 1e-12 * np.max(slope))  # the path may stand still, as at its ends
+        s = np.clip(s + ahead / slope, 0.0, 1.0)
     s = np.maximum.accumulate(s)
-    return s, float(np.max(np.abs(q - curve.joints(s))) / size)
+    travel = np.max(np.sum(np.abs(np.diff(on_path, axis=0)), axis=0))
+    distance = np.max(np.abs(q - curve.joints(s)))
+    return s, float(distance / travel)
 
 
 def _length(q: Array) -> Array:
     """Return the length (k,) of the way along rows q (k, n), from the first row."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+    steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _at(grid: Array, s: Array, dt: float) -> tuple[Array, Array]:
+def _rates_of_samples(grid: Array, s: Array, dt: float) -> tuple[Array, Array]:
     """Return ds/dt and d2s/dt2 at the grid points, from samples s (k,) of a motion from rest to rest."""
     whole = np.concatenate([s[1:2], s, s[-2:-1]])  # continued by its mirror image in time
-    slope = (whole[2:] - whole[:-2]) / (2 * dt)
-    bend = (whole[2:] - 2 * whole[1:-1] + whole[:-2]) / dt**2
-    return np.sqrt(np.interp(grid, s, slope**2)), np.interp(grid, s, bend)
+    before = whole[:-2]
+    at = whole[1:-1]
+    after = whole[2:]
+    rate = (after - before) / (2 * dt)
+    second_rate = (after - 2 * at + before) / dt**2
+    rate_at_grid = np.sqrt(np.interp(grid, s, rate**2))
+    second_rate_at_grid = np.interp(grid, s, second_rate)
+    return rate_at_grid, second_rate_at_grid
 
 
 def _fact(span: PhaseSpan, timed: _Timed, name: str) -> str:
-    slower = (
-        f", slowed down by {100 * (timed.slower - 1):.2g} % between grid points" if timed.slower > 1 + DURATION else ""
-    )
-    averaged = f", averaged over {span.smoothing:.3g} s" if span.smoothing else ""
+    slower = ""
+    if timed.slower > 1 + DURATION:
+        slower = f", slowed down by {100 * (timed.slower - 1):.2g} % between grid points"
+    averaged = ""
+    if span.smoothing:
+        averaged = f", averaged over {span.smoothing:.3g} s"
     return (
         f"{span.solver} {span.optimal:.6f} s, {name} {timed.shortest:.6f} s{slower}{averaged}; planned: "
         f"{span.t1 - span.t0:.3f} s, at most {100 * timed.speed:.1f} % of a speed limit and "
@@ -346,17 +419,25 @@ def _rows(
     """Return three rows over all phases: durations, and the excess of speed and acceleration over their limits."""
     note = "; ".join(f"unchecked: {name}" for name in failed)
     if not judged:
-        blank = Residual("P-T", "duration", "phases", "", nan, nan, None, 0.0, "", note=note or "given by samples")
-        return [blank]
-    by = dict.fromkeys(others[span.solver][0] for span, _ in judged if span.solver is not None)
-    ends = np.array([span.t1 for span, _ in judged])
-    clock = Clock(ends, tuple(PhaseSummary(span.name, span.type, span.t0, span.t1) for span, _ in judged))
+        return [Residual("P-T", "duration", "phases", "", nan, nan, None, 0.0, "", note=note or "given by samples")]
     unchecked = f"; {note}" if note else ""
-    off = np.array([t.duration for _, t in judged])
-    said = f"relative deviation from the shortest duration by {' and '.join(by)}, slowed down and rounded up{unchecked}"
-    rows = [row("P-T", "duration", "phases", "", off, DURATION, clock, note=said)]
-    for rate, loads in (("speed", [t.speed for _, t in judged]), ("acceleration", [t.acceleration for _, t in judged])):
-        over = np.maximum(np.array(loads) - 1, 0.0)
-        said = f"relative excess at the grid points; at most {100 * max(loads):.1f} % of a limit{unchecked}"
-        rows.append(row("P-T", "limit", rate, "", over, OVER, clock, note=said))
+    judges: list[str] = []
+    phases: list[PhaseSummary] = []
+    for span, _ in judged:
+        phases.append(PhaseSummary(span.name, span.type, span.t0, span.t1))
+        if span.solver is not None and others[span.solver][0] not in judges:
+            judges.append(others[span.solver][0])
+    ends = np.array([phase.t1 for phase in phases])
+    clock = Clock(ends, tuple(phases))
+
+    deviations = np.array([timed.duration for _, timed in judged])
+    solvers = " and ".join(judges)
+    said = f"relative deviation from the shortest duration by {solvers}, slowed down and rounded up{unchecked}"
+    rows = [row("P-T", "duration", "phases", "", deviations, DURATION, clock, note=said)]
+    speeds = np.array([timed.speed for _, timed in judged])
+    accelerations = np.array([timed.acceleration for _, timed in judged])
+    for rate, loads in (("speed", speeds), ("acceleration", accelerations)):
+        excess = np.maximum(loads - 1, 0.0)
+        said = f"relative excess at the grid points; at most {100 * np.max(loads):.1f} % of a limit{unchecked}"
+        rows.append(row("P-T", "limit", rate, "", excess, OVER, clock, note=said))
     return rows
