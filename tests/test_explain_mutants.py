@@ -1,14 +1,17 @@
 """Mutants of eight robots, among them missing terms, factors, squares and signs: are they found and undone, in time?
 
 `TWIN_MUTANTS=300` and `TWIN_MUTANT_PAIRS=60` are the long counts, `TWIN_MUTANTS_SEED` other mutants.
+`TWIN_SWAPS=7` swaps the arguments of every atan2 of the Raven.
 """
 
 from __future__ import annotations
 
+import ast
 import os
 import time
 from collections import Counter
 from itertools import cycle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,12 +20,14 @@ from made import explain_mutants as mutants
 from made import explain_seeds as seeds
 from twin import api
 from twin.core.errors import TwinError
+from twin.robots import _raven
 from twin.validation.explain.explain import explain
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.varied import coincidences
 
 COUNT = int(os.environ.get("TWIN_MUTANTS", "8"))
 PAIRS = int(os.environ.get("TWIN_MUTANT_PAIRS", "1"))
+SWAPS = int(os.environ.get("TWIN_SWAPS", "2"))
 SEED = int(os.environ.get("TWIN_MUTANTS_SEED", "7"))
 SECONDS = 8.0
 
@@ -112,3 +117,36 @@ def test_an_error_that_a_swivel_of_zero_hides_is_found(tmp_path):
     assert [r.symbol for r in x.rows] == ["q4"]
     assert x.repairs[0].cures[0][0].changes[0].edit == "w[0] ** 2 -> w[0] ** 2 + w[1]**2"
     assert any("only for swivel = 0 deg" in n for n in x.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("site", [*range(0, 7, 6), *range(1, 6)][:SWAPS])
+def test_swapped_arguments_in_a_slow_function_are_found_in_time(site, tmp_path, monkeypatch):
+    """The inverse of the Raven has eight candidates, so that one edit takes some milliseconds."""
+    monkeypatch.setattr(time, "monotonic", time.process_time)
+    home = Path(_raven.__file__)
+    text = home.read_text(encoding="utf-8")
+    calls = [n for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "atan2"]
+    calls.sort(key=lambda n: (n.lineno, n.col_offset))
+    assert len(calls) == 7
+    call = calls[site]
+    first, second = (ast.get_source_segment(text, argument) for argument in call.args)
+    right = ast.get_source_segment(text, call)
+    lines = text.splitlines(keepends=True)
+    line = lines[call.lineno - 1]
+    wrong = f"atan2({second}, {first})"
+    lines[call.lineno - 1] = line[: call.col_offset] + wrong + line[call.col_offset + len(right) :]
+    robot = api.load("raven_left")
+    case = seeds.Case("raven_left", home.with_name("raven_left.py"), robot.formula, None)
+    formula = tmp_path / "formula.py"
+    formula.write_text(case.path.read_text(encoding="utf-8"), encoding="utf-8")
+    with seeds.in_place_of(home, "".join(lines), tmp_path):
+        faulty = case.load(formula)
+        began = time.process_time()
+        x = explain("raven_left", faulty, robot.reference())
+        seconds = time.process_time() - began
+    assert (x.verdict, x.lead, len(x.repairs)) == ("disagree", "edits", 1)
+    change = x.repairs[0].cures[0][0].changes[0]
+    assert (change.line, change.kind) == (call.lineno, "order")
+    assert change.after == text.splitlines()[call.lineno - 1].strip()
+    assert seconds <= 10

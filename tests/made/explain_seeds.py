@@ -329,7 +329,7 @@ def _file_of(formula):
 
 
 @contextmanager
-def _in_place_of(home, text, folder):
+def in_place_of(home, text, folder):
     """Replace the text of a file that built-in formulas share, during the block."""
     name = f"twin.robots.{home.stem}"
     path = folder / home.name
@@ -353,7 +353,7 @@ def _edited(case, own, edits, path):
     path.write_text(texts.pop(own, None) or own.read_text(encoding="utf-8"), encoding="utf-8")
     with ExitStack() as shared:
         for home, text in texts.items():
-            shared.enter_context(_in_place_of(home, text, path.parent))
+            shared.enter_context(in_place_of(home, text, path.parent))
         yield case.load(path)
 
 

@@ -33,11 +33,30 @@ from twin.validation.explain.varied import coincidences
 _WORSE = 1.001
 """An edit is refused if the residual of a row is larger than before by this factor."""
 
-_STAGES = ((False, TOKENS), (False, REST), (True, TOKENS), (True, REST))
-"""Stages of the search for one edit: (whether called functions are edited, kinds of edits)."""
+_CALLS = ("trig", "function", "order", "transpose")
+_OPERATORS = ("sign", "operator", "exponent")
+_FORMS = (*_CALLS, *_OPERATORS)
+"""Kinds of edits with few replacements at each position of the text, unlike names and numbers."""
 
-_PARTS = (0.5, 0.3, 0.5, 0.6)
+_STAGES = (
+    (False, tuple(k for k in TOKENS if k in _FORMS)),
+    (True, _CALLS),
+    (False, tuple(k for k in TOKENS if k not in _FORMS)),
+    (True, _OPERATORS),
+    (False, REST),
+    (True, tuple(k for k in TOKENS if k not in _FORMS)),
+    (True, tuple(k for k in REST if k not in _FORMS)),
+)
+"""Stages of the search for one edit: (whether called functions are edited, kinds of edits).
+
+Kinds with few replacements come first, because a slow equation leaves time for some hundred edits only.
+"""
+
+_PARTS = (0.3, 0.3, 0.5, 0.3, 0.3, 0.5, 0.6)
 """Maximum part of the remaining time for each of these stages, so that slow equations leave time for the next."""
+
+_ALTERNATIVES = 0.3
+"""Maximum part of the remaining time for other edits with the same result, after an edit that repairs all rows."""
 
 _REQUIRED = 0.5
 """Maximum part of the remaining time for edits found from required values."""
@@ -294,14 +313,21 @@ class Search:
         singles: list[Candidate] = []
         groups: list[list[Key]] = []
         left = list(self.failing)
+        rest_tried = False
         # First one token; if this is not enough, terms, factors and parentheses; then the called functions. If several
         # edits repair the rows, one that repairs more of them is searched where they have something in common.
         for (in_called, kinds), part in zip(_STAGES, _PARTS, strict=True):
-            self._until = self.deadline.within(part * self.deadline.left)
-            if not left and len(groups) < 2:
-                break
-            statements, functions = (None, None) if left else self._shared_sites(groups)
-            singles += self.in_helpers(kinds, functions) if in_called else self.singles(kinds, statements)
+            settled = not left and len(groups) < 2
+            if settled and (in_called or kinds == REST):
+                continue
+            self._until = self.deadline.within((_ALTERNATIVES if settled else part) * self.deadline.left)
+            tokens = not in_called and kinds != REST  # of the rows themselves: all are tried, to find every tie
+            statements, functions = (None, None) if left or tokens else self._shared_sites(groups)
+            if in_called:
+                singles += self.in_helpers(kinds, functions)
+            else:
+                singles += self.singles(kinds, statements)
+                rest_tried |= kinds == REST
             groups = self._cover(singles, self.failing)
             left = [k for k in self.failing if not any(k in g for g in groups)]
         self._until = self.deadline
@@ -311,8 +337,10 @@ class Search:
             left = [k for k in self.failing if not any(k in g for g in groups)]
         # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
         looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
-        if not any(c.edits[0].kind in REST for c in singles):
+        if not rest_tried:
+            self._until = self.deadline.within(_ALTERNATIVES * self.deadline.left)
             singles += self.singles(REST, looked)
+            self._until = self.deadline
         self._singles, self._groups = singles, groups
         return [self._found(group, singles, singles) for group in groups], left
 
