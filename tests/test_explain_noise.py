@@ -21,6 +21,7 @@ from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.units import MM, UM
 from twin.reference import ReferenceModel
+from twin.ui.report.page import render
 from twin.validation.cause import causes
 from twin.validation.explain.explain import explain
 from twin.validation.explain.judge import Judge
@@ -49,7 +50,10 @@ def named(name, seed):
     assert (x.lead, x.explained, x.exit_code) == ("noise", True, 1)
     assert (x.rows, x.repairs, x.identified, x.conventions, x.parts) == ((), (), None, (), ())
     assert f"noise of {cad.noise.position / UM:.2g} µm in each coordinate" in x.findings[0].message
-    assert "noise of the CAD explains the differences of all rows" in x._summary().text
+    sentence = "Noise of the CAD explains the differences of all rows; the equations need no edit"
+    assert x.summary == sentence
+    page = render(x, "explain")
+    assert page.index(sentence) < page.index("cad.noise"), "the sentence stands before the findings"
 
 
 def test_noise_of_the_cad_is_named_with_its_size():

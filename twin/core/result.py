@@ -66,6 +66,11 @@ class Result(ABC):
         return {"agree": "Agrees", "disagree": "Disagrees", "unchecked": "Could not be checked"}[self.verdict]
 
     @property
+    def summary(self) -> str:
+        """A sentence that the page shows below the verdict; empty if the findings say everything."""
+        return ""
+
+    @property
     def exit_code(self) -> int:
         """Exit code of the command line: 0 agree, 1 disagree, 2 could not check."""
         return EXIT_CODES[self.verdict]

@@ -240,6 +240,12 @@ class Explanation(Result):
         """Findings on the CAD and on violated invariants."""
         return (*self.drawing, *self.invariants)
 
+    @property
+    def summary(self) -> str:
+        """What explains the disagreement, or why there is nothing to explain."""
+        what = self._summary().text.partition(": ")[2]
+        return what[:1].upper() + what[1:]
+
     def content(self) -> dict[str, Any]:
         """Return the explanation as plain data."""
         out = asdict(self)
