@@ -508,11 +508,11 @@ KINDS = set(api.names()) - alike(api.names())
 @pytest.mark.slow
 @pytest.mark.parametrize("name", nightly(["sher", *sorted(KINDS - {"sher"})], every=99))
 def test_every_kind_of_robot_is_tracked_whatever_closes_its_loops(name, monkeypatch):
-    """Half a second from rest, along the protocol; with TWIN_TRACK=long all of it."""
+    """A fifth of a second from rest, along the protocol; with TWIN_TRACK=long all of it."""
     planned = api.plan
 
     def cut(robot, protocol, progress):
-        t, ticks = planned(robot, protocol, progress), 500
+        t, ticks = planned(robot, protocol, progress), 200
         short = {n: getattr(t, n)[:ticks] for n in ("t", "q", "qd", "qdd")}
         rcm = None if t.rcm is None else t.rcm[:ticks]
         return SimpleNamespace(**short, rcm=rcm, frame=t.frame, shaft_axis=t.shaft_axis, phases=())
