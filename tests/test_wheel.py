@@ -158,11 +158,11 @@ def test_installed_twin_runs_the_main_job_from_another_directory(venv, tmp_path)
     )
     _ok(_run(venv / "bin/twin", "doctor", cwd=there, **cache))
 
-    out = _ok(_run(venv / "bin/twin", "run", "sils", "--json", "--out", tmp_path / "out", cwd=there, **cache))
+    out = _ok(_run(venv / "bin/twin", "run", "hibou", "--json", "--out", tmp_path / "out", cwd=there, **cache))
     report = json.loads(out)
     assert report["verdict"] == "agree"
-    assert (tmp_path / "out/usd/sils.usda").is_file()
-    assert (tmp_path / "out/table2/report.html").is_file()
+    assert (tmp_path / "out/usd/hibou.usda").is_file()
+    assert (tmp_path / "out/cavity/report.html").is_file()
 
     refused = _run(venv / "bin/twin", "build", "sils", "--json", cwd=there, **cache)
     assert refused.returncode == 2
