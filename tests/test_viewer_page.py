@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 import twin
-from made.headset_page import WAIT, until
+from made.headset_page import BLIND, WAIT, until
 from twin.core import spatial
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
@@ -23,9 +23,20 @@ from twin.ui.viewer import recording
 
 pytestmark = pytest.mark.browser
 
-CALM = """const every = window.setInterval.bind(window);
-window.setInterval = (act, ms, ...more) => every(act, ms === 1000 ? 10000 : ms, ...more);"""
-"""For every page: viser draws once a second though nothing has changed, which costs this machine most of the second."""
+CALM = """
+const every = window.setInterval.bind(window), paint = window.requestAnimationFrame.bind(window);
+window.setInterval = (act, ms, ...more) => every(act, ms === 1000 ? 10000 : ms, ...more);
+window.requestAnimationFrame = (act) => window.setTimeout(() => paint(act), 100);
+window.cancelAnimationFrame = window.clearTimeout.bind(window);
+const { getContext } = HTMLCanvasElement.prototype;
+HTMLCanvasElement.prototype.getContext = function (kind, how) {
+  return getContext.call(this, kind, { ...how, antialias: false });
+};
+"""
+"""For every page, which a processor draws: few pictures, with one sample for each pixel.
+
+viser draws once a second though nothing has changed, which costs this machine most of the second.
+"""
 
 COARSE = "?fixedDpr=0.5"
 """Address of a page whose canvas has a quarter of the pixels: a processor draws them."""
@@ -424,9 +435,11 @@ def test_a_screenshot_and_a_section(sils):
 @pytest.mark.usefixtures("aside")
 def test_browsers_come_and_go(browser, sils):
     front = sils.front
-    other = Looker(browser, front, 600, 400)
-    assert len(other.clients) == 2
-    other.page.close()
+    other = browser.new_page(viewport={"width": 300, "height": 200})
+    other.add_init_script(BLIND % "true")
+    other.goto(f"http://127.0.0.1:{front.server.get_port()}/")
+    until(lambda: len(sils.clients) == 2, "the other tab")
+    other.close()
     until(lambda: len(sils.clients) == 1, "the closed tab")
     desk = still(sils)
     front.ask("joint", lambda: desk.move_joint(0, desk.assembly.q[0] + 1 * MM))
@@ -539,6 +552,7 @@ def test_a_link_to_our_page_lets_no_other_server_write_into_it(browser, query, m
         try:
             with somebody_else() as (site, asked):
                 page = browser.new_page(viewport={"width": 300, "height": 200})
+                page.add_init_script(BLIND % "true")
                 named = query.format(ws=site.replace("http", "ws"), http=site)
                 start = time.monotonic()
                 page.goto(f"http://127.0.0.1:{server.get_port()}/{named}")
@@ -572,6 +586,7 @@ def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(browser):
     try:
         context = browser.new_context(viewport={"width": 1100, "height": 720})
         page = context.new_page()
+        page.add_init_script(BLIND % "true")
         page.add_init_script(CALM)
         page.set_default_timeout(1000 * WAIT)
         assert page.goto(f"http://127.0.0.1:{server.get_port()}/").status == 403
