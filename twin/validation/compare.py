@@ -66,9 +66,13 @@ class Comparison:
         The severity is info if the row is a consequence of another row, else disagreement. `cause` is the name of the
         wrong equation, if known.
         """
-        first = r.consequence_of
-        kind = Kind(f"{r.quantity}.differs", "info" if first else "disagreement", word="tolerance")
-        self.judge(r, kind, what, suggestion=f"caused by {first}; fix that first" if first else "", cause=cause)
+        if r.consequence_of:
+            kind = Kind(f"{r.quantity}.differs", "info", word="tolerance")
+            suggestion = f"caused by {r.consequence_of}; fix that first"
+        else:
+            kind = Kind(f"{r.quantity}.differs", "disagreement", word="tolerance")
+            suggestion = ""
+        self.judge(r, kind, what, suggestion=suggestion, cause=cause)
 
 
 def compare(
@@ -86,18 +90,25 @@ def compare(
     also drive the mechanism, and the forward equations are compared with it.
     """
     out = Comparison(coarse=_coarse_rows(trajectory))
-    asked = kin if kin is not None and (kin.closed_inverse or not trajectory.followed) else None
-    q = trajectory.q if asked is None else asked.inverse_many(trajectory.Ts_base_tool)
+    # The inverse of these equations is judged. A path that followed the mechanism needs no numeric inverse.
+    asked = None
+    if kin is not None and (kin.closed_inverse or not trajectory.followed):
+        asked = kin
+    q = trajectory.q
     if asked is not None:
+        q = asked.inverse_many(trajectory.Ts_base_tool)
         q[:, asked.auxiliary] = trajectory.q[:, asked.auxiliary]  # the equations do not change these joints
         _unsolved(asked, q, out, clock)
     # If the mechanism is redundant, the equations may choose another solution than the path: judge that solution.
     by_joints = trajectory.followed or any(p.type == "free" for p in trajectory.phases)
     chosen = asked is not None and by_joints and model.redundant
-    out.posed = posed = _posed(model, trajectory, out.coarse, q if chosen else None, progress)
+    posed = _posed(model, trajectory, out.coarse, q if chosen else None, progress)
+    out.posed = posed
     check = _Check(model, trajectory, clock, tolerances, progress, out, posed)
-    out.series |= {"q": q, "t_coarse": check.coarse.t}
-    blamed = joints = _Blame()
+    out.series["q"] = q
+    out.series["t_coarse"] = check.coarse.t
+    blamed = _Blame()
+    joints = _Blame()
     if kin is not None:
         blamed = check.points(kin)
         if asked is not None:
@@ -112,14 +123,17 @@ def compare(
         out.driven = model.run(q, progress=lambda f: progress("mechanism driven by its joints", f))
         check.loops(out.driven)
     if out.driven is not None and not joints.row:
-        taken = model.run(trajectory.q).x if chosen else out.driven.x
-        _rates(check, taken[out.coarse])
+        # The planned rates are those of the path: they are compared at its own joint values.
+        states = model.run(trajectory.q).x if chosen else out.driven.x
+        _rates(check, states[out.coarse])
     return out
 
 
 def _coarse_rows(trajectory: Trajectory) -> Index:
+    count = len(trajectory.t)
+    every_tenth = range(0, count, COARSE)
     ends = [p.stop for p in trajectory.phases]
-    return np.unique(np.array([*range(0, len(trajectory.t), COARSE), *ends, len(trajectory.t) - 1], np.intp))
+    return np.unique(np.array([*every_tenth, *ends, count - 1], np.intp))
 
 
 def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: Clock) -> None:
@@ -127,17 +141,16 @@ def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: Clock) -> None:
     solved = np.isfinite(q).all(axis=1)
     if solved.all():
         return
-    k = int(np.argmin(solved))
-    out.findings.append(
-        disagreement(
-            "driven.no_answer",
-            ", ".join(j for j, bad in zip(kin.joints, ~np.isfinite(q[k]), strict=True) if bad),
-            f"the equations give no joint values for {np.sum(~solved)} of {len(q)} tool "
-            f"poses that the mechanism can reach ({', '.join(f'{n} {v}' for n, v in kin.variants.items())})",
-            when=clock.when(k),
-            cause=_equation_of(kin, tuple(kin.joints)),
-        )
+    first = int(np.argmin(solved))
+    unsolved = [joint for joint, value in zip(kin.joints, q[first], strict=True) if not np.isfinite(value)]
+    variants = ", ".join(f"{equation} {variant}" for equation, variant in kin.variants.items())
+    what = (
+        f"the equations give no joint values for {np.sum(~solved)} of {len(q)} tool poses that the mechanism can reach "
+        f"({variants})"
     )
+    cause = _equation_of(kin, tuple(kin.joints))
+    found = disagreement("driven.no_answer", ", ".join(unsolved), what, when=clock.when(first), cause=cause)
+    out.findings.append(found)
 
 
 def _posed(model: ReferenceModel, trajectory: Trajectory, rows: Index, q: Array | None, progress: Progress) -> Run:
@@ -159,9 +172,12 @@ def _posed(model: ReferenceModel, trajectory: Trajectory, rows: Index, q: Array 
 def tool_rates(trajectory: Trajectory) -> tuple[Array, Array]:
     """Return planned velocity (k, 3) in m/s and acceleration (k, 3) in m/s2 of the tool's origin, in base."""
     lever = trajectory.Ts_base_tool[:, :3, 3] - trajectory.Ts_base_frame[:, :3, 3]
-    w, dw = trajectory.angular_velocity, trajectory.angular_acceleration
-    v = trajectory.tip_velocity + np.cross(w, lever)
-    return v, trajectory.tip_acceleration + np.cross(dw, lever) + np.cross(w, np.cross(w, lever))
+    w = trajectory.angular_velocity
+    turning = np.cross(w, lever)
+    centripetal = np.cross(w, turning)
+    velocity = trajectory.tip_velocity + turning
+    acceleration = trajectory.tip_acceleration + np.cross(trajectory.angular_acceleration, lever) + centripetal
+    return velocity, acceleration
 
 
 @dataclass(frozen=True)
@@ -226,55 +242,86 @@ class _Check:
 
     def points(self, kin: Kinematics) -> _Blame:
         """Compare the named points of the equations with the CAD's points, with the tool at the requested pose."""
-        out, posed = self.out, self.posed
-        points = {n: p for n, p in kin.points_many(Ts=self.Ts, qs=posed.q).items() if n in posed.points}
-        equations = {n: _equation_of(kin, kin.formula.points[n]) for n in points}
+        points: dict[str, Array] = {}
+        equations: dict[str, str] = {}
         rows: dict[str, Residual] = {}
-        for name, value in points.items():
-            off = value - posed.points[name]
-            out.series[f"residual_point.{name}"] = np.linalg.norm(off, axis=1)
+        for name, value in kin.points_many(Ts=self.Ts, qs=self.posed.q).items():
+            if name not in self.posed.points:
+                continue
+            points[name] = value
+            equations[name] = _equation_of(kin, kin.formula.points[name])
+            off = value - self.posed.points[name]
             limit = self.tolerances.position
             rows[name] = row("A-B", "point", name, "m", off, limit, self.coarse, note=equations[name])
-        wrong = {n: equations[n] for n, r in rows.items() if not r.agrees and equations[n]}
-        suspects = [rows[n] for n in wrong] or [r for r in rows.values() if not r.agrees]
-        first = headline(suspects).name if suspects else ""
-        blame = _Blame(first, wrong.get(first, first), wrong)
+            self.out.series[f"residual_point.{name}"] = np.linalg.norm(off, axis=1)
+        blame = self._blame_of_points(rows, equations)
         for name, r in rows.items():
             # If no equation computes a point, its error follows from the wrong points that equations compute.
-            if not equations[name] and wrong:
-                r = replace(r, consequence_of=first)
+            if not equations[name] and blame.points:
+                r = replace(r, consequence_of=blame.row)
             by = f" by {equations[name]}" if equations[name] else ""
             what = f"point {name}{by} differs from its position in the CAD in {r.component}"
-            out.differs(r, what, equations[name] or blame.cause)
+            self.out.differs(r, what, equations[name] or blame.cause)
         self._distances(points, blame)
         return blame
 
+    def _blame_of_points(self, rows: Mapping[str, Residual], equations: Mapping[str, str]) -> _Blame:
+        """Return the worst of the wrong rows of points; points that no equation computes are blamed last.
+
+        Args:
+            rows: the rows, by point.
+            equations: the equation that computes the point, by point; "" if there is none.
+        """
+        wrong = {name: r for name, r in rows.items() if not r.agrees}
+        computed = {name: equations[name] for name in wrong if equations[name]}
+        suspects = [wrong[name] for name in computed]
+        if not suspects:
+            suspects = list(wrong.values())
+        if not suspects:
+            return _Blame()
+        first = headline(suspects).name
+        return _Blame(first, computed.get(first, first), computed)
+
     def _distances(self, points: Mapping[str, Array], blamed: _Blame) -> None:
         """Check that points of one body keep their distances; otherwise the equations do not describe a rigid body."""
-        on: dict[str, list[str]] = {}
+        names_on: dict[str, list[str]] = {}
         for point in self.model.mechanism.points:
             if point.name in points:
-                on.setdefault(point.body, []).append(point.name)
-        at = {"start": 0} | {p.name: int(np.argmin(np.abs(self.coarse.t - p.t1))) for p in self.clock.phases}
-        for body, names in on.items():
+                names_on.setdefault(point.body, []).append(point.name)
+        for body, names in names_on.items():
             for a, b in combinations(names, 2):
-                length = np.linalg.norm(points[a] - points[b], axis=1)
-                true = np.linalg.norm(self.posed.points[a] - self.posed.points[b], axis=1)
-                shown = ", ".join(f"{n} {length[i] / MM:.3f}" for n, i in at.items())
-                facts = self.out.facts.setdefault("distances by the equations, mm (start, end of each phase)", {})
-                facts[f"{a}-{b} (CAD {true[0] / MM:.3f})"] = shown
-                off, limit = length - true, self.tolerances.position
-                ends = [n for n in (a, b) if n in blamed.points]
-                more = {"consequence_of": ends[0] if ends else blamed.row, "note": f"distance on '{body}'"}
-                worst = length[np.argmax(np.abs(off))]
-                self.out.judge(
-                    row("A-B", "point", f"{a}-{b}", "m", off, limit, self.coarse, **more),
-                    _NOT_RIGID,
-                    f"the equations put {a} and {b} {mm(length[0])} apart at the start and {mm(worst)} in "
-                    f"the worst case; in the CAD both are on '{body}', {mm(true[0])} apart",
-                    f"{a}, {b}",
-                    cause=blamed.points[ends[0]] if ends else blamed.cause,
-                )
+                self._distance(body, (a, points[a]), (b, points[b]), blamed)
+
+    def _distance(self, body: str, a: tuple[str, Array], b: tuple[str, Array], blamed: _Blame) -> None:
+        """Check that two points of a body, each as (name, positions (k, 3)), keep their distance."""
+        name_a, p_a = a
+        name_b, p_b = b
+        length = np.linalg.norm(p_a - p_b, axis=1)
+        true = np.linalg.norm(self.posed.points[name_a] - self.posed.points[name_b], axis=1)
+
+        shown = [f"start {length[0] / MM:.3f}"]
+        for phase in self.clock.phases:
+            end = int(np.argmin(np.abs(self.coarse.t - phase.t1)))
+            shown.append(f"{phase.name} {length[end] / MM:.3f}")
+        facts = self.out.facts.setdefault("distances by the equations, mm (start, end of each phase)", {})
+        facts[f"{name_a}-{name_b} (CAD {true[0] / MM:.3f})"] = ", ".join(shown)
+
+        reason = blamed.row
+        cause = blamed.cause
+        for name in (name_b, name_a):  # of two wrong points, the first is named
+            if name in blamed.points:
+                reason = name
+                cause = blamed.points[name]
+        off = length - true
+        worst = length[np.argmax(np.abs(off))]
+        limit = self.tolerances.position
+        note = f"distance on '{body}'"
+        r = row("A-B", "point", f"{name_a}-{name_b}", "m", off, limit, self.coarse, consequence_of=reason, note=note)
+        what = (
+            f"the equations put {name_a} and {name_b} {mm(length[0])} apart at the start and {mm(worst)} in the worst "
+            f"case; in the CAD both are on '{body}', {mm(true[0])} apart"
+        )
+        self.out.judge(r, _NOT_RIGID, what, f"{name_a}, {name_b}", cause=cause)
 
     def joints(self, kin: Kinematics, q: Array, blamed: _Blame) -> _Blame:
         """Compare the joint values q (k, n) of the equations with the joint values of the mechanism.
@@ -282,41 +329,60 @@ class _Check:
         The equations are also evaluated at the CAD's points. If the result agrees with the mechanism,
         only the inputs are wrong.
         """
-        out, true = self.out, self.posed.q
+        true = self.posed.q
         alone = self._from_points(kin)
         if alone is not None:  # without full turns, which are no disagreement
-            turned = [self._turns(joint, alone[:, i], true[:, i]) for i, joint in enumerate(kin.joints)]
-            alone = alone - 2 * np.pi * np.array(turned)
+            turns_alone = [self._turns(joint, alone[:, i], true[:, i]) for i, joint in enumerate(kin.joints)]
+            alone = alone - 2 * np.pi * np.array(turns_alone)
         wrong: dict[str, tuple[Residual, str]] = {}
         for i, joint in enumerate(kin.joints):
             if kin.auxiliary[i] or not np.isfinite(q[:, i]).any():
                 continue
+            unit = "m"
+            limit = self.tolerances.position
+            if kin.revolute[i]:
+                unit = "rad"
+                limit = self.tolerances.rotation
             turns = self._turns(joint, q[:, i], true[:, i])
-            equation, off = _equation_of(kin, joint), q[:, i] - true[:, i] - 2 * np.pi * turns
-            unit, limit = ("rad", self.tolerances.rotation) if kin.revolute[i] else ("m", self.tolerances.position)
-            out.series[f"residual_driven.{joint}"] = np.abs(off)
-            innocent = alone is not None and float(np.abs(alone[:, i] - true[:, i]).max()) <= limit
-            because = blamed.row if innocent else ""
+            off = q[:, i] - true[:, i] - 2 * np.pi * turns
+            self.out.series[f"residual_driven.{joint}"] = np.abs(off)
+            right_alone = alone is not None and float(np.abs(alone[:, i] - true[:, i]).max()) <= limit
+            because = blamed.row if right_alone else ""
+            equation = _equation_of(kin, joint)
+            if because:
+                cause = blamed.cause
+                by = f", because {because} is wrong,"
+            else:
+                cause = equation or _equation_of(kin, tuple(kin.joints)) or joint
+                by = f" by {equation}" if equation else ""
             r = row("A-B", "driven", joint, unit, off, limit, self.coarse, consequence_of=because, note=equation)
-            cause = blamed.cause if because else equation or _equation_of(kin, tuple(kin.joints)) or joint
-            by = f", because {because} is wrong," if because else f" by {equation}" if equation else ""
-            out.differs(r, f"joint {joint}{by} differs from its value in the mechanism", cause)
+            self.out.differs(r, f"joint {joint}{by} differs from its value in the mechanism", cause)
             if not r.agrees:
                 wrong[joint] = r, cause
             elif turns:
-                count = f"{abs(turns)} full turn{'s' if abs(turns) > 1 else ''} {'above' if turns > 0 else 'below'}"
-                what = f"joint {joint}{by}: the equations' value is {count} the mechanism's; the poses are the same"
-                advice = f"give {joint} limits less than 360 deg apart, which select one of them"
-                out.findings.append(finding("info", "driven.turns", joint, what, suggestion=advice, cause=cause))
+                self._note_turns(joint, by, turns, cause)
         if alone is not None and blamed:
-            out.facts.setdefault("equations by themselves", {})[_equation_of(kin, kin.joints)] = (
+            difference = float(np.abs(alone - true).max())
+            facts = self.out.facts.setdefault("equations by themselves", {})
+            facts[_equation_of(kin, kin.joints)] = (
                 "computed from the CAD's points, the joint values differ from those of the mechanism by at most "
-                f"{text(float(np.abs(alone - true).max()), 'm')}"
+                f"{text(difference, 'm')}"
             )
         if not wrong:
             return _Blame()
         first = headline([r for r, _ in wrong.values()]).name
-        return _Blame(first, wrong[first][1])
+        _, cause = wrong[first]
+        return _Blame(first, cause)
+
+    def _note_turns(self, joint: str, by: str, turns: int, cause: str) -> None:
+        """Add a finding that a joint value of the equations is full turns away from that of the mechanism."""
+        count = f"{abs(turns)} full turn"
+        if abs(turns) > 1:
+            count += "s"
+        side = "above" if turns > 0 else "below"
+        what = f"joint {joint}{by}: the equations' value is {count} {side} the mechanism's; the poses are the same"
+        advice = f"give {joint} limits less than 360 deg apart, which select one of them"
+        self.out.findings.append(finding("info", "driven.turns", joint, what, suggestion=advice, cause=cause))
 
     def _turns(self, joint: str, q: Array, true: Array) -> int:
         """Return the number of full turns by which joint values q (k,) in rad exceed `true` (k,), at all samples.
@@ -324,108 +390,131 @@ class _Check:
         `true` are the mechanism's values. Full turns change no pose, and are no disagreement if q is within the joint's
         limits. Return 0 if q exceeds the limits, or if the number of turns differs between samples.
         """
-        told = self.model.mechanism.joint(joint)
-        coupled = any(joint in c.joints for c in self.model.mechanism.couplings)
-        low, high = told.limits or (-np.inf, np.inf)
-        q, true = q[np.isfinite(q)], true[np.isfinite(q)]
-        if not len(q):
+        described = self.model.mechanism.joint(joint)
+        if not described.is_angle:
             return 0
-        turns = np.rint((q - true) / (2 * np.pi))
-        if not told.is_angle or coupled or np.ptp(turns) or q.min() < low - ROUNDING or q.max() > high + ROUNDING:
+        if any(joint in coupling.joints for coupling in self.model.mechanism.couplings):
+            return 0  # a full turn of one joint moves the others
+        finite = np.isfinite(q)
+        if not finite.any():
+            return 0
+        q = q[finite]
+        low, high = described.limits or (-np.inf, np.inf)
+        if q.min() < low - ROUNDING or q.max() > high + ROUNDING:
+            return 0
+        turns = np.rint((q - true[finite]) / (2 * np.pi))
+        if np.ptp(turns):
             return 0
         return int(turns[0])
 
     def _from_points(self, kin: Kinematics) -> Array | None:
         """Return the equations' joint values (k, n) computed from the CAD's points; None if a point is missing."""
-        there = self.posed.points
-        names = [n for n, s in kin.formula.points.items() if _equation_of(kin, s)]
-        if not kin.closed_inverse or not names or any(n not in there for n in names):
+        if not kin.closed_inverse:
             return None
-        return kin.joints_from_points({n: there[n] for n in names})
+        positions: dict[str, Array] = {}
+        for name, symbols in kin.formula.points.items():
+            if not _equation_of(kin, symbols):
+                continue
+            if name not in self.posed.points:
+                return None
+            positions[name] = self.posed.points[name]
+        if not positions:
+            return None
+        return kin.joints_from_points(positions)
 
     def forward(self, kin: Kinematics) -> None:
         """Compare the tool poses of forward equations and mechanism, both at the mechanism's joint values."""
         by = ", ".join(_reading(kin, e) for e in kin.formula.equations if e.stage == "forward")
         Ts = kin.forward_many(self.posed.q)
-        lost = ~np.isfinite(Ts).all(axis=(1, 2))
-        if lost.any():
+        unsolved = ~np.isfinite(Ts).all(axis=(1, 2))
+        if unsolved.any():
             what = (
-                f"the forward equations have no real solution at {lost.sum()} of {len(Ts)} joint values that the "
+                f"the forward equations have no real solution at {unsolved.sum()} of {len(Ts)} joint values that the "
                 f"mechanism can take ({by})"
             )
-            when = self.coarse.when(int(np.argmax(lost)))
+            when = self.coarse.when(int(np.argmax(unsolved)))
             self.out.findings.append(disagreement("forward.no_answer", "tool", what, when=when, cause=by))
             return
-        limits = self.tolerances.position, self.tolerances.rotation
+        limits = (self.tolerances.position, self.tolerances.rotation)
         for r in pose_rows("A-B", "tool, forward", self.posed.Ts_base_tool, Ts, limits, self.coarse, note=by):
             what = f"at the same joint values, the forward equations ({by}) and the mechanism give different tool poses"
             self.out.judge(r, _FORWARD, what, "tool", cause=by)
 
     def passive(self, kin: Kinematics, blamed: _Blame) -> None:
         """Compare the passive joint angles of the equations with the passive joint angles of the mechanism."""
-        true, limit = self.posed.q_passive, self.tolerances.rotation
+        true = self.posed.q_passive
+        limit = self.tolerances.rotation
         for name, value in kin.passive_many(Ts=self.Ts, qs=self.posed.q).items():
-            if name in true:
-                off = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns
-                r = row("A-B", "passive", name, "rad", off, limit, self.coarse, consequence_of=blamed.row)
-                cause = blamed.cause or _equation_of(kin, name)
-                self.out.differs(r, f"passive joint {name} differs from its value in the mechanism", cause)
+            if name not in true:
+                continue
+            off = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns
+            r = row("A-B", "passive", name, "rad", off, limit, self.coarse, consequence_of=blamed.row)
+            cause = blamed.cause or _equation_of(kin, name)
+            self.out.differs(r, f"passive joint {name} differs from its value in the mechanism", cause)
 
     def tool(self, kin: Kinematics, q: Array, blamed: _Blame) -> None:
         """Drive the mechanism with the equations' joint values, and compare its tool pose with the requested pose."""
         if not np.isfinite(q).all():
             return
-        out, Ts = self.out, self.trajectory.Ts_base_tool
+        Ts = self.trajectory.Ts_base_tool
         try:
             run = self.model.run(q, progress=lambda f: self.progress("mechanism driven by the equations", f))
         except AssemblyError as failed:
-            out.findings.append(
-                finding(
-                    "info" if blamed else "disagreement",
-                    "tool.no_assembly",
-                    ", ".join(kin.joints) if blamed else "mechanism",
-                    f"the mechanism cannot be assembled at the joint values of the equations ({failed})",
-                    suggestion=f"caused by {blamed.row}; fix that first" if blamed else "",
-                    when=f"{self.clock.phase(0.0)}, from the start",
-                    cause=blamed.cause,
-                )
-            )
+            self._no_assembly(kin, failed, blamed)
             return
-        out.driven = run
-        out.series |= {
-            "residual_tool": np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1),
-            "residual_rotation": np.linalg.norm(rotation_vectors(Ts, run.Ts_base_tool), axis=1),
-            "p_tool_B": run.Ts_base_tool[out.coarse, :3, 3],
-        }
-        limits = self.tolerances.position, self.tolerances.rotation
+        self.out.driven = run
+        shift = run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3]
+        self.out.series["residual_tool"] = np.linalg.norm(shift, axis=1)
+        self.out.series["residual_rotation"] = np.linalg.norm(rotation_vectors(Ts, run.Ts_base_tool), axis=1)
+        self.out.series["p_tool_B"] = run.Ts_base_tool[self.out.coarse, :3, 3]
+        limits = (self.tolerances.position, self.tolerances.rotation)
         for r in pose_rows("A-B", "tool", Ts, run.Ts_base_tool, limits, self.clock, consequence_of=blamed.row):
             what = "the joint values of the equations do not move the mechanism's tool to the requested pose"
-            out.differs(r, what, blamed.cause)
+            self.out.differs(r, what, blamed.cause)
         self.loops(run, blamed.cause)
+
+    def _no_assembly(self, kin: Kinematics, failed: AssemblyError, blamed: _Blame) -> None:
+        """Add a finding that the mechanism cannot be assembled at the joint values of the equations."""
+        what = f"the mechanism cannot be assembled at the joint values of the equations ({failed})"
+        when = f"{self.clock.phase(0.0)}, from the start"
+        if blamed:
+            where = ", ".join(kin.joints)
+            advice = f"caused by {blamed.row}; fix that first"
+            found = finding("info", "tool.no_assembly", where, what, suggestion=advice, when=when, cause=blamed.cause)
+        else:
+            found = finding("disagreement", "tool.no_assembly", "mechanism", what, when=when, cause=blamed.cause)
+        self.out.findings.append(found)
 
     def loops(self, run: Run, cause: str = "") -> None:
         """Check that the loops of the driven mechanism close; `cause` names the wrong equation, if known."""
         balls = {j.name for j in self.model.mechanism.loops if j.type == "spherical"}
         for i, loop in enumerate(run.loop_names):
-            kinds = [("m", self.tolerances.loop), ("rad", self.tolerances.rotation)]
-            for k, (unit, limit) in enumerate(kinds[:1] if loop in balls else kinds):
-                r = row("B", "loop", loop, unit, run.gaps[:, i, k], limit, self.clock)
-                what = f"loop {loop} does not close: its parts do not fit together (least-squares solution)"
-                self.out.differs(r, what, cause)
+            what = f"loop {loop} does not close: its parts do not fit together (least-squares solution)"
+            shift = run.gaps[:, i, 0]
+            self.out.differs(row("B", "loop", loop, "m", shift, self.tolerances.loop, self.clock), what, cause)
+            if loop not in balls:  # a ball turns freely
+                turn = run.gaps[:, i, 1]
+                self.out.differs(row("B", "loop", loop, "rad", turn, self.tolerances.rotation, self.clock), what, cause)
 
 
 def _rates(check: _Check, states: Array) -> None:
     """Compare the tool's planned speed and acceleration with those from the constraint Jacobian of the mechanism."""
-    trajectory, rows, limits = check.trajectory, check.out.coarse, check.tolerances
+    trajectory = check.trajectory
+    rows = check.out.coarse
     twist, acceleration = check.model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
-    v, a = (x[rows] for x in tool_rates(trajectory))
-    w, dw = trajectory.angular_velocity[rows], trajectory.angular_acceleration[rows]
-    check.out.series |= {"v_tool_B": twist[:, :3], "a_tool_B": acceleration[:, :3]}
+    check.out.series["v_tool_B"] = twist[:, :3]
+    check.out.series["a_tool_B"] = acceleration[:, :3]
+    planned_v, planned_a = tool_rates(trajectory)
+    off_v = twist[:, :3] - planned_v[rows]
+    off_w = twist[:, 3:] - trajectory.angular_velocity[rows]
+    off_a = acceleration[:, :3] - planned_a[rows]
+    off_dw = acceleration[:, 3:] - trajectory.angular_acceleration[rows]
+    limits = check.tolerances
     kinds: tuple[tuple[RowKind, str, Array, float], ...] = (
-        ("speed", "m/s", twist[:, :3] - v, limits.speed),
-        ("speed", "rad/s", twist[:, 3:] - w, 10 * limits.speed),
-        ("acceleration", "m/s2", acceleration[:, :3] - a, limits.acceleration),
-        ("acceleration", "rad/s2", acceleration[:, 3:] - dw, 10 * limits.acceleration),
+        ("speed", "m/s", off_v, limits.speed),
+        ("speed", "rad/s", off_w, 10 * limits.speed),
+        ("acceleration", "m/s2", off_a, limits.acceleration),
+        ("acceleration", "rad/s2", off_dw, 10 * limits.acceleration),
     )
     for kind, unit, off, limit in kinds:
         r = row("A-B", kind, "tool", unit, off, limit, check.coarse)

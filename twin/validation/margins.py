@@ -9,7 +9,7 @@ from twin.core.quantity import Quantity, moved
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM, display_unit
 from twin.model.mechanism import Mechanism
-from twin.planning.trajectory import PathKinematics, Trajectory
+from twin.planning.trajectory import Motors, PathKinematics, Trajectory
 from twin.reference import ReferenceModel, Run
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
@@ -35,41 +35,68 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
     """
     out: dict[str, str] = {}
     for j, joint in enumerate(mechanism.active):
-        if joint.limits is None:
-            continue
-        q = trajectory.q[:, j]
-        sides = np.stack([q - joint.limits[0], joint.limits[1] - q])
-        side, k = (int(i) for i in np.unravel_index(int(np.argmin(sides)), sides.shape))
-        unit, scale = display_unit(joint.is_angle)
-        share = 100 * sides[side, k] / (joint.limits[1] - joint.limits[0])
-        end = ("lower", "upper")[side]
-        size = f"{sides[side, k] / scale:.2f} {unit} to its {end} limit ({share:.0f} % of its range)"
-        out[f"joint {joint.name}"] = f"{size}, {clock.when(k)}"
+        if joint.limits is not None:
+            out[f"joint {joint.name}"] = _joint_margin(trajectory.q[:, j], joint.limits, joint.is_angle, clock)
     for i, name in enumerate(paths.motors.names):
-        m, (unit, scale) = trajectory.q @ paths.motors.rows[i], paths.motors.unit(i)
-        sides = np.minimum(m - paths.motors.lower[i], paths.motors.upper[i] - m)
-        rates = np.abs(trajectory.qd @ paths.motors.rows[i])
-        k, fastest = int(np.argmin(sides)), int(np.argmax(rates))
-        left = f"{sides[k] / scale:.2f} {unit} to a limit, {clock.when(k)}; " if np.isfinite(sides[k]) else ""
-        most = paths.motors.max_speed[i] / scale
-        of = f" (limit {most:.4g})" if np.isfinite(most) else ""
-        out[f"motor {name}"] = f"{left}maximum speed {rates[fastest] / scale:.4g}{of} {unit}/s, {clock.when(fastest)}"
+        out[f"motor {name}"] = _motor_margin(trajectory, paths.motors, i, clock)
     for gap in paths.gaps:
-        apart = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
-        k = int(np.argmin(apart))
-        out[f"gap {gap.name}"] = f"{apart[k] / MM:.2f} mm (required {gap.smallest / MM:g} mm), {clock.when(k)}"
+        distance = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
+        k = int(np.argmin(distance))
+        out[f"gap {gap.name}"] = f"{distance[k] / MM:.2f} mm (required {gap.smallest / MM:g} mm), {clock.when(k)}"
     for name, values in paths.reach(trajectory.Ts_base_tool).items():
         k = int(np.argmin(values))
         out[f"reach {name}"] = f"{values[k] / MM:.2f} mm, {clock.when(k)}"
     for name, values in paths.singularity(trajectory.Ts_base_tool, trajectory.q).items():
         k = int(np.argmin(np.abs(values)))
-        alarm = f", alarm below {paths.alarm(name):g}" if paths.alarm(name) else ""
+        alarm = ""
+        if paths.alarm(name):
+            alarm = f", alarm below {paths.alarm(name):g}"
         out[f"singularity {name}"] = f"{values[k]:.4f}{alarm}, {clock.when(k)}"
     if paths.branch is not None:
-        labels = paths.branch(trajectory.Ts_base_tool, trajectory.q)
-        k = int(np.argmax(labels != labels[0]))
-        out["working mode"] = f"{labels[0]} throughout" if not k else f"{labels[0]}, then {labels[k]}, {clock.when(k)}"
+        modes = paths.branch(trajectory.Ts_base_tool, trajectory.q)
+        first_change = int(np.argmax(modes != modes[0]))
+        if first_change == 0:
+            out["working mode"] = f"{modes[0]} throughout"
+        else:
+            out["working mode"] = f"{modes[0]}, then {modes[first_change]}, {clock.when(first_change)}"
     return out
+
+
+def _joint_margin(q: Array, limits: tuple[float, float], is_angle: bool, clock: Clock) -> str:
+    """Return a text with the smallest distance of joint values q (k,) from the limits."""
+    low, high = limits
+    to_low = q - low
+    to_high = high - q
+    k_low = int(np.argmin(to_low))
+    k_high = int(np.argmin(to_high))
+    end = "lower"
+    k = k_low
+    distance = to_low[k_low]
+    if to_high[k_high] < distance:
+        end = "upper"
+        k = k_high
+        distance = to_high[k_high]
+    unit, scale = display_unit(is_angle)
+    share = 100 * distance / (high - low)
+    return f"{distance / scale:.2f} {unit} to its {end} limit ({share:.0f} % of its range), {clock.when(k)}"
+
+
+def _motor_margin(trajectory: Trajectory, motors: Motors, i: int, clock: Clock) -> str:
+    """Return a text with the smallest distance of motor i from its limits, if it has any, and its largest speed."""
+    unit, scale = motors.unit(i)
+    m = trajectory.q @ motors.rows[i]
+    distance = np.minimum(m - motors.lower[i], motors.upper[i] - m)
+    nearest = int(np.argmin(distance))
+    position = ""
+    if np.isfinite(distance[nearest]):
+        position = f"{distance[nearest] / scale:.2f} {unit} to a limit, {clock.when(nearest)}; "
+    rates = np.abs(trajectory.qd @ motors.rows[i])
+    fastest = int(np.argmax(rates))
+    max_speed = motors.max_speed[i] / scale
+    limit = ""
+    if np.isfinite(max_speed):
+        limit = f" (limit {max_speed:.4g})"
+    return f"{position}maximum speed {rates[fastest] / scale:.4g}{limit} {unit}/s, {clock.when(fastest)}"
 
 
 def of_mechanism(
@@ -83,7 +110,8 @@ def of_mechanism(
     """
     found = conditioning(model, posed.x, LENGTH_SCALE)
     at = clock.at(rows)
-    facts, findings = {}, []
+    facts: dict[str, str] = {}
+    findings: list[Finding] = []
     for name, values, words in (
         ("mechanism, tool at rest (type 1)", found.stands, "the joints move and the tool is at rest"),
         ("mechanism, drives at rest (type 2)", found.moves, "the tool moves while every drive is at rest"),
@@ -93,15 +121,8 @@ def of_mechanism(
         k = int(np.nanargmin(values))
         facts[name] = f"{values[k]:.4f} (0: singular, 1: best), {at.when(k)}"
         if values[k] < SINGULAR:
-            findings.append(
-                _SINGULAR(
-                    model.mechanism.name,
-                    f"the mechanism becomes singular ({words}): conditioning (0: singular, 1: best)",
-                    Quantity(values[k]),
-                    SINGULAR,
-                    when=at.when(k),
-                )
-            )
+            what = f"the mechanism becomes singular ({words}): conditioning (0: singular, 1: best)"
+            findings.append(_SINGULAR(model.mechanism.name, what, Quantity(values[k]), SINGULAR, when=at.when(k)))
     findings += _jumps(model, posed, at)
     return facts, findings, {"conditioning.type1": found.stands, "conditioning.type2": found.moves}
 
@@ -111,31 +132,38 @@ def _jumps(model: ReferenceModel, posed: Run, at: Clock) -> list[Finding]:
 
     Steps in which a driven joint also jumps (samples far apart) are skipped.
     """
-    out = []
-    floors = [2 * DEG if j.is_angle else 2 * MM for j in model.mechanism.active]
-    driven = np.abs(np.diff(posed.q, axis=0))
-    led = np.asarray((driven > _usual(driven) + floors).any(axis=1))
+    out: list[Finding] = []
+    driven_steps = np.abs(np.diff(posed.q, axis=0))
+    driven_floors = [_floor(joint.is_angle) for joint in model.mechanism.active]
+    driven_jumps = np.any(driven_steps > _usual(driven_steps) + driven_floors, axis=1)
     for joint in model.mechanism.passive:
-        q = np.unwrap(posed.q_passive[joint.name]) if joint.is_angle else posed.q_passive[joint.name]
+        q = posed.q_passive[joint.name]
+        if joint.is_angle:
+            q = np.unwrap(q)
         if len(q) < 4:
             continue
         steps = np.abs(np.diff(q))
-        floor = 2 * DEG if joint.is_angle else 2 * MM
         usual = _usual(steps)
-        k = int(np.argmax(np.where(led, -np.inf, steps - usual)))
-        if not led[k] and steps[k] > usual[k] + floor:
-            out.append(
-                _JUMP(
-                    joint.name,
-                    f"passive joint {joint.name} jumps between two samples: the mechanism changes its assembly mode",
-                    moved(steps[k], joint.is_angle),
-                    moved(usual[k], joint.is_angle),
-                    when=at.when(k + 1),
-                )
-            )
+        excess = np.where(driven_jumps, -np.inf, steps - usual)
+        k = int(np.argmax(excess))
+        if driven_jumps[k] or steps[k] <= usual[k] + _floor(joint.is_angle):
+            continue
+        what = f"passive joint {joint.name} jumps between two samples: the mechanism changes its assembly mode"
+        size = moved(steps[k], joint.is_angle)
+        limit = moved(usual[k], joint.is_angle)
+        out.append(_JUMP(joint.name, what, size, limit, when=at.when(k + 1)))
     return out
+
+
+def _floor(is_angle: bool) -> float:
+    """Return a step in rad or m that is never a jump, however small its neighbours are."""
+    if is_angle:
+        return 2 * DEG
+    return 2 * MM
 
 
 def _usual(steps: Array) -> Array:
     """Return an upper limit for each step (k, ...): eight times the larger neighbouring step."""
-    return 8 * np.maximum(np.concatenate([steps[:1], steps[:-1]]), np.concatenate([steps[1:], steps[-1:]]))
+    before = np.concatenate([steps[:1], steps[:-1]])
+    after = np.concatenate([steps[1:], steps[-1:]])
+    return 8 * np.maximum(before, after)

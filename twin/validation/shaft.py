@@ -26,8 +26,11 @@ from twin.reference import ReferenceModel
 from twin.validation.compare import Comparison
 from twin.validation.rows import Clock, row, text
 
-ALL, LOOKED = 64, 12
-"""A phase with at most `ALL` samples is measured in all intervals; a longer phase in at most `LOOKED` intervals."""
+ALL = 64
+"""Largest number of samples of a phase that is measured in all intervals."""
+
+LOOKED = 12
+"""Largest number of measured intervals in a longer phase."""
 
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 """Positions (0 to 1) within an interval at which the distance is measured; a parabola refines the maximum."""
@@ -81,13 +84,14 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
     if not spans:
         return []
     times = np.concatenate([np.add.outer(k, _INSIDE).ravel() for k in at])
-    out, first = [], 0
     Ts = _poses(model, trajectory, times) @ model.mechanism.frame_in_tool(trajectory.frame)
-    for span, k in zip(spans, at, strict=True):
-        count = len(k) * len(_INSIDE)
-        seen = Ts[first : first + count].reshape(len(k), len(_INSIDE), 4, 4)
+    out: list[Passage] = []
+    first = 0
+    for span, intervals in zip(spans, at, strict=True):
+        count = len(intervals) * len(_INSIDE)
+        Ts_inside = Ts[first : first + count].reshape(len(intervals), len(_INSIDE), 4, 4)
         first += count
-        out.append(_passage(trajectory, span, k, seen))
+        out.append(_passage(trajectory, span, intervals, Ts_inside))
     return out
 
 
@@ -101,54 +105,64 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
     if len(rows) <= ALL:
         return rows[:-1]
     e = offset(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
-    d = np.gradient(e, axis=0)
-    s = _INSIDE[:, None, None]
-    a, b, m, n = e[:-1], e[1:], d[:-1], d[1:]
-    curve = spatial.cubic(s, a, b, m, n)
-    longest = np.linalg.norm(curve, axis=2).max(axis=0)
-    # intervals where the vector is longest, and where it bends most: the cubic is least accurate there
+    rate = np.gradient(e, axis=0)
+    inside = spatial.cubic(_INSIDE[:, None, None], e[:-1], e[1:], rate[:-1], rate[1:])
+    longest = np.linalg.norm(inside, axis=2).max(axis=0)
     bend = np.zeros(len(longest))
     if len(e) > 2:
         second = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1)
-        bend[:-1], bend[1:] = second, np.maximum(bend[1:], second)
+        bend[:-1] = second
+        bend[1:] = np.maximum(bend[1:], second)
+    # The cubic is least accurate where the vector bends most.
     half = LOOKED // 2
-    chosen = {int(k) for k in (*np.argsort(longest)[-half:], *np.argsort(bend)[-half:])}
+    chosen = {*np.argsort(longest)[-half:].tolist(), *np.argsort(bend)[-half:].tolist()}
     return span.start + np.array(sorted(chosen))
 
 
 def _poses(model: ReferenceModel, trajectory: Trajectory, x: Array) -> Array:
     """Return T_base_tool (k, 4, 4) of the driven mechanism at fractional sample indices x (k,)."""
     i = np.minimum(x.astype(int), len(trajectory.t) - 2)
-    f = (x - i)[:, None]
-    a, b = trajectory.q[i], trajectory.q[i + 1]
-    m, n = trajectory.step * trajectory.qd[i], trajectory.step * trajectory.qd[i + 1]
-    return model.run(spatial.cubic(f, a, b, m, n)).Ts_base_tool
+    fraction = (x - i)[:, None]
+    rate = trajectory.step * trajectory.qd
+    q = spatial.cubic(fraction, trajectory.q[i], trajectory.q[i + 1], rate[i], rate[i + 1])
+    return model.run(q).Ts_base_tool
 
 
-def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, seen: Array) -> Passage:
+def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, Ts_inside: Array) -> Passage:
+    """Return the distances of one phase.
+
+    Args:
+        trajectory: the motion.
+        span: its phase.
+        at: index of the first sample of each measured interval.
+        Ts_inside: poses (interval, place, 4, 4) of the moved frame in these intervals.
+    """
     assert span.rcm is not None
     rows = slice(span.start, span.stop + 1)
     e = offset(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
     ends = np.linalg.norm(e, axis=1)
-    inside = np.linalg.norm(offset(seen.reshape(-1, 4, 4), trajectory.shaft_axis, span.rcm), axis=1).reshape(
-        seen.shape[:2]
-    )
+    e_inside = offset(Ts_inside.reshape(-1, 4, 4), trajectory.shaft_axis, span.rcm)
+    inside = np.linalg.norm(e_inside, axis=1).reshape(Ts_inside.shape[:2])
     i, j = np.unravel_index(int(np.argmax(inside)), inside.shape)
-    size, where = _summit(inside[i], int(j))
+    size, position = _summit(inside[i], int(j))
     # |e| <= larger end value + h^2/8 |e''|; e'' is twice (safety factor) the larger second difference at the ends
-    bend = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1) if len(e) > 2 else np.zeros(1)
+    bend = np.zeros(1)
+    if len(e) > 2:
+        bend = np.linalg.norm(np.diff(e, n=2, axis=0), axis=1)
     bend = np.pad(bend, 1, mode="edge")[: len(ends)]
-    around = 2 * np.maximum(bend[:-1], bend[1:]) if len(bend) > 1 else bend
-    bound = np.maximum(ends[:-1], ends[1:]) + around / 8
+    larger_bend = bend
+    if len(bend) > 1:
+        larger_bend = 2 * np.maximum(bend[:-1], bend[1:])
+    bound = np.maximum(ends[:-1], ends[1:]) + larger_bend / 8
     return Passage(
-        span.name,
-        span.rcm_mode != "monitored",
-        float(ends.max()),
-        float(size),
-        float(trajectory.t[at[i]] + where * trajectory.step),
-        float(max(bound.max(), size, 1e-12)),  # smaller values are rounding errors
-        len(at),
-        len(ends) - 1,
+        phase=span.name,
+        enforced=span.rcm_mode != "monitored",
+        at_samples=float(ends.max()),
+        between=float(size),
+        t=float(trajectory.t[at[i]] + position * trajectory.step),
+        bound=float(max(bound.max(), size, 1e-12)),  # smaller values are rounding errors
+        looked=len(at),
+        intervals=len(ends) - 1,
     )
 
 
@@ -161,7 +175,9 @@ def _summit(values: Array, j: int) -> tuple[float, float]:
     if bend >= 0:
         return float(b), float(_INSIDE[j])
     shift = 0.5 * (a - c) / bend
-    return float(b - 0.25 * (a - c) * shift), float(_INSIDE[j] + shift * (_INSIDE[1] - _INSIDE[0]))
+    maximum = b - 0.25 * (a - c) * shift
+    position = _INSIDE[j] + shift * (_INSIDE[1] - _INSIDE[0])
+    return float(maximum), float(position)
 
 
 def between_samples(
@@ -178,12 +194,10 @@ def between_samples(
         return
     for p in found:
         at = clock.at(np.array([np.searchsorted(trajectory.t, p.t)]))
-        limit = tolerance if p.enforced or p.at_samples <= tolerance else None
+        limit = None
+        if p.enforced or p.at_samples <= tolerance:
+            limit = tolerance
         note = f"measured in {p.looked} of {p.intervals} intervals; estimated bound elsewhere {text(p.bound, 'm')}"
-        out.judge(
-            row("B", "rcm", f"{p.phase}, between samples", "m", np.array([p.between]), limit, at, note=note),
-            _BETWEEN,
-            f"between samples the shaft misses the RCM (largest distance at the samples: {mm(p.at_samples)})",
-            "RCM",
-            when=f"phase '{p.phase}', t = {p.t:.3f} s",
-        )
+        r = row("B", "rcm", f"{p.phase}, between samples", "m", np.array([p.between]), limit, at, note=note)
+        what = f"between samples the shaft misses the RCM (largest distance at the samples: {mm(p.at_samples)})"
+        out.judge(r, _BETWEEN, what, "RCM", when=f"phase '{p.phase}', t = {p.t:.3f} s")

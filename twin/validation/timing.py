@@ -58,8 +58,10 @@ class Load:
     @property
     def text(self) -> str:
         """Maximum, limit and time, as text."""
-        of = f" of {self.limit:.4g} ({100 * self.size / self.limit:.0f} %)" if np.isfinite(self.limit) else ""
-        return f"{self.size:.4g}{of} {self.unit}, {self.phase}, t = {self.t:.3f} s"
+        of_limit = ""
+        if np.isfinite(self.limit):
+            of_limit = f" of {self.limit:.4g} ({100 * self.size / self.limit:.0f} %)"
+        return f"{self.size:.4g}{of_limit} {self.unit}, {self.phase}, t = {self.t:.3f} s"
 
 
 def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> tuple[dict[str, str], list[Finding]]:
@@ -68,17 +70,26 @@ def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> 
     The stated speeds (`qd`, tip) of the trajectory are also checked. Joint limits come from the mechanism, limits of
     the tip from the protocol.
     """
-    findings = [*_clock(trajectory)]
+    findings = list(_clock(trajectory))
     if findings:  # without valid times no rates can be computed
         return {}, findings
     joints = _joints(trajectory, mechanism)
-    frames = [_frames(trajectory, protocol, span) for span in trajectory.phases]
-    moving = [*joints, *(m for pair in frames for m in pair)]
-    loads = [load for m in moving for load in _loads(trajectory, m)]
-    findings += [_excess(load) for load in loads if load.size > load.limit * (1 + OVER)]
-    for span, pair in zip(trajectory.phases, frames, strict=True):
-        findings += _rest(trajectory, span, [*pair, *joints])
-    findings += [f for m in moving for f in _claims(trajectory, m)]
+    frames: list[_Moving] = []
+    not_at_rest: list[Finding] = []
+    for span in trajectory.phases:
+        frame = _frames(trajectory, protocol, span)
+        frames += frame
+        not_at_rest += _rest(trajectory, span, [*frame, *joints])
+    loads: list[Load] = []
+    claims: list[Finding] = []
+    for moving in [*joints, *frames]:
+        loads += _loads(trajectory, moving)
+        claims += _claims(trajectory, moving)
+    for load in loads:
+        if load.size > load.limit * (1 + OVER):
+            findings.append(_excess(load))
+    findings += not_at_rest
+    findings += claims
     return _facts(loads, trajectory), findings
 
 
@@ -95,33 +106,42 @@ def _excess(load: Load) -> Finding:
 
 
 def _clock(trajectory: Trajectory) -> Iterator[Finding]:
-    t, spans = trajectory.t, trajectory.phases
-    step = np.diff(t)
-    if len(t) < 2 or not np.isfinite(t).all() or step.min() <= 0:
+    t = trajectory.t
+    steps = np.diff(t)
+    if len(t) < 2 or not np.isfinite(t).all() or steps.min() <= 0:
         yield disagreement("timing.clock", "t", "the sample times must be finite and increase strictly")
         return
-    off = float(np.abs(t - np.linspace(t[0], t[-1], len(t))).max())
+    even = np.linspace(t[0], t[-1], len(t))
+    off = float(np.abs(t - even).max())
     if off > _CLOCK:
-        k = int(np.argmax(np.abs(step - np.median(step))))
-        yield disagreement(
-            "timing.clock",
-            "t",
-            f"the samples are not evenly spaced: one step is {step[k]:.6g} s, "
-            f"the median is {np.median(step):.6g} s; deviation",
-            Quantity(off, "s"),
-            _CLOCK,
-            when=f"t = {t[k]:.3f} s",
+        median = np.median(steps)
+        k = int(np.argmax(np.abs(steps - median)))
+        what = (
+            f"the samples are not evenly spaced: one step is {steps[k]:.6g} s, the median is {median:.6g} s; deviation"
         )
-    bounds = [(s.start, s.stop, s.t0, s.t1) for s in spans]
-    joined = all(a.stop == b.start for a, b in pairwise(spans))
-    whole = bool(spans) and spans[0].start == 0 and spans[-1].stop == len(t) - 1
-    timed = all(abs(t[a] - t0) <= 1e-6 and abs(t[b] - t1) <= 1e-6 for a, b, t0, t1 in bounds if max(a, b) < len(t))
-    if not (joined and whole and timed):
-        yield disagreement(
-            "timing.phases",
-            ", ".join(s.name for s in spans),
-            "the phases must cover all samples without gaps, and begin and end at the stated times",
-        )
+        yield disagreement("timing.clock", "t", what, Quantity(off, "s"), _CLOCK, when=f"t = {t[k]:.3f} s")
+    if not _phases_cover(trajectory):
+        names = ", ".join(s.name for s in trajectory.phases)
+        what = "the phases must cover all samples without gaps, and begin and end at the stated times"
+        yield disagreement("timing.phases", names, what)
+
+
+def _phases_cover(trajectory: Trajectory) -> bool:
+    """Return whether the phases cover all samples without gaps, and begin and end at their stated times."""
+    t = trajectory.t
+    last = len(t) - 1
+    spans = trajectory.phases
+    if not spans or spans[0].start != 0 or spans[-1].stop != last:
+        return False
+    for before, after in pairwise(spans):
+        if before.stop != after.start:
+            return False
+    for span in spans:
+        if max(span.start, span.stop) > last:
+            continue
+        if abs(t[span.start] - span.t0) > 1e-6 or abs(t[span.stop] - span.t1) > 1e-6:
+            return False
+    return True
 
 
 @dataclass(frozen=True)
@@ -159,35 +179,43 @@ _RATES = ("speed", "acceleration", "jerk")
 
 
 def _joints(trajectory: Trajectory, mechanism: Mechanism) -> list[_Moving]:
-    out = []
+    out: list[_Moving] = []
     for j, joint in enumerate(mechanism.active):
-        q, qd = trajectory.q[:, j : j + 1], trajectory.qd[:, j : j + 1]
-        unit, factor = display_unit(joint.is_angle)
-        limits = tuple(np.inf if x is None else x for x in (joint.max_speed, joint.max_acceleration, joint.max_jerk))
-        what, steps = f"joint {joint.name}", np.diff(q, axis=0)
-        names = [what] * 3
+        q = trajectory.q[:, j : j + 1]
+        qd = trajectory.qd[:, j : j + 1]
+        steps = np.diff(q, axis=0)
         size = float(np.abs(q).max())
-        out.append(_Moving(what, what, joint.name, _RATES, names, unit, factor, 0, steps, qd, limits, size))
+        limits: list[float] = []
+        for limit in (joint.max_speed, joint.max_acceleration, joint.max_jerk):
+            limits.append(np.inf if limit is None else limit)
+        unit, factor = display_unit(joint.is_angle)
+        what = f"joint {joint.name}"
+        names = [what] * len(_RATES)
+        motion = _Moving(what, what, joint.name, _RATES, names, unit, factor, 0, steps, qd, tuple(limits), size)
+        out.append(motion)
     return out
 
 
 def _frames(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) -> list[_Moving]:
     """Return position and rotation of the moved frame in one phase."""
-    name, limits = trajectory.frame, protocol.limits[span.type]
     rows = slice(span.start, span.stop + 1)
-    p, R = trajectory.Ts_base_frame[rows, :3, 3], trajectory.Ts_base_frame[rows, :3, :3]
+    p = trajectory.Ts_base_frame[rows, :3, 3]
+    R = trajectory.Ts_base_frame[rows, :3, :3]
+    moves = np.diff(p, axis=0)
     turns = spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2))
-    out = []
+    name = trajectory.frame
+    limits = protocol.limits[span.type]
+    out: list[_Moving] = []
     for kind, subject, unit, factor, steps, stated in (
-        ("tip", name, "mm", MM, np.diff(p, axis=0), trajectory.tip_velocity[rows]),
+        ("tip", name, "mm", MM, moves, trajectory.tip_velocity[rows]),
         ("rotation", f"{name} (rotation)", "deg", DEG, turns, trajectory.angular_velocity[rows]),
     ):
         codes = [f"{kind}_{rate}" for rate in _RATES]
         names = [f"{kind} {rate} of {name} in phase '{span.name}'" for rate in _RATES]
         most = tuple(getattr(limits, code) for code in codes)
-        out.append(
-            _Moving(f"{kind} of {name}", subject, name, codes, names, unit, factor, span.start, steps, stated, most)
-        )
+        what = f"{kind} of {name}"
+        motion = _Moving(what, subject, name, codes, names, unit, factor, span.start, steps, stated, most)
+        out.append(motion)
     return out
 
 
@@ -201,12 +229,16 @@ def _loads(trajectory: Trajectory, m: _Moving) -> Iterator[Load]:
     for order, (code, name, limit) in enumerate(zip(m.codes, m.names, m.limits, strict=True), 1):
         if len(m.steps) < order or (code.endswith("_jerk") and not np.isfinite(limit)):
             return
-        rates = np.linalg.norm(np.diff(m.steps, n=order - 1, axis=0), axis=1) / dt**order
+        differences = np.diff(m.steps, n=order - 1, axis=0)
+        rates = np.linalg.norm(differences, axis=1) / dt**order
         k = int(np.argmax(rates))
         noise = _ROUNDING * 2**order * m.size / dt**order
-        unit = f"{m.unit}/s" if order == 1 else f"{m.unit}/s{order}"
         size = max(0.0, float(rates[k]) - noise) / m.factor
-        t, phase = float(trajectory.t[m.first + k] + order * dt / 2), _phase(trajectory, m.first + k + order)
+        unit = f"{m.unit}/s"
+        if order > 1:
+            unit += str(order)
+        t = float(trajectory.t[m.first + k] + order * dt / 2)  # the middle of the samples of the difference
+        phase = _phase(trajectory, m.first + k + order)
         yield Load(f"timing.{code}", name, m.where, unit, size, limit / m.factor, t, phase)
 
 
@@ -215,19 +247,15 @@ def _rest(trajectory: Trajectory, span: PhaseSpan, moving: list[_Moving]) -> Ite
     dt = trajectory.step
     for sample, step, verb in ((span.start, span.start, "begin"), (span.stop, span.stop - 1, "end")):
         for m in moving:
-            way = float(np.linalg.norm(m.steps[step - m.first]))
+            distance = float(np.linalg.norm(m.steps[step - m.first]))
             reach = 0.5 * m.limits[1] * dt**2 * (1 + OVER) + 1e-12
-            if way > reach:
-                yield disagreement(
-                    "timing.rest",
-                    m.where,
-                    f"phase '{span.name}' does not {verb} at rest: {m.subject} moves too far in one step of {dt:g} s",
-                    Quantity(way / m.factor, m.unit),
-                    reach / m.factor,
-                    AGAIN,
-                    when=f"phase '{span.name}', t = {trajectory.t[sample]:.3f} s",
-                )
-                break
+            if distance <= reach:
+                continue
+            what = f"phase '{span.name}' does not {verb} at rest: {m.subject} moves too far in one step of {dt:g} s"
+            size = Quantity(distance / m.factor, m.unit)
+            when = f"phase '{span.name}', t = {trajectory.t[sample]:.3f} s"
+            yield disagreement("timing.rest", m.where, what, size, reach / m.factor, AGAIN, when=when)
+            break  # one finding for each end of a phase
 
 
 def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
@@ -237,8 +265,10 @@ def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
     constant. With an acceleration limit a, the difference is at most a dt/4. The first step of a phase is skipped if
     the first sample of the step belongs to the previous phase.
     """
-    dt, skip = trajectory.step, 1 if m.first else 0
-    off = np.linalg.norm(m.steps / dt - 0.5 * (m.stated[1:] + m.stated[:-1]), axis=1)[skip:]
+    dt = trajectory.step
+    skip = 1 if m.first else 0
+    mean_speeds = 0.5 * (m.stated[1:] + m.stated[:-1])
+    off = np.linalg.norm(m.steps / dt - mean_speeds, axis=1)[skip:]
     limit = dt * m.limits[1] * (1 + OVER) / 4
     if not len(off) or off.max() <= limit:
         return
@@ -258,14 +288,24 @@ def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
 def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
     """Return a text with the maximum for each kind of quantity, such as speed or jerk."""
     out = {"computed from": f"{len(trajectory.t)} samples, {1e3 * trajectory.step:g} ms apart, without stated speeds"}
-    for code in dict.fromkeys(x.code for x in loads):
-        alike = [x for x in loads if x.code == code]
-        most = max(alike, key=lambda x: x.size / x.limit if np.isfinite(x.limit) else 0.0)
-        if not np.isfinite(most.limit):  # without a limit: the maximum per unit
-            for unit in dict.fromkeys(x.unit for x in alike):
-                most = max((x for x in alike if x.unit == unit), key=lambda x: x.size)
-                note = " (no limit is given; the jerk is not continuous)" if "jerk" in code else ""
-                out[f"{code.removeprefix('timing.')}, maximum in {unit}"] = f"{most.what}: {most.text}{note}"
+    by_code: dict[str, list[Load]] = {}
+    for load in loads:
+        by_code.setdefault(load.code, []).append(load)
+    for code, alike in by_code.items():
+        name = code.removeprefix("timing.")
+        most = max(alike, key=_share_of_limit)
+        if np.isfinite(most.limit):
+            out[name.replace("_", " ")] = f"{most.what}: {most.text}"
             continue
-        out[code.removeprefix("timing.").replace("_", " ")] = f"{most.what}: {most.text}"
+        # Without a limit, quantities of different units cannot be compared.
+        note = " (no limit is given; the jerk is not continuous)" if "jerk" in code else ""
+        for unit in dict.fromkeys(load.unit for load in alike):
+            most = max((load for load in alike if load.unit == unit), key=lambda load: load.size)
+            out[f"{name}, maximum in {unit}"] = f"{most.what}: {most.text}{note}"
     return out
+
+
+def _share_of_limit(load: Load) -> float:
+    if not np.isfinite(load.limit):
+        return 0.0
+    return load.size / load.limit
