@@ -14,7 +14,7 @@ import twin
 from twin.cli import main
 from twin.core.errors import DescriptionError, MechanismError
 from twin.core.units import DEG
-from twin.simulation.dynamics import inertia
+from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
 from twin.simulation.machine.arithmetic import Arithmetic

@@ -14,8 +14,8 @@ import twin
 from twin.core.errors import MechanismError, TwinError
 from twin.core.units import DEG
 from twin.exchange.write.mjcf import mjcf_text
+from twin.reference import inertia
 from twin.robots import _raven_motion
-from twin.simulation.dynamics import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.dynamics.plant import ModelPlant, MujocoPlant
 from twin.validation.closed_form import judge

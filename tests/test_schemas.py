@@ -85,7 +85,7 @@ def test_schema_check_of_this_file_sees_a_misfit(schemas):
 def test_the_earlier_word_for_published_is_still_read():
     from twin.core.provenance import Parameter
     from twin.formula import mm
-    from twin.simulation.dynamics.inertia import Mass
+    from twin.reference.inertia import Mass
 
     assert mm(160, "SEED", "Table 1").provenance == "PUBLISHED"  # type: ignore[arg-type]
     assert Parameter("a", 1.0, "m", 1.0, "SEED", "x").provenance == "PUBLISHED"  # type: ignore[arg-type]

@@ -525,8 +525,8 @@ def test_bad_input_for_several_arms_is_named(tmp_path, scene, names, clearance, 
     ],
 )
 def test_options_are_checked_before_the_plan(tmp_path, capsys, monkeypatch, given, text):
-    monkeypatch.setattr(api, "plan_together", lambda *a, **k: pytest.fail("it planned"))
-    monkeypatch.setattr(api, "plan", lambda *a, **k: pytest.fail("it planned"))
+    monkeypatch.setattr("twin.api.together.plan_together", lambda *a, **k: pytest.fail("it planned"))
+    monkeypatch.setattr("twin.api.judge.plan", lambda *a, **k: pytest.fail("it planned"))
     (tmp_path / "file").write_text("")
     out = ["--out", str(tmp_path / "file/out"), "--quiet"]
     assert main(["plan", "raven_left", "--avoid", "raven", "--with", given, *out]) == 2

@@ -25,7 +25,8 @@ from twin.model.body import Body, Frame
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.simulation.dynamics import inertia, track
+from twin.reference import inertia
+from twin.simulation.dynamics import track
 from twin.simulation.dynamics.arm import arm as arm_of
 from twin.simulation.dynamics.plant import ModelPlant, MujocoPlant
 from twin.simulation.dynamics.track import (

@@ -21,7 +21,7 @@ from twin.core.units import MM
 from twin.planning.around import searched
 from twin.planning.fmt import Search
 from twin.planning.timing import time_path
-from twin.simulation.dynamics import inertia
+from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
 from twin.simulation.machine.following import follow

@@ -11,7 +11,7 @@ import twin
 from twin.core.units import DEG
 from twin.exchange.write import xml
 from twin.exchange.write.urdf import write_urdf
-from twin.simulation.dynamics import inertia
+from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.dynamics.plant import ModelPlant
 

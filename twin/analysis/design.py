@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from twin import api
 from twin.analysis.tolerance import Spread, Tolerances
 from twin.analysis.workspace import Grid, centre, shared_bounds, volume_error
+from twin.api.robot import Robot, load
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
@@ -92,7 +92,7 @@ class Job:
     R: tuple[tuple[float, ...], ...]
 
 
-def factor(robot: api.Robot, text: str) -> Factor:
+def factor(robot: Robot, text: str) -> Factor:
     """Return the factor for the text NAME=LOW..HIGH[unit].
 
     Without a unit, the unit is that of the parameter, or mm for a distance of the mechanism.
@@ -165,9 +165,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     return line, *ends[1]
 
 
-def job(
-    robot: api.Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]
-) -> Job:
+def job(robot: Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]) -> Job:
     """Return the job, with a grid that is 20 % larger in each direction than the workspace of the CAD's design.
 
     Raises:
@@ -222,8 +220,8 @@ def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: in
 
 
 @lru_cache(maxsize=2)
-def _robot(source: str, protocol: str | None) -> api.Robot:
-    robot = api.load(source)
+def _robot(source: str, protocol: str | None) -> Robot:
+    robot = load(source)
     return robot.bound(robot.protocol(protocol)) if protocol or robot.mechanism.trocars else robot
 
 
@@ -273,7 +271,7 @@ def _good(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
     return Ts, q, np.asarray(good)
 
 
-def _reach(work: Job, robot: api.Robot, parameters: dict[str, float]) -> dict[str, float]:
+def _reach(work: Job, robot: Robot, parameters: dict[str, float]) -> dict[str, float]:
     try:
         kin = robot.kinematics(parameters=parameters)
     except TwinError:

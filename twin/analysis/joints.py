@@ -16,7 +16,7 @@ import numpy as np
 from twin import robots
 from twin.analysis import measure
 from twin.analysis.workspace import CHUNK, Grid, Workspace, limit_facts, passive_check, shared_bounds
-from twin.api import Robot
+from twin.api.robot import Robot
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck

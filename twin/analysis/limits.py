@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from twin.api import Robot
+from twin.api.robot import Robot
 from twin.core.findings import Finding, Kind
 from twin.core.quantity import moved
 from twin.core.spatial import Array

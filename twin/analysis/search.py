@@ -10,8 +10,7 @@ from twin.analysis.cluster import cluster
 from twin.analysis.joints import by_joints
 from twin.analysis.workspace import Grid, UnreachedError, Workspace, box, centre
 from twin.analysis.workspace import workspace as over_grid
-from twin.api import Progress, Robot
-from twin.api.robot import silent
+from twin.api.robot import Progress, Robot, silent
 from twin.core.errors import TwinError
 from twin.core.units import MM
 

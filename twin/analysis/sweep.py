@@ -12,8 +12,7 @@ import numpy as np
 
 from twin.analysis import design, table
 from twin.analysis.cluster import HERE, cluster, each
-from twin.api import Progress, Robot
-from twin.api.robot import silent
+from twin.api.robot import Progress, Robot, silent
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.result import Part, Result, Table

@@ -16,8 +16,8 @@ import casadi as ca
 import numpy as np
 
 from twin.analysis.limits import beyond_limits
-from twin.api import Progress, Robot, plan
-from twin.api.robot import silent
+from twin.api.judge import plan
+from twin.api.robot import Progress, Robot, silent
 from twin.codegen import Kernel, Stage
 from twin.core import spatial
 from twin.core.errors import TwinError

@@ -20,7 +20,7 @@ import numpy as np
 
 from twin.analysis import measure
 from twin.analysis.cluster import each
-from twin.api import Robot, load
+from twin.api.robot import Robot, load
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.findings import Finding
 from twin.core.result import Part, Result

@@ -49,7 +49,7 @@ def track(
         TwinError: a mass is unknown, the protocol cannot be planned, or the simulated robot leaves the planned motion.
     """
     from twin.planning.protocol import Protocol
-    from twin.simulation.dynamics import inertia as masses
+    from twin.reference import inertia as masses
     from twin.simulation.dynamics.arm import arm as arm_of
     from twin.simulation.dynamics.result import EXACT, Tracking
     from twin.simulation.dynamics.track import Conditions, Motion, Run, run

@@ -40,7 +40,7 @@ def machine_parts(
         TwinError: a file is missing or malformed, the mechanism has loops, the gains make a joint oscillate, a name in
             `released` is unknown, or `master_timeout` is not above 0.
     """
-    from twin.simulation.dynamics import inertia
+    from twin.reference import inertia
     from twin.simulation.dynamics.arm import arm
     from twin.simulation.machine import settings
     from twin.simulation.machine.machine import Parts

@@ -313,7 +313,7 @@ def equations_of_motion(robot: Robot, states: int = 200) -> PublishedMotion:
     Raises:
         TwinError: the robot has no published equations of motion, or no masses.
     """
-    from twin.simulation.dynamics import inertia
+    from twin.reference import inertia
     from twin.simulation.dynamics.arm import arm
     from twin.validation.closed_form import judge
 

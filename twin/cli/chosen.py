@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from twin import api
 from twin.core.errors import TwinError, unknown
 
+if TYPE_CHECKING:
+    from twin.api.robot import Robot
 
-def protocols(robot: api.Robot, args: argparse.Namespace) -> tuple[str, ...]:
+
+def protocols(robot: Robot, args: argparse.Namespace) -> tuple[str, ...]:
     """Return the chosen protocols, by default the robot's default protocol.
 
     Raises:
@@ -45,7 +48,7 @@ def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
     return pairs or None
 
 
-def variants_of_each(robot: api.Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
+def variants_of_each(robot: Robot, texts: Sequence[str]) -> list[dict[str, str] | None]:
     """Return one entry for each report to write: the variant of each equation, or None for the default variants.
 
     If n > 1 equations have a variant of the given name, there are n + 1 reports: in each of the first n, one equation

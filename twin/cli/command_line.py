@@ -104,10 +104,10 @@ def _prepared(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
         from twin.robots import NO_CODE
 
         os.environ[NO_CODE] = "1"
-    from twin.cli import scene
+    from twin.cli.scene_refusal import refuse
 
     _settle(args)
-    scene.refuse(args)
+    refuse(args)
     return import_module(f"twin.cli.commands.{args.command}").run
 
 

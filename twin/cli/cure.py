@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin import api
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
+    from twin.api.robot import Robot
     from twin.validation.explain.result import Explanation, Reading
     from twin.validation.result import Report
 
@@ -33,7 +33,7 @@ class _LateError(BaseException):
 class Cures:
     """Cache of the fixes of a robot's equations; a fix depends only on the variants and the trocar positions."""
 
-    def __init__(self, robot: api.Robot, seconds: float = SECONDS) -> None:
+    def __init__(self, robot: Robot, seconds: float = SECONDS) -> None:
         self.robot, self.seconds = robot, seconds
         self._known: dict[tuple[object, ...], str] = {}
 
@@ -48,7 +48,7 @@ class Cures:
             self._known[key] = self._look(robot, report, progress)
         return replace(report, cure=self._known[key])
 
-    def _look(self, robot: api.Robot, report: Report, progress: Progress) -> str:
+    def _look(self, robot: Robot, report: Report, progress: Progress) -> str:
         from twin.validation.explain.deadline import Deadline
         from twin.validation.explain.explain import explain
         from twin.validation.explain.judge import Tolerance

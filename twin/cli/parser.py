@@ -9,9 +9,9 @@ from functools import cache
 from importlib import import_module
 from typing import Any, NoReturn
 
-from twin import __version__
 from twin.cli.commands import HELP
 from twin.core.errors import unknown
+from twin.core.version import __version__
 
 _EPILOG = """\
 examples:

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
-from twin.cli import show
+from twin.cli import pages, show
 
 
 def folder(protocol: str, variants: Mapping[str, str] | None) -> str:
@@ -16,11 +16,8 @@ def folder(protocol: str, variants: Mapping[str, str] | None) -> str:
 
 def write(report, folder: Path, root: Path) -> None:
     """Write a report into a folder; if `root` contains selftest.json, include the score of the self-test."""
-    from twin.ui.report.files import write_report
-    from twin.ui.report.selftest import with_selftest
-
     folder.mkdir(parents=True, exist_ok=True)
-    write_report(with_selftest(report, root / "selftest.json"), folder)
+    pages.write_report(report, folder, root / "selftest.json")
 
 
 def finish(reports, args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Scenes on the command line: load scenes, reject scenes for commands on robots, and play scenes (`twin run`)."""
+"""Scenes on the command line: load scenes, and play scenes (`twin run`)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from twin.api.about import scene_commands
 from twin.api.act import anatomy_of, props_of, robots_at
 from twin.cli import show
 from twin.core import assets
-from twin.core.errors import TwinError, unknown
+from twin.core.errors import TwinError
 from twin.ui.session.loaded_scene import LoadedScene
 
 if TYPE_CHECKING:
@@ -22,32 +22,6 @@ if TYPE_CHECKING:
     from twin.model.tissue import Tissue
 
 names, find = assets.scenes, assets.scene_file
-
-
-def refuse(args: argparse.Namespace) -> None:
-    """Check that no scene is given to a command that accepts only a robot.
-
-    Raises:
-        TwinError: a scene is given; the message lists the commands for scenes, and the scene's robots.
-    """
-    from twin.model.scene import load_scene
-
-    name = getattr(args, "robot", None)
-    if not isinstance(name, str):
-        return
-    if name not in assets.scenes() and name.casefold() in assets.scenes() and not Path(name).exists():
-        raise TwinError(unknown("robot or scene", name, [*assets.names(), *assets.scenes()]))
-    if args.command in api.SCENE_COMMANDS or (file := assets.scene_file(name)) is None:
-        return
-    scene = load_scene(file)
-    if args.command in scene_commands(scene):
-        return
-    robots = sorted({p.robot for p in scene.places})
-    raise TwinError(
-        f"'{name}' is a scene, not a robot. Commands for scenes: "
-        f"{', '.join(f'twin {c} {name}' for c in scene_commands(scene))}; "
-        f"`twin {args.command}` accepts one of its robots: {', '.join(robots)}."
-    )
 
 
 def load(scene: Scene) -> LoadedScene:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from twin.cli import pages
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
@@ -18,7 +19,7 @@ from twin.core.result import Line, Part, Result, Table, as_json, record
 from twin.core.units import UM
 
 if TYPE_CHECKING:
-    from twin.api import Robot
+    from twin.api.robot import Robot
 
 __all__ = [
     "as_json",
@@ -114,10 +115,8 @@ def store(result: Result, args: argparse.Namespace, out: Path, more: Iterable[st
 
     `more` are the names of further files in the folder, to be listed after the pictures.
     """
-    from twin.ui.report.files import write_result
-
     with assets.atomic_folder(out) as work:
-        pictures = write_result(result, work)
+        pictures = pages.write_result(result, work)
     return finish(result, args, out, [*pictures, *more])
 
 

@@ -66,17 +66,17 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
 def package() -> tuple[Any, Any]:
     """Import TOPP-RA only when it is used, because the import takes seconds.
 
-    TOPP-RA also imports pyplot for figures that are not used; replacing it by an empty module saves two seconds.
+    TOPP-RA also imports pyplot for figures that are not used; replacing it by an empty module saves two seconds. So it
+    needs no matplotlib.
     """
-    name = "matplotlib.pyplot"
-    absent = name not in sys.modules
-    if absent:
+    absent = [name for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules]
+    for name in absent:
         sys.modules[name] = types.ModuleType(name)
     try:
         with _quiet():
             from toppra import algorithm, constraint
     finally:
-        if absent:
+        for name in absent:
             del sys.modules[name]
     return algorithm, constraint
 

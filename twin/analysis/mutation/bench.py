@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from twin import api
 from twin.analysis.mutation.equivalent import same_equations, same_motion, same_protocol, same_samples, same_stage
 from twin.analysis.mutation.fault import Fault, Outcome, State
+from twin.api.robot import Robot
 from twin.cad.build import CadModel, read_mechanism
 from twin.core.errors import TwinError
 from twin.core.findings import SEVERITIES, Finding
@@ -52,7 +52,7 @@ _MOTION: frozenset[Part] = frozenset(("motion",))
 class Bench:
     """A correct robot, a motion of it with coarse samples, and a stage with this motion in a separate folder."""
 
-    def __init__(self, robot: api.Robot, protocol: str | None, folder: Path) -> None:
+    def __init__(self, robot: Robot, protocol: str | None, folder: Path) -> None:
         """Prepare the correct robot (no seeded fault): plan its motion, compute masses, build the stage, validate it.
 
         Raises:
@@ -75,14 +75,14 @@ class Bench:
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
         self.tolerances = Tolerances().widened(10 * self.cad.placement_loss, self.cad.mechanism.link_length)
 
-    def _protocol_file(self, robot: api.Robot, protocol: str | None) -> Path:
+    def _protocol_file(self, robot: Robot, protocol: str | None) -> Path:
         if protocol is not None and Path(protocol).suffix == ".toml":
             return Path(protocol)
         if robot.files is None:
             raise TwinError(f"{robot.name} is a USD stage: it has no equations to change")
         return robot.files.protocol(self.chosen.name)
 
-    def planned(self, protocol: Protocol, robot: api.Robot | None = None) -> Trajectory:
+    def planned(self, protocol: Protocol, robot: Robot | None = None) -> Trajectory:
         """Return the trajectory of a protocol, planned with the sample time `STEP`."""
         paths = self.paths if robot is None else robot.path_kinematics()
         mechanism = (robot or self.robot).mechanism

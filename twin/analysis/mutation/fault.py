@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twin.api import Robot
+from twin.api.robot import Robot
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory

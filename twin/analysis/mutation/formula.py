@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from twin import api
 from twin.analysis.mutation.fault import Fault
+from twin.api.robot import Robot
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.formula.contract import Formula
@@ -55,7 +55,7 @@ def functions(formula: Formula) -> list[FunctionType]:
     return found
 
 
-def faults(robot: api.Robot, rng: np.random.Generator, count: int) -> Iterator[Fault]:
+def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[Fault]:
     """Yield different faults of the equations of a robot."""
     assert robot.files is not None
     formula = robot.formula
@@ -99,7 +99,7 @@ def _draw(
     return some[rng.integers(len(some))] if some else None
 
 
-def _compiles(text: str, robot: api.Robot) -> bool:
+def _compiles(text: str, robot: Robot) -> bool:
     """Return whether the edited equations run without an error; otherwise the fault is not used."""
     with Scratch() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -112,8 +112,8 @@ def _compiles(text: str, robot: api.Robot) -> bool:
     return True
 
 
-def _maker(robot: api.Robot, edit: Edit):
-    def make(folder: Path) -> api.Robot:
+def _maker(robot: Robot, edit: Edit):
+    def make(folder: Path) -> Robot:
         assert robot.files is not None
         text = patched([edit])
         # a file name for each text, because modules are cached by path
@@ -124,7 +124,7 @@ def _maker(robot: api.Robot, edit: Edit):
     return make
 
 
-def with_formula(robot: api.Robot, path: Path) -> api.Robot:
+def with_formula(robot: Robot, path: Path) -> Robot:
     """Return the same robot with equations from another file."""
     assert robot.files is not None
     formula = load_formula(path, robot.name, lambda: robot.mechanism.driven, trial=True)

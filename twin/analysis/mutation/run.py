@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from twin import api
 from twin.analysis.mutation import cad, formula, timing, units, usd
 from twin.analysis.mutation.bench import Bench
 from twin.analysis.mutation.fault import FAMILIES, Family, Fault, Outcome
 from twin.analysis.mutation.result import Score
+from twin.api.robot import load
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.jobs import Call
@@ -66,7 +66,7 @@ def selftest(
 @contextlib.contextmanager
 def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
     """Yield the bench (robot, protocol, stage) for seeding faults, in a temporary folder."""
-    loaded = api.load(robot)
+    loaded = load(robot)
     if loaded.files is None or not loaded.files.formula.is_file():
         raise TwinError(f"{loaded.name} has no equations to check")
     with Scratch() as folder:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from twin import api
 from twin.analysis.mutation.fault import Fault, some
+from twin.api.robot import Robot
 from twin.planning.protocol import Protocol, load_protocol
 
 KINDS = (
@@ -20,7 +20,7 @@ KINDS = (
 """Kinds of faults in the order of seeding; kinds that do not apply to the robot are skipped."""
 
 
-def faults(robot: api.Robot, protocol: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
+def faults(robot: Robot, protocol: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
     """Yield unit faults of a robot's parameters and of a protocol file."""
     text = protocol.read_text(encoding="utf-8")
     seen: set[str] = set()
@@ -52,7 +52,7 @@ def _reader(original: Path, document: Any) -> Callable[[Path], Protocol]:
     return read
 
 
-def _parameter(robot: api.Robot, rng: np.random.Generator) -> Fault:
+def _parameter(robot: Robot, rng: np.random.Generator) -> Fault:
     assert robot.files is not None
     p = some([p for p in robot.formula.parameters if p.value and p.name not in robot.parameters], rng)
     angle = p.unit in ("deg", "rad")
@@ -63,7 +63,7 @@ def _parameter(robot: api.Robot, rng: np.random.Generator) -> Fault:
         else ("mm instead of m" if factor > 1 else "m instead of mm")
     )
 
-    def make(folder: Path) -> api.Robot:
+    def make(folder: Path) -> Robot:
         return robot.with_parameters({p.name: factor * p.value})
 
     return Fault("units", "parameter", f"{p.name} with {word}", robot=make)

@@ -22,9 +22,9 @@ def arguments(command: Command) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Audit a file or folder and print the results; the exit code is 1 for a fault, 2 for an unreadable file."""
-    from twin import api
+    from twin.api.make import audit
     from twin.cli import show
 
     with show.progress(args.quiet or args.json) as progress:
-        report = api.audit(args.path, args.robot, progress)
+        report = audit(args.path, args.robot, progress)
     return show.finish(report, args, text=report.text(args.all))

@@ -26,15 +26,16 @@ def arguments(command: Command) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the explanation; the exit code is 0 for agreement, 1 for a disagreement, 2 if the check was impossible."""
-    from twin import api
+    from twin.api.judge import explain
+    from twin.api.robot import load
     from twin.cli import show
     from twin.cli.chosen import asked
 
     if not (math.isfinite(args.seconds) and args.seconds >= 0):
         raise TwinError(f"--seconds {args.seconds:g}: give a number of seconds, 0 or more")
     tolerance = show.micrometres("--tolerance-um", args.tolerance_um)
-    robot = api.load(args.robot)
+    robot = load(args.robot)
     chosen = asked(args.variant)
     with show.progress(args.quiet or args.json) as progress:
-        result = api.explain(robot, chosen, tolerance=tolerance, seconds=args.seconds, progress=progress)
+        result = explain(robot, chosen, tolerance=tolerance, seconds=args.seconds, progress=progress)
     return show.finish(result, args)

@@ -41,7 +41,8 @@ def arguments(command: Command) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the export folder, audit it and print the files; the exit code is 1 if the audit finds a difference."""
-    from twin import api
+    from twin.api.make import export
+    from twin.api.robot import load
     from twin.cli import show
     from twin.core import assets
     from twin.exchange.write.bundle import chosen_formats
@@ -53,10 +54,10 @@ def run(args: argparse.Namespace) -> int:
         budget = Budget(size, budget.rotation * size / budget.position, size)
     if (scene := assets.scene_file(args.robot)) is not None:
         return _scene(scene, args, formats, budget)
-    robot = api.load(args.robot, tool=args.tool).with_timing(args.timing)
+    robot = load(args.robot, tool=args.tool).with_timing(args.timing)
     show.tool_note(robot, args.quiet)
     with show.progress(args.quiet or args.json) as progress:
-        bundle = api.export(
+        bundle = export(
             robot,
             folder=Path(args.out) if args.out else None,
             formats=formats,

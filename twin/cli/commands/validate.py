@@ -10,7 +10,7 @@ from twin.cli.parser import VARIANT, Command
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
-    from twin.api import Robot
+    from twin.api.robot import Robot
 
 EXAMPLES = """\
   twin validate sils
@@ -35,7 +35,8 @@ def arguments(command: Command) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Validate the equations on the chosen protocols and variants; write a report for each."""
-    from twin import api
+    from twin.api.judge import plan, validate
+    from twin.api.robot import load
     from twin.cli import reports, show
     from twin.cli.chosen import protocols, variants_of_each
     from twin.cli.cure import Cures
@@ -43,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.validation.rows import Tolerances
 
     width = show.micrometres("--tolerance-um", args.tolerance_um)
-    robot = api.load(args.robot).with_timing(args.timing)
+    robot = load(args.robot).with_timing(args.timing)
     tolerances = None if width is None else Tolerances().widened(width, robot.mechanism.link_length)
     if args.sweep or args.compare:
         return _strokes(robot, args)
@@ -53,11 +54,11 @@ def run(args: argparse.Namespace) -> int:
         assets.require_writable(root / reports.folder(robot.protocol(protocol).name, variants))
     found, cures = [], Cures(robot)
     with show.progress(args.quiet or args.json) as progress:
-        trajectories = {p: api.plan(robot, p, progress) for p in dict.fromkeys(p for p, _ in jobs)}
+        trajectories = {p: plan(robot, p, progress) for p in dict.fromkeys(p for p, _ in jobs)}
         progress("USD stage", 0.0)
         with robot.source.fresh_stage() as stage:
             for protocol, variants in jobs:
-                report = api.validate(
+                report = validate(
                     robot,
                     trajectories[protocol],
                     protocol=protocol,
@@ -82,11 +83,10 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
 
     The exit code is 1 if the equations disagree.
     """
-    from twin import api
-    from twin.cli import show
+    from twin.api.judge import strokes
+    from twin.cli import pages, show
     from twin.cli.chosen import asked
     from twin.core import assets
-    from twin.ui.report.files import write_result
 
     standins = tuple(filter(None, (args.compare or "").split(",")))
     joints = () if args.sweep in (None, "all") else tuple(args.sweep.split(","))
@@ -95,7 +95,7 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
         raise TwinError(f"--variant {variants}: with --sweep, give EQ=NAME, such as eq1={variants}")
     folder = show.folder(args, robot.name) / "sweep"
     with show.progress(args.quiet or args.json) as progress:
-        found = api.strokes(robot, joints, standins, variants, progress)
+        found = strokes(robot, joints, standins, variants, progress)
         with assets.atomic_folder(folder) as work:
-            pictures = write_result(found, work, "sweep")
+            pictures = pages.write_result(found, work, "sweep")
     return show.finish(found, args, folder, pictures)

@@ -1,1 +1,1 @@
-"""Dynamics of a robot: masses, plants driven by efforts, and a computed-torque controller."""
+"""Dynamics of a robot: plants driven by efforts, and a computed-torque controller."""

@@ -16,7 +16,7 @@ from twin.model.body import Body
 from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 from twin.reference.dynamics import Dynamics
-from twin.simulation.dynamics.inertia import Inertias, parameters, weighed
+from twin.reference.inertia import Inertias, parameters, weighed
 
 
 @dataclass(frozen=True)

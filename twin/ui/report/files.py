@@ -9,6 +9,7 @@ from pathlib import Path
 from twin.core.errors import OutputError, unknown
 from twin.core.result import Result
 from twin.ui.report.html import render_html
+from twin.ui.report.style import drawable, png
 from twin.validation.result import Report
 
 FORMATS = ("html", "json", "png")
@@ -18,6 +19,7 @@ FORMATS = ("html", "json", "png")
 def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS) -> dict[str, Path]:
     """Write a report into a folder in the given formats: report.html, report.json and plots/*.png.
 
+    Without matplotlib, there are no plots, and the page says so.
     For an atomic write, use `twin.core.assets.atomic_folder`.
 
     Returns:
@@ -33,7 +35,7 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
     folder.mkdir(parents=True, exist_ok=True)
     out: dict[str, Path] = {}
     figures = {}
-    if formats & {"html", "png"}:
+    if formats & {"html", "png"} and drawable():
         from twin.ui.report import plots
 
         figures = plots.figures(report)
@@ -44,8 +46,6 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
         out["json"] = folder / "report.json"
         out["json"].write_bytes((report.to_json() + "\n").encode())
     if "png" in formats and figures:
-        from twin.ui.report.style import png
-
         (folder / "plots").mkdir(exist_ok=True)
         for name, figure in figures.items():
             path = out[f"plots/{name}"] = folder / "plots" / f"{name}.png"
@@ -73,9 +73,7 @@ def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     (folder / f"{name}.json").write_text(result.to_json() + "\n", encoding="utf-8")
     result.write(folder)
     drawn, shown = None, [f"{name}.html"]
-    if result.kind in _PICTURES:
-        from twin.ui.report.style import png
-
+    if result.kind in _PICTURES and drawable():
         drawn = import_module(f"twin.ui.report.{result.kind}").figure(result)
         (folder / f"{name}.png").write_bytes(png(drawn))
         shown.append(f"{name}.png")

@@ -83,6 +83,7 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
         counts=_counts(report),
         groups=_groups(report),
         pictures=pictures,
+        drawable=style.drawable(),
         parameters=_parameters(report),
         origins=[(o, sum(p.provenance == o for p in report.parameters)) for o in _ORIGINS],
         command=command(report),

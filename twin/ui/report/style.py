@@ -71,6 +71,15 @@ _RC: Any = {
 }
 
 
+def drawable() -> bool:
+    """Return whether matplotlib is installed; without it, pages have no pictures."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
 @contextlib.contextmanager
 def styled(salt: str = "twin") -> Iterator[None]:
     """Apply the style within a `with` block, independently of the user's matplotlibrc.

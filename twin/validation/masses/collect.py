@@ -11,7 +11,7 @@ from twin.core.findings import Finding, disagreement, info, warning
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
-from twin.simulation.dynamics import inertia
+from twin.reference import inertia
 from twin.validation.masses import audit
 from twin.validation.masses.possible import Judged, Stated, judged, least_mass, stated
 

@@ -1,0 +1,30 @@
+"""Write the files of a result: page, pictures, JSON.
+
+`twin.ui.report`, which draws them, is imported by name when the first is written. So a command that judges does not
+depend on the user interface.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin.core.result import Result
+
+if TYPE_CHECKING:
+    from twin.validation.result import Report
+
+_FILES = "twin.ui.report.files"
+_SELFTEST = "twin.ui.report.selftest"
+
+
+def write_report(report: Report, folder: Path, selftest: Path) -> None:
+    """Write a report into a folder; it includes the score in the file `selftest` if this belongs to the robot."""
+    scored = import_module(_SELFTEST).with_selftest(report, selftest)
+    import_module(_FILES).write_report(scored, folder)
+
+
+def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
+    """Write a result into a folder, as `twin.ui.report.files.write_result`; return the names of page and picture."""
+    return import_module(_FILES).write_result(result, folder, name)
