@@ -35,10 +35,14 @@ _LAG = 0.05
 _STRIDE = 4e-3
 """Maximum motion (m; rad times `LENGTH_SCALE`) of the active joints in a step; ten times as much for passive joints."""
 
-_THERE, _PASSED = 1e-10, 1e-7
-"""Distances in m below which the target (`_THERE`) or an intermediate goal (`_PASSED`) counts as reached."""
+_THERE = 1e-10
+"""Distance in m below which the target counts as reached."""
 
-_GAIN, _LAST_GAIN = 1e-3, 1e-5
+_PASSED = 1e-7
+"""Distance in m below which an intermediate goal counts as reached."""
+
+_GAIN = 1e-3
+_LAST_GAIN = 1e-5
 """Minimum relative decrease of the distance to an intermediate goal, and to the target, in one step.
 
 A motion ends after a step with a smaller decrease. A point that slides along limits at distance d from the target
@@ -56,7 +60,8 @@ smaller value."""
 _HALVINGS = 7
 """Maximum number of halvings of a step, if the loops do not close or the step reaches another assembly."""
 
-_TRIES, _LAST_TRIES = 4, 25
+_TRIES = 4
+_LAST_TRIES = 25
 """Maximum number of steps to an intermediate goal, and to the target."""
 
 _LEFT = 1e-3
@@ -73,6 +78,17 @@ _STILL = 1e-9
 
 _NEAR = 1e-7
 """Distance (m; rad times `LENGTH_SCALE`) from a limit at which the limit counts as reached."""
+
+_UNLIMITED = (-np.inf, np.inf)
+
+_TURNS = {
+    "revolute": [True],
+    "prismatic": [False],
+    "cylindrical": [False, True],
+    "spherical": [True] * 3,
+    "free": [False] * 3 + [True] * 3,
+}
+"""Whether each number in a step of a passive joint is an angle, by type; see `STEPS`."""
 
 
 @dataclass(frozen=True)
@@ -125,17 +141,31 @@ def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ())
 
     `gaps` are (lower joint, upper joint, minimum distance in m) for pairs of joints on one rail.
     """
-    order, eye, out = [j.name for j in mechanism.active], np.eye(len(mechanism.active)), []
-    for i, joint in enumerate(mechanism.active):
-        low, high = joint.limits or (-np.inf, np.inf)
-        out += [Bound(joint.name, "lower", eye[i], low)] if np.isfinite(low) else []
-        out += [Bound(joint.name, "upper", -eye[i], -high)] if np.isfinite(high) else []
+    eye = np.eye(len(mechanism.active))
+    index = {joint.name: i for i, joint in enumerate(mechanism.active)}
+    bounds: list[Bound] = []
+    for joint in mechanism.active:
+        axis = eye[index[joint.name]]
+        low, high = joint.limits or _UNLIMITED
+        if np.isfinite(low):
+            bounds.append(Bound(joint.name, "lower", axis, low))
+        if np.isfinite(high):
+            bounds.append(Bound(joint.name, "upper", -axis, -high))
+
+    # The motor of a directly driven joint has the joint's name; the limits of this joint are bounds already.
     for name, row in zip(mechanism.motor_names, mechanism.motors(eye).T, strict=True):
-        low, high = (mechanism.actuator(name).limits if name not in order else None) or (-np.inf, np.inf)
-        out += [Bound(name, "motor", w, b) for w, b in ((row, low), (-row, -high)) if np.isfinite(b)]
+        if name in index:
+            continue
+        low, high = mechanism.actuator(name).limits or _UNLIMITED
+        if np.isfinite(low):
+            bounds.append(Bound(name, "motor", row, low))
+        if np.isfinite(high):
+            bounds.append(Bound(name, "motor", -row, -high))
+
     for lower, upper, least in gaps:
-        out.append(Bound(f"{lower} {upper}", "gap", eye[order.index(upper)] - eye[order.index(lower)], least))
-    return tuple(out)
+        weights = eye[index[upper]] - eye[index[lower]]
+        bounds.append(Bound(f"{lower} {upper}", "gap", weights, least))
+    return tuple(bounds)
 
 
 class Dragger:
@@ -148,22 +178,35 @@ class Dragger:
 
     def __init__(self, mechanism: Mechanism, bounds: Sequence[Bound] = ()) -> None:
         """Compile the loops; raise `AssemblyError` if the loops do not close in the rest poses."""
-        self.solver, self.bounds = LoopSolver(mechanism), tuple(bounds)
+        self.solver = LoopSolver(mechanism)
+        self.bounds = tuple(bounds)
         angle = np.array([j.is_angle for j in mechanism.active], bool)
         self._scale = np.where(angle, 1 / LENGTH_SCALE, 1.0)  # joint units per m of a step
-        self._G = np.array([b.weights * self._scale for b in self.bounds]).reshape(-1, len(angle))
-        size = np.abs(self._G).max(axis=1, initial=0.0, keepdims=True)
-        self._G = self._G / np.where(size > 0, size, 1.0)
+
+        # Each gradient is divided by its largest entry, so that slacks are distances of joints.
+        gradients = np.array([b.weights * self._scale for b in self.bounds])
+        gradients = gradients.reshape(-1, len(angle))  # without bounds, the array has no columns
+        size = np.abs(gradients).max(axis=1, initial=0.0, keepdims=True)
+        self._G = gradients / np.where(size > 0, size, 1.0)
         self._size = size[:, 0]
-        passive = self.solver.equations.passive
-        turning = {"revolute": [True], "prismatic": [False], "cylindrical": [False, True], "spherical": [True] * 3}
-        turning["free"] = [False] * 3 + [True] * 3
-        self._turns = np.array([t for p in passive for t in turning[p.joint.type]], bool)
-        self._kinds = [p.joint.type for p in passive]
+
+        self._kinds: list[str] = []
+        turns: list[bool] = []
+        for passive in self.solver.equations.passive:
+            kind = passive.joint.type
+            self._kinds.append(kind)
+            turns += _TURNS[kind]
+        self._turns = np.array(turns, bool)
+
         self.look = Sight(self.solver)
+        rest = np.concatenate([*self.solver.home, []])
+        self.solver.close(self.solver.q, rest)  # compiles the kernel here and not in the first motion
+
         names = self.solver.equations.row_names
-        self.solver.close(self.solver.q, np.concatenate([*self.solver.home, []]))
-        self._loops = [" ".join(dict.fromkeys(names[r] for r in b.rows)) for b in self.solver.blocks]
+        self._loops: list[str] = []
+        for block in self.solver.blocks:
+            members = dict.fromkeys(names[row] for row in block.rows)
+            self._loops.append(" ".join(members))
 
     # -- by a point -----------------------------------------------------------------------------------
 
@@ -174,7 +217,8 @@ class Dragger:
         in m.
         """
         p_body = np.asarray(p_body, float)
-        return Grip(self, self.look(q, u, body, p_body), (body, p_body))
+        look = self.look(q, u, body, p_body)
+        return Grip(self, look, (body, p_body))
 
     # -- by the joints --------------------------------------------------------------------------------
 
@@ -183,27 +227,51 @@ class Dragger:
 
         Return the state reached, with the reason if a limit or a loop stops the motion before the target.
         """
-        q, held = np.asarray(q, float), (self.solver.mechanism.base, np.zeros(3))
-        way = np.asarray(target, float) - q
-        stops = [b for b in self.bounds if b.weights @ way < 0 and b.slack(q) + b.weights @ way < -1e-12]
-        part = min((max(0.0, b.slack(q)) / -(b.weights @ way) for b in stops), default=1.0)
-        stops = [b for b in stops if max(0.0, b.slack(q)) / -(b.weights @ way) <= part + 1e-9]
-        now, s, stride = self.look(q, u, *held), 0.0, _STRIDE / max(np.abs(way / self._scale).max(initial=0.0), 1e-12)
-        step, until = stride, time.thread_time() + seconds
+        q = np.asarray(q, float)
+        target = np.asarray(target, float)
+        motion = target - q
+        part, stops = self._first_stops(q, motion)
+
+        held = (self.solver.mechanism.base, np.zeros(3))  # no point is dragged; any point serves
+        now = self.look(q, u, *held)
+        s = 0.0
+        longest = np.abs(motion / self._scale).max(initial=0.0)
+        stride = _STRIDE / max(longest, 1e-12)
+        step = stride
+        until = time.thread_time() + seconds
         while s < part:
             if time.thread_time() > until:
                 return Dragged(now.q, now.u, more=True)
             ahead = min(s + step, part)
-            goal = np.asarray(target, float) if ahead == 1 else q + ahead * way
-            further, why = self._moved(now, goal - now.q, held, tool=False)
-            passed = () if further is None else self.passed(now, further)
+            # q + motion can differ from the target by a rounding error.
+            goal = target if ahead == 1 else q + ahead * motion
+            further, cause = self._moved(now, goal - now.q, held, tool=False)
+            passed: tuple[PassiveLimit, ...] = ()
+            if further is not None:
+                passed = self.passed(now, further)
             if further is not None and not passed:
-                now, s, step = further, ahead, min(stride, 2 * step)
+                now = further
+                s = ahead
+                step = min(stride, 2 * step)
                 continue
             step /= 2
             if step < stride / 2**14:
-                return Dragged(now.q, now.u, passed, "" if passed else why or self.nearest(now))
+                if passed:
+                    return Dragged(now.q, now.u, passed)
+                return Dragged(now.q, now.u, (), cause or self.nearest(now))
         return Dragged(now.q, now.u, tuple(stops))
+
+    def _first_stops(self, q: Array, motion: Array) -> tuple[float, list[Bound]]:
+        """Return (fraction of a motion (n,) from q (n,) up to the first bounds, these bounds); without any, (1, [])."""
+        fractions: list[tuple[float, Bound]] = []
+        for bound in self.bounds:
+            change = float(bound.weights @ motion)
+            slack = bound.slack(q)
+            # An end within rounding of the bound does not violate the bound.
+            if change < 0 and slack + change < -1e-12:
+                fractions.append((max(0.0, slack) / -change, bound))
+        part = min((fraction for fraction, _ in fractions), default=1.0)
+        return part, [bound for fraction, bound in fractions if fraction <= part + 1e-9]
 
     # -- limits ---------------------------------------------------------------------------------------
 
@@ -215,33 +283,43 @@ class Dragger:
         slopes = look.slopes * self._scale
         size = np.abs(slopes).max(axis=1, initial=0.0)
         moving = size > _STILL
-        slopes = np.where(moving[:, None], slopes / np.where(moving, size, 1.0)[:, None], 0.0)
-        left = np.where(moving, np.maximum(0.0, look.slacks) / np.where(moving, size, 1.0), np.inf)
-        slack = np.maximum(0.0, np.array([b.slack(look.q) for b in self.bounds])) / self._size
-        return np.vstack([self._G, slopes]), np.concatenate([slack, left])
+        divisor = np.where(moving, size, 1.0)
+        slopes = np.where(moving[:, None], slopes / divisor[:, None], 0.0)
+        passive_slack = np.maximum(0.0, look.slacks) / divisor
+        passive_slack = np.where(moving, passive_slack, np.inf)
+        active_slack = np.maximum(0.0, self._slacks(look.q)) / self._size
+        return np.vstack([self._G, slopes]), np.concatenate([active_slack, passive_slack])
+
+    def _slacks(self, q: Array) -> Array:
+        """Return the distances (b,) of q (n,) from the bounds, in m or rad."""
+        return np.array([bound.slack(q) for bound in self.bounds])
 
     def passed(self, before: Look, look: Look) -> tuple[PassiveLimit, ...]:
         """Return the limits of passive joints that a step passes; beyond a limit, a joint may only move back."""
         beyond = look.slacks < _floor(before)
-        return tuple(limit for limit, out in zip(self.look.limits, beyond, strict=True) if out)
+        return tuple(self.look.limits[i] for i in np.flatnonzero(beyond))
 
     def brought_back(self, before: Look, look: Look, held: tuple[str, Array]) -> Look | None:
         """Return the state after a step, moved back to the limits of passive joints that the step passes; else None.
 
         Steps follow the tangent of such a limit, and leave it by an amount of second order.
         """
+        floor = _floor(before)
         for _ in range(_BACK):
-            out = look.slacks < _floor(before)
-            if not out.any():
+            beyond = look.slacks < floor
+            if not beyond.any():
                 return look
-            slopes = look.slopes[out] * self._scale
-            missing = np.maximum(0.0, _floor(before) + ROUNDING - look.slacks)[out]
-            slack = np.array([b.slack(look.q) for b in self.bounds])
-            at = slack / self._size < _NEAR  # the way back must not pass these limits
-            ways = np.vstack([slopes, self._G[at]])
-            wanted = np.append(missing, np.zeros(int(at.sum())))
-            dq = self._scale * np.asarray(np.linalg.pinv(ways) @ wanted, float)
-            after = np.array([b.slack(look.q + dq) for b in self.bounds])
+            slopes = look.slopes[beyond] * self._scale
+            missing = np.maximum(0.0, floor + ROUNDING - look.slacks)[beyond]
+
+            # The way back must not pass the bounds that are reached: along them, the joints stay.
+            slack = self._slacks(look.q)
+            reached = slack / self._size < _NEAR
+            gradients = np.vstack([slopes, self._G[reached]])
+            wanted = np.append(missing, np.zeros(int(reached.sum())))
+            motion = np.asarray(np.linalg.pinv(gradients) @ wanted, float)
+            dq = self._scale * motion
+            after = self._slacks(look.q + dq)
             if (after < np.minimum(0.0, slack) - 1e-12).any():
                 return None
             further, _ = self._moved(look, dq, held)
@@ -259,18 +337,22 @@ class Dragger:
         not close.
         """
         du = look.answers @ dq
-        if np.abs(np.where(self._turns, LENGTH_SCALE, 1.0) * du).max(initial=0.0) > 10 * _STRIDE:
+        lengths = np.where(self._turns, LENGTH_SCALE, 1.0) * du
+        if np.abs(lengths).max(initial=0.0) > 10 * _STRIDE:
             return None, ""
         q = look.q + dq
         guess = self._stepped(look.u, du)
         u = self.solver.close(q, guess)
+        # Newton's method may end far from its start, in another assembly.
         if u is None or np.abs(u - guess).max(initial=0.0) > 0.1:
             return None, ""
         new = self.look(q, u, *held)
-        left, drawn = self.determinants(look, new, tool), self._as_drawn
-        for name, value in left.items():
-            size = abs(value[1])
-            if value[0] * value[1] <= 0 or (size < abs(value[0]) and size < _LEFT * drawn[name]):
+        drawn = self._as_drawn
+        for name, (before, after) in self.determinants(look, new, tool).items():
+            changes_sign = before * after <= 0
+            # Close to a singularity, a step may lead only away from it.
+            decreases = abs(after) < abs(before) and abs(after) < _LEFT * drawn[name]
+            if changes_sign or decreases:
                 return None, name
         return new, ""
 
@@ -279,41 +361,50 @@ class Dragger:
 
         Matrices that are not square are first projected onto the singular vectors of the matrix in state `before`.
         """
-        out = {}
+        out: dict[str, tuple[float, float]] = {}
         for name, A, B in zip(self._loops, before.loops, look.loops, strict=True):
             out[f"loop {name}"] = _determinants(A, B)
         n = len(look.q)
         if tool and n <= 6:  # a redundant arm can move while its tool is at rest
-            out["tool"] = _determinants(
-                before.tool * self._scale * LENGTH_SCALE, look.tool * self._scale * LENGTH_SCALE
-            )
+            A = before.tool * self._scale * LENGTH_SCALE
+            B = look.tool * self._scale * LENGTH_SCALE
+            out["tool"] = _determinants(A, B)
         return out
 
     def nearest(self, look: Look) -> str:
         """Return the name of the loop nearest to a singularity, which is probably the loop that no longer closes."""
-        left = {n: abs(v[0]) / max(self._as_drawn[n], 1e-300) for n, v in self.determinants(look, look, False).items()}
-        return min(left, key=left.__getitem__, default="")
+        sizes: dict[str, float] = {}
+        for name, (determinant, _) in self.determinants(look, look, False).items():
+            drawn = max(self._as_drawn[name], 1e-300)  # a loop may be singular in the rest poses
+            sizes[name] = abs(determinant) / drawn
+        return min(sizes, key=sizes.__getitem__, default="")
 
     @cached_property
     def _as_drawn(self) -> dict[str, float]:
+        """Sizes {name: |determinant|} of loops and tool in the rest poses."""
         u = np.concatenate([*self.solver.home, []])
         look = self.look(self.solver.q, u, self.solver.mechanism.base, np.zeros(3))
-        return {n: abs(v[0]) for n, v in self.determinants(look, look, True).items()}
+        sizes: dict[str, float] = {}
+        for name, (determinant, _) in self.determinants(look, look, True).items():
+            sizes[name] = abs(determinant)
+        return sizes
 
     def _stepped(self, u: Array, du: Array) -> Array:
         """Return the unknowns after a step du; quaternions are rotated in their own frame."""
-        out, i, j = u.copy(), 0, 0
+        out = u.copy()
+        i = 0
+        j = 0
         for kind in self._kinds:
-            lengths = STATES[kind] - 4 if kind in ("spherical", "free") else STATES[kind]
+            has_quat = kind in ("spherical", "free")
+            end = i + STATES[kind]
+            lengths = STATES[kind] - 4 if has_quat else STATES[kind]
             out[i : i + lengths] += du[j : j + lengths]
-            if kind in ("spherical", "free"):
-                w, v = u[i + lengths], u[i + lengths + 1 : i + STATES[kind]]
+            if has_quat:
                 turn = du[j + lengths : j + STEPS[kind]] / 2
-                (a, b, c), (x, y, z) = v, turn
-                cross = np.array([b * z - c * y, c * x - a * z, a * y - b * x])
-                quat = np.array([w - v @ turn, *(v + w * turn + cross)])
-                out[i + lengths : i + STATES[kind]] = quat / np.linalg.norm(quat)
-            i, j = i + STATES[kind], j + STEPS[kind]
+                quat_wxyz = _product_wxyz(u[i + lengths : end], turn)
+                out[i + lengths : end] = quat_wxyz / np.linalg.norm(quat_wxyz)
+            i = end
+            j += STEPS[kind]
         return out
 
 
@@ -321,8 +412,10 @@ class Grip:
     """A grabbed point. Its final position does not depend on intermediate targets on the line to the last target."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
-        self._walk, self._hand = _Walk(dragger, look, held), look.p
-        self._target, self._end = look.p, self._walk
+        self._walk = _Walk(dragger, look, held)
+        self._hand = look.p
+        self._target = look.p
+        self._end = self._walk
 
     def to(self, target: Array, seconds: float = np.inf) -> Dragged:
         """Move the point towards a target.
@@ -330,44 +423,66 @@ class Grip:
         `target` (3,) is in base, in m. After `seconds` of processor time the motion stops; call again with the same
         target to continue.
         """
-        until, walk = time.thread_time() + seconds, self._walk
+        until = time.thread_time() + seconds
+        walk = self._walk
         if not np.array_equal(target, self._target):
-            self._target, self._end = np.array(target, float), walk
+            # The last step to the former target is dropped, because its length depends on that target.
+            self._target = np.array(target, float)
+            self._end = walk
         while self._end is walk:
             if not walk.goes_on(until):
                 return walk.result(more=True)
-            way = self._target - self._hand
+            line = self._target - self._hand
+            distance = np.linalg.norm(line)
             # If the point lags far behind the goal, a longer step of the goal hardly changes the direction to it.
-            step = max(_STEP, _LAG * float(np.linalg.norm(self._hand - walk.look.p)))
-            if np.linalg.norm(way) <= step:
+            lag = float(np.linalg.norm(self._hand - walk.look.p))
+            step = max(_STEP, _LAG * lag)
+            if distance <= step:
                 self._end = copy(walk)
                 self._end.begin(self._target, last=True)
             else:
-                self._hand = self._hand + way * (step / np.linalg.norm(way))
+                self._hand = self._hand + line * (step / distance)
                 walk.begin(self._hand)
-        return self._end.result(more=not self._end.goes_on(until))
+        finished = self._end.goes_on(until)
+        return self._end.result(more=not finished)
 
 
 class _Walk:
     """Steps of a point towards a sequence of goals; `look` is the current state. A copy can continue independently."""
 
     def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
-        self.dragger, self.look, self.held = dragger, look, held
-        self.singular, self.open, self._passed = "", False, False
+        self.dragger = dragger
+        self.look = look
+        self.held = held
+        self.singular = ""
+        self.open = False
+        self._passed = False
         self._pull = np.zeros(len(look.q))
         self._G, self._slack = dragger.held(look)
-        self._part, self._within, self._gain, self._tries = 1.0, _THERE, _GAIN, 0
+        self._part = 1.0
+        self._within = _THERE
+        self._gain = _GAIN
+        self._tries = 0
 
     def begin(self, goal: Array, last: bool = False) -> None:
         """Start moving to a goal (3,); with `last`, the point approaches the goal as closely as possible."""
-        self._goal, self._first, self._total = goal, self.look, np.zeros(len(self.look.q))
-        self._within, self._gain, self._tries = (_THERE, _LAST_GAIN, _LAST_TRIES) if last else (_PASSED, _GAIN, _TRIES)
+        self._goal = goal
+        self._first = self.look
+        self._total = np.zeros(len(self.look.q))
+        if last:
+            self._within = _THERE
+            self._gain = _LAST_GAIN
+            self._tries = _LAST_TRIES
+        else:
+            self._within = _PASSED
+            self._gain = _GAIN
+            self._tries = _TRIES
 
     def goes_on(self, until: float) -> bool:
         """Move the point as near to the goal as possible; return False if processor time exceeds `until`."""
         while self._tries:
-            way = float(np.linalg.norm(self._goal - self.look.p))
-            if way < self._within:
+            distance = float(np.linalg.norm(self._goal - self.look.p))
+            if distance < self._within:
                 break
             if time.thread_time() > until:
                 return False
@@ -376,7 +491,8 @@ class _Walk:
             if y is None:
                 break
             self._total = self._total + y
-            if way - np.linalg.norm(self._goal - self.look.p) < self._gain * min(way, _STEP):
+            decrease = distance - np.linalg.norm(self._goal - self.look.p)
+            if decrease < self._gain * min(distance, _STEP):
                 break
         self._tries = 0
         return True
@@ -388,44 +504,63 @@ class _Walk:
 
     def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
         """Move one step nearer to the goal; return the joint motion (n,), scaled to m; None if no step is found."""
-        dragger, now = self.dragger, self.look
-        scale, miss = dragger._scale, goal - now.p
+        dragger = self.dragger
+        now = self.look
+        scale = dragger._scale
+        miss = goal - now.p
         # The total joint motion from `first` is minimised. With the mean Jacobian of both ends, the error of this
         # minimum is of second order.
-        J, here = 0.5 * (first.J + now.J) * scale, now.J * scale
-        G, self._slack = dragger.held(now)
-        self._G = G
-        self.singular, self.open, self._passed, self._pull = "", False, False, -here.T @ miss
-        size, near = float(np.sum(J * J)), self._slack < _NEAR
+        J_mean = 0.5 * (first.J + now.J) * scale
+        J_now = now.J * scale
+        self._G, self._slack = dragger.held(now)
+        self.singular = ""
+        self.open = False
+        self._passed = False
+        self._pull = -J_now.T @ miss
+        size = float(np.sum(J_mean * J_mean))
         if size < _WEAK**2:  # no joint moves this point noticeably
             return None
-        in_the_way, y = near & (G @ self._pull > 0), np.zeros(len(total))
+
+        G = self._G
+        near = self._slack < _NEAR
+        active = near & (G @ self._pull > 0)
+        damping = _DAMPINGS[0] * size
+        y = np.zeros(len(total))
+        # The step slides along the bounds in `active`; each pass adds the reached bounds that the step would pass.
         for _ in range(len(G) + 1):
-            P = np.eye(len(total)) - np.linalg.pinv(G[in_the_way]) @ G[in_the_way]
-            U, gains, _ = np.linalg.svd(here @ P)
+            P = np.eye(len(total)) - np.linalg.pinv(G[active]) @ G[active]
+            U, gains, _ = np.linalg.svd(J_now @ P)
             strong = U[:, : int(np.sum(gains > _WEAK))]
             if strong.shape[1] < 3:  # try all directions first; accept only if all are strong afterwards
-                y = np.asarray(P @ _least_motion(J @ P, miss, total, _DAMPINGS[0] * size), float)
-                if not (near & ~in_the_way & _towards(G, y)).any() and self._taken(y, goal, easy=True):
+                y = np.asarray(P @ _least_motion(J_mean @ P, miss, total, damping), float)
+                blocked = near & ~active & _towards(G, y)
+                if not blocked.any() and self._taken(y, goal, easy=True):
                     return y * self._part
-            y = np.asarray(P @ _least_motion(strong.T @ J @ P, strong.T @ miss, total, _DAMPINGS[0] * size), float)
-            more = near & ~in_the_way & _towards(G, y)
-            if not more.any():
+            y = np.asarray(P @ _least_motion(strong.T @ J_mean @ P, strong.T @ miss, total, damping), float)
+            blocked = near & ~active & _towards(G, y)
+            if not blocked.any():
                 break
-            in_the_way |= more
+            active |= blocked
         if np.linalg.norm(strong.T @ miss) < self._within:
             return None
-        for damping in _DAMPINGS[1:]:
+
+        for relative_damping in _DAMPINGS[1:]:
             for _ in range(_HALVINGS):
                 if self._taken(y, goal):
                     return y * self._part
-                if not (self.open or self.singular or self._passed):
+                if not self._rejected:
                     break  # the step makes no progress: change its direction, not its length
                 y = y * self._part / 2
-            if self.open or self.singular or self._passed:
+            if self._rejected:
                 return None
-            y = P @ _least_motion(strong.T @ here @ P, strong.T @ miss, 0 * total, damping * size)
+            # Without the total motion, a large damping turns the step towards steepest descent.
+            y = P @ _least_motion(strong.T @ J_now @ P, strong.T @ miss, 0 * total, relative_damping * size)
         return None
+
+    @property
+    def _rejected(self) -> bool:
+        """Whether the mechanism could not do the last step: a loop stays open, is singular, or passes a limit."""
+        return bool(self.open or self.singular or self._passed)
 
     def _taken(self, y: Array, goal: Array, easy: bool = False) -> bool:
         """Shorten the step y (n,) in m to the limits, and do the step if the distance to the goal then decreases.
@@ -433,40 +568,51 @@ class _Walk:
         Return whether the step was done. With `easy`, only states in which the point can move in all directions are
         accepted.
         """
-        dragger, now = self.dragger, self.look
+        dragger = self.dragger
+        now = self.look
         used = -(self._G @ y)
-        part = min(1.0, _STRIDE / max(np.abs(y).max(initial=0.0), 1e-15))
+        longest = max(np.abs(y).max(initial=0.0), 1e-15)
+        part = min(1.0, _STRIDE / longest)
         towards = _towards(self._G, y)
         self._part = float(np.min(self._slack[towards] / used[towards], initial=part))
-        reached, why = dragger._moved(now, dragger._scale * (self._part * y), self.held)
+        reached, cause = dragger._moved(now, dragger._scale * (self._part * y), self.held)
         if reached is None:
-            self.singular, self.open, self._passed = why, not why, False
+            self.singular = cause
+            self.open = not cause
+            self._passed = False
             return False
-        self.singular, self.open = "", False
+        self.singular = ""
+        self.open = False
         reached = dragger.brought_back(now, reached, self.held)
         self._passed = reached is None
         if reached is None:
             return False
         if np.linalg.norm(goal - reached.p) >= np.linalg.norm(goal - now.p):
             return False
-        if easy and np.linalg.svd(reached.J * dragger._scale, compute_uv=False)[-1] <= _WEAK:
-            return False
+        if easy:
+            gains = np.linalg.svd(reached.J * dragger._scale, compute_uv=False)
+            if gains[-1] <= _WEAK:
+                return False
         self.look = reached
         return True
 
     def stops(self) -> tuple[Stop, ...]:
         """Return the bounds and limits that block the point."""
         dragger = self.dragger
-        out: list[Stop] = []
-        known: list[Array] = []
+        stops: list[Stop] = []
+        gradients: list[Array] = []
+        threshold = 1e-6 * np.linalg.norm(self._pull)
         G, slack = dragger.held(self.look)
-        for stop, g, left in zip((*dragger.bounds, *dragger.look.limits), G, slack, strict=True):
-            blocks = left < _NEAR and g @ self._pull > 1e-6 * np.linalg.norm(self._pull)
+        candidates = (*dragger.bounds, *dragger.look.limits)
+        for stop, gradient, distance in zip(candidates, G, slack, strict=True):
+            blocks = distance < _NEAR and gradient @ self._pull > threshold
+            if not blocks:
+                continue
             # Pins of a parallelogram reach their limits together with the joint that moves them: name that joint only.
-            if blocks and not any(np.abs(g - other).max() < _ALIKE for other in known):
-                out.append(stop)
-                known.append(g)
-        return tuple(out)
+            if not any(np.abs(gradient - other).max() < _ALIKE for other in gradients):
+                stops.append(stop)
+                gradients.append(gradient)
+        return tuple(stops)
 
 
 def _floor(look: Look) -> Array:
@@ -485,12 +631,25 @@ def _towards(G: Array, y: Array) -> np.ndarray:
 def _least_motion(J: Array, miss: Array, total: Array, damping: float) -> Array:
     """Return y (n,) that minimises |J y - miss|² + damping |total + y|²."""
     H = J.T @ J + damping * np.eye(J.shape[1])
-    return np.asarray(np.linalg.solve(H, J.T @ miss - damping * total), float)
+    g = J.T @ miss - damping * total
+    return np.asarray(np.linalg.solve(H, g), float)
 
 
 def _determinants(A: Array, B: Array) -> tuple[float, float]:
+    """Return the determinants of two matrices, after a projection onto the singular vectors of A if not square."""
     if A.shape[0] == A.shape[1]:
         return float(np.linalg.det(A)), float(np.linalg.det(B))
     U, values, Vt = np.linalg.svd(A, full_matrices=False)
-    r = int(np.sum(values > 1e-9 * values.max(initial=0.0)))
-    return float(np.prod(values[:r])), float(np.linalg.det(U[:, :r].T @ B @ Vt[:r].T))
+    rank = int(np.sum(values > 1e-9 * values.max(initial=0.0)))
+    projection = U[:, :rank].T @ B @ Vt[:rank].T
+    return float(np.prod(values[:rank])), float(np.linalg.det(projection))
+
+
+def _product_wxyz(quat_wxyz: Array, turn: Array) -> Array:
+    """Return quat_wxyz (4,) times the quaternion (1, turn), of a rotation by the small vector 2 turn (3,)."""
+    w = quat_wxyz[0]
+    v = quat_wxyz[1:]
+    a, b, c = v
+    x, y, z = turn
+    cross = np.array([b * z - c * y, c * x - a * z, a * y - b * x])  # np.cross takes ten times as long
+    return np.array([w - v @ turn, *(v + w * turn + cross)])

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -19,7 +18,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.model.joint import Joint
-from twin.model.mechanism import Mechanism
+from twin.model.mechanism import Coupling, Mechanism
 
 LENGTH_SCALE = 0.1
 """Length in m by which radians are multiplied in residuals."""
@@ -27,6 +26,9 @@ LENGTH_SCALE = 0.1
 STATES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 4, "free": 7}
 STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "free": 6}
 """Count of numbers in the state (STATES) and in a step (STEPS) of a passive joint, by type; lengths before angles."""
+
+_BALLS = ("spherical", "free")
+"""Types whose state ends in a unit quaternion."""
 
 _ROUNDED = 4e-16
 """Difference from 0, 1 or -1 below which an entry of a measured rotation is rounded to this number."""
@@ -52,22 +54,26 @@ class Passive:
 
     def stepped(self, step: ca.SX) -> ca.SX:
         """Return the state of the joint after a step (m or rad; a small rotation for a quaternion)."""
-        kind = self.joint.type
-        if kind not in ("spherical", "free"):
+        if self.joint.type not in _BALLS:
             return self.state + step
-        lengths, quat, turn = self.state[:-4], self.state[-4:], step[-3:] / 2
-        w, v = quat[0], quat[1:]
+        lengths = self.state[:-4]
+        quat_wxyz = self.state[-4:]
+        turn = step[-3:] / 2
+        w = quat_wxyz[0]
+        v = quat_wxyz[1:]
         turned = ca.vertcat(w - ca.dot(v, turn), v + w * turn + ca.cross(v, turn))
         return ca.vertcat(lengths + step[:-3], turned / ca.sqrt(ca.sumsqr(turned)))
 
 
 def stepped(passive: Iterable[Passive], step: ca.SX) -> dict[str, ca.SX]:
     """Return {key: state} of passive joints after a step; `step` stacks the steps of all these joints."""
-    out, at = {}, 0
+    states: dict[str, ca.SX] = {}
+    start = 0
     for p in passive:
-        out[p.key] = p.stepped(step[at : at + p.step.numel()])
-        at += p.step.numel()
-    return out
+        end = start + p.step.numel()
+        states[p.key] = p.stepped(step[start:end])
+        start = end
+    return states
 
 
 Chain = list[Any]
@@ -102,41 +108,60 @@ class Equations:
 
     def __init__(self, mechanism: Mechanism, *, with_errors: bool = False) -> None:
         self.mechanism = mechanism
-        sides = [(j.name, side) for j in mechanism.joints for side in ("parent", "child")] if with_errors else []
-        self.errors = {key: ca.SX.sym(f"e_{'_'.join(key)}", 6) for key in sides}
+        self.errors: dict[tuple[str, str], ca.SX] = {}
+        if with_errors:
+            for joint in mechanism.joints:
+                for side in ("parent", "child"):
+                    self.errors[joint.name, side] = ca.SX.sym(f"e_{joint.name}_{side}", 6)
         self.q = ca.SX.sym("q", len(mechanism.active))
-        self._active = {j.name: i for i, j in enumerate(mechanism.active)}
-        free = [j for j in mechanism.tree if not j.active and j.type != "fixed"]
-        self.passive = [
-            Passive(j, ca.SX.sym(j.name, STATES[j.type]), ca.SX.sym(f"d_{j.name}", STEPS[j.type])) for j in free
-        ]
+        self._active = {joint.name: i for i, joint in enumerate(mechanism.active)}
+
+        self.passive: list[Passive] = []
+        for joint in mechanism.tree:
+            if joint.active or joint.type == "fixed":
+                continue
+            state = ca.SX.sym(joint.name, STATES[joint.type])
+            step = ca.SX.sym(f"d_{joint.name}", STEPS[joint.type])
+            self.passive.append(Passive(joint, state, step))
         self._passive = {p.name: p for p in self.passive}
-        self.states, self.steps = _stack(p.state for p in self.passive), _stack(p.step for p in self.passive)
-        rows, moved, names = [], [], []
-        offsets, tilts = [ca.SX(0)], [ca.SX(0)]
+        self.states = _stack(p.state for p in self.passive)
+        self.steps = _stack(p.step for p in self.passive)
+
+        names: list[str] = []
+        rows: list[ca.SX] = []
+        stepping_rows: list[ca.SX] = []
+        squared_offsets = [ca.SX(0)]
+        squared_tilts = [ca.SX(0)]
         for joint in mechanism.loops:
-            for stepping, out in ((False, rows), (True, moved)):
-                length, angle, cosine = self._misfit(joint, stepping)
-                out += [length, LENGTH_SCALE * angle]
-                if not stepping:
-                    names += [joint.name] * (length.numel() + angle.numel())
-                    offsets.append(ca.sumsqr(length))
-                    # for an inverted joint, the sine is also small
-                    tilts.append(ca.sumsqr(angle) + ca.if_else(cosine < 0, 1, 0))
+            length, angle, cosine = self._misfit(joint, stepping=False)
+            rows += [length, LENGTH_SCALE * angle]
+            names += [joint.name] * (length.numel() + angle.numel())
+            squared_offsets.append(ca.sumsqr(length))
+            # For an inverted joint, the sine is also small.
+            squared_tilts.append(ca.sumsqr(angle) + ca.if_else(cosine < 0, 1, 0))
+            length, angle, _ = self._misfit(joint, stepping=True)
+            stepping_rows += [length, LENGTH_SCALE * angle]
+
         for coupling in mechanism.couplings:
-            for stepping, out in ((False, rows), (True, moved)):
-                pairs = zip(coupling.joints, coupling.ratios, strict=True)
-                total = sum((k * self._coordinate(n, stepping) for n, k in pairs), ca.SX(-coupling.total))
-                angle = mechanism.joint(coupling.joints[0]).is_angle
-                out.append(LENGTH_SCALE * total if angle else total)
-                if not stepping:
-                    names.append(coupling.name)
-                    (tilts if angle else offsets).append(total**2)
+            total = self._coupled(coupling, stepping=False)
+            stepping_total = self._coupled(coupling, stepping=True)
+            names.append(coupling.name)
+            if mechanism.joint(coupling.joints[0]).is_angle:
+                rows.append(LENGTH_SCALE * total)
+                squared_tilts.append(total**2)
+                stepping_rows.append(LENGTH_SCALE * stepping_total)
+            else:
+                rows.append(total)
+                squared_offsets.append(total**2)
+                stepping_rows.append(stepping_total)
+
         self.row_names = tuple(names)
         self.residual = _stack(rows)
-        self.jacobian = ca.substitute(ca.jacobian(_stack(moved), self.steps), self.steps, 0)
+        jacobian = ca.jacobian(_stack(stepping_rows), self.steps)
+        self.jacobian = ca.substitute(jacobian, self.steps, 0)
         # A sum keeps NaN; a maximum could drop it.
-        self.offset, self.tilt = (ca.sqrt(ca.sum1(ca.vertcat(*x))) for x in (offsets, tilts))
+        self.offset = ca.sqrt(ca.sum1(ca.vertcat(*squared_offsets)))
+        self.tilt = ca.sqrt(ca.sum1(ca.vertcat(*squared_tilts)))
         tool = mechanism.frame(mechanism.tool)
         self.T_base_tool = self.pose(tool.body, tool.T_body_frame)
 
@@ -145,9 +170,12 @@ class Equations:
 
         With `stepping`, this is the pose after a step of the unknowns, to first order in the step.
         """
-        chain = self._chain(self.mechanism.path(body)) + ([] if T_body_frame is None else [_rounded(T_body_frame)])
-        axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
-        T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, stepping))
+        chain = self._chain(self.mechanism.path(body))
+        if T_body_frame is not None:
+            chain.append(_rounded(T_body_frame))
+        axes = self._axes(chain, stepping)
+        origin = self._origin(chain, stepping)
+        T = ca.horzcat(*axes, origin)
         return ca.vertcat(T, ca.SX([[0, 0, 0, 1]]))
 
     def frames(self, joint: Joint, stepping: bool = False) -> tuple[list[ca.SX], list[ca.SX]]:
@@ -155,17 +183,24 @@ class Equations:
 
         With `stepping`, these are the frames after a step of the unknowns, to first order in the step.
         """
-        a, b, _ = self._sides(joint)
-        sides = []
-        for chain in (a, b):
-            axes = [self._carried(chain, ca.SX(e), False, stepping) for e in np.eye(3)]
-            sides.append([self._carried(chain, ca.SX.zeros(3), True, stepping), *axes])
+        sides: list[list[ca.SX]] = []
+        chain_parent, chain_child, _ = self._sides(joint)
+        for chain in (chain_parent, chain_child):
+            axes = self._axes(chain, stepping)
+            origin = self._origin(chain, stepping)
+            sides.append([origin, *axes])
         return sides[0], sides[1]
 
     def split(self) -> ca.Function:
         """Return the function that splits the values of all unknowns into the states of the passive joints."""
-        seed, ends = ca.SX.sym("seed", self.states.numel()), np.cumsum([0, *(p.state.numel() for p in self.passive)])
-        return ca.Function("split", [seed], [seed[a:b] for a, b in pairwise(ends.tolist())])
+        seed = ca.SX.sym("seed", self.states.numel())
+        parts: list[ca.SX] = []
+        start = 0
+        for p in self.passive:
+            end = start + p.state.numel()
+            parts.append(seed[start:end])
+            start = end
+        return ca.Function("split", [seed], parts)
 
     def links(self) -> dict[str, ca.SX]:
         """Return {body: T_base_body (3, 4)} of all bodies; each pose is composed from the pose of the parent body.
@@ -174,38 +209,39 @@ class Equations:
         """
         poses: dict[str, ca.SX | Array] = {self.mechanism.base: np.eye(4)}
         for joint in self.mechanism.tree:
-            before = poses[joint.parent]
+            T_base_parent = poses[joint.parent]
             chain = self._chain([joint])
-            if all(isinstance(part, np.ndarray) for part in chain) and isinstance(before, np.ndarray):
-                poses[joint.child] = before @ chain[0]
+            fixed = all(isinstance(part, np.ndarray) for part in chain)
+            if fixed and isinstance(T_base_parent, np.ndarray):
+                poses[joint.child] = T_base_parent @ chain[0]
                 continue
-            axes = [self._carried(chain, ca.SX(e), False, False) for e in np.eye(3)]
-            T = ca.horzcat(*axes, self._carried(chain, ca.SX.zeros(3), True, False))
-            first = ca.SX(_rounded(before)) if isinstance(before, np.ndarray) else before
-            R, p = first[:3, :3], first[:3, 3]
+            axes = self._axes(chain)
+            T = ca.horzcat(*axes, self._origin(chain))
+            if isinstance(T_base_parent, np.ndarray):
+                T_base_parent = ca.SX(_rounded(T_base_parent))
+            R = T_base_parent[:3, :3]
+            p = T_base_parent[:3, 3]
             poses[joint.child] = ca.horzcat(R @ T[:, :3], R @ T[:, 3] + p)
-        return {b.name: ca.SX(poses[b.name])[:3, :] for b in self.mechanism.bodies}
+
+        links: dict[str, ca.SX] = {}
+        for body in self.mechanism.bodies:
+            links[body.name] = ca.SX(poses[body.name])[:3, :]
+        return links
 
     def rest(self) -> tuple[Array, list[Array]]:
         """Return q (n,) and the state of each passive joint in the rest poses (as drawn in the CAD)."""
         rest = self.mechanism.rest
-        q, states = np.zeros(len(self._active)), []
+        q = np.zeros(len(self._active))
+        states: list[Array] = []
         for joint in self.mechanism.tree:
-            T = joint.relative(rest.get(joint.parent, np.eye(4)), rest.get(joint.child, np.eye(4)))
+            T_base_parent = rest.get(joint.parent, np.eye(4))
+            T_base_child = rest.get(joint.child, np.eye(4))
+            T = joint.relative(T_base_parent, T_base_child)
             angle = joint.angle(T)
             if joint.name in self._active:
                 q[self._active[joint.name]] = angle if joint.is_angle else T[2, 3]
             elif joint.name in self._passive:
-                quat = spatial.quat_from_matrix_wxyz(T[:3, :3])
-                states.append(
-                    {
-                        "revolute": np.array([angle]),
-                        "prismatic": T[2:3, 3],
-                        "cylindrical": np.array([T[2, 3], angle]),
-                        "spherical": quat,
-                        "free": np.concatenate([T[:3, 3], quat]),
-                    }[joint.type]
-                )
+                states.append(_state(joint.type, T, angle))
         return q, states
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -213,98 +249,143 @@ class Equations:
 
         Only the locked directions of the joint are counted.
         """
-        a, b, parted = self._sides(joint)
-        gap = self._carried(b, ca.SX.zeros(3), True, stepping) - self._carried(a, ca.SX.zeros(3), True, stepping)
+        chain_parent, chain_child, common = self._sides(joint)
+        gap = self._origin(chain_child, stepping) - self._origin(chain_parent, stepping)
         locked = [i for i in range(6) if i not in joint.free_axes]
-        frame = [self._carried(a, ca.SX(e), False, stepping) for e in np.eye(3)]
+        frame = self._axes(chain_parent, stepping)
         if locked[:3] == [0, 1, 2]:
             # The gap is expressed in a fixed frame (that of the rest poses), so that the out-of-plane components of a
             # planar loop are exactly zero.
             rest = self.mechanism.rest
-            R = spatial.inverse(rest.get(parted, np.eye(4))) @ rest.get(joint.parent, np.eye(4)) @ joint.T_parent_joint
-            length = ca.SX(_rounded(R[:3, :3]).T) @ gap
+            T_common_base = spatial.inverse(rest.get(common, np.eye(4)))
+            T_common_joint = T_common_base @ rest.get(joint.parent, np.eye(4)) @ joint.T_parent_joint
+            R = _rounded(T_common_joint[:3, :3])
+            length = ca.SX(R.T) @ gap
         else:
             length = ca.vertcat(*[ca.dot(frame[i], gap) for i in locked if i < 3])
-        if 3 in joint.free_axes:
+
+        if 3 in joint.free_axes:  # a ball joint: no direction of rotation is locked
             return length, ca.SX(0, 1), ca.SX(1)
-        others = [self._carried(b, ca.SX(e), False, stepping) for e in np.eye(3)]
-        if 5 in joint.free_axes:
-            return length, ca.vertcat(*[ca.dot(frame[i], others[2]) for i in (0, 1)]), ca.dot(frame[2], others[2])
+        others = self._axes(chain_child, stepping)
+        if 5 in joint.free_axes:  # rotation about z is free: only the z axes must agree
+            sine_x = ca.dot(frame[0], others[2])
+            sine_y = ca.dot(frame[1], others[2])
+            return length, ca.vertcat(sine_x, sine_y), ca.dot(frame[2], others[2])
         R = ca.horzcat(*frame).T @ ca.horzcat(*others)
         return length, ca.inv_skew((R - R.T) / 2), (ca.trace(R) - 1) / 2
 
+    def _coupled(self, coupling: Coupling, stepping: bool) -> ca.SX:
+        """Return the residual of a coupling in m or rad: the weighted sum of its joints, less its constant total."""
+        residual = ca.SX(-coupling.total)
+        for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
+            residual = residual + ratio * self._coordinate(name, stepping)
+        return residual
+
     def _sides(self, joint: Joint) -> tuple[Chain, Chain, str]:
         """Return (chain to the joint frame on the parent, to that on the child, body at which the chains start)."""
-        ways = [list(self.mechanism.path(b)) for b in (joint.parent, joint.child)]
-        while ways[0] and ways[1] and ways[0][0].name == ways[1][0].name:
-            ways = [w[1:] for w in ways]
-        a = self._chain(ways[0]) + self._frame(joint, "parent")
-        b = self._chain(ways[1]) + self._frame(joint, "child")
-        parted = ways[0][0].parent if ways[0] else ways[1][0].parent if ways[1] else joint.parent
-        return a, b, parted
+        path_parent = list(self.mechanism.path(joint.parent))
+        path_child = list(self.mechanism.path(joint.child))
+        # Joints common to both paths move both sides alike.
+        while path_parent and path_child and path_parent[0].name == path_child[0].name:
+            path_parent.pop(0)
+            path_child.pop(0)
+        if path_parent:
+            common = path_parent[0].parent
+        elif path_child:
+            common = path_child[0].parent
+        else:
+            common = joint.parent
+        chain_parent = self._chain(path_parent) + self._frame(joint, "parent")
+        chain_child = self._chain(path_child) + self._frame(joint, "child")
+        return chain_parent, chain_child, common
 
     def _coordinate(self, name: str, stepping: bool) -> ca.SX:
         if name in self._active:
             return self.q[self._active[name]]
-        p = self._passive[name]
-        return p.state + p.step if stepping else p.state
+        passive = self._passive[name]
+        if stepping:
+            return passive.state + passive.step
+        return passive.state
 
     def _frame(self, joint: Joint, side: str, back: bool = False) -> Chain:
         """Return the chain from a body to its joint frame; `back`: the inverse chain."""
         T = joint.T_parent_joint if side == "parent" else joint.T_child_joint
-        error = [_Error(e, back)] if (e := self.errors.get((joint.name, side))) is not None else []
-        return [*error, spatial.inverse(T)] if back else [T, *error]
+        symbols = self.errors.get((joint.name, side))
+        errors: Chain = []
+        if symbols is not None:
+            errors.append(_Error(symbols, back))
+        if back:
+            return [*errors, spatial.inverse(T)]
+        return [T, *errors]
 
     def _chain(self, joints: Sequence[Joint]) -> Chain:
         """Return the chain along joints of the tree; consecutive fixed poses are merged."""
         parts: Chain = []
         for joint in joints:
-            moving = [] if joint.type == "fixed" else [joint]
-            parts += [*self._frame(joint, "parent"), *moving, *self._frame(joint, "child", back=True)]
-        out: Chain = []
+            parts += self._frame(joint, "parent")
+            if joint.type != "fixed":
+                parts.append(joint)
+            parts += self._frame(joint, "child", back=True)
+        merged: Chain = []
         for part in parts:
-            if isinstance(part, np.ndarray) and out and isinstance(out[-1], np.ndarray):
-                out[-1] = out[-1] @ part
+            if isinstance(part, np.ndarray) and merged and isinstance(merged[-1], np.ndarray):
+                merged[-1] = merged[-1] @ part
             else:
-                out.append(part)
-        return out
+                merged.append(part)
+        return merged
+
+    def _axes(self, chain: Chain, stepping: bool = False) -> list[ca.SX]:
+        """Return the axes x, y, z (3,) of the frame at the end of a chain, in the frame at its start."""
+        return [self._carried(chain, ca.SX(axis), False, stepping) for axis in np.eye(3)]
+
+    def _origin(self, chain: Chain, stepping: bool = False) -> ca.SX:
+        """Return the origin (3,) of the frame at the end of a chain, in the frame at its start, in m."""
+        return self._carried(chain, ca.SX.zeros(3), True, stepping)
 
     def _carried(self, chain: Chain, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
         """Transform a point or a direction (3,) from the frame at the end of a chain to the frame at its start."""
-        fixed: Array | None = None
-        for part in [*reversed(chain), None]:
+        fixed: Array | None = None  # product of the fixed poses since the last moving part
+        for part in reversed(chain):
             if isinstance(part, np.ndarray):
                 fixed = part if fixed is None else part @ fixed
                 continue
             if fixed is not None:
-                v, fixed = _moved(_rounded(fixed), v, point), None
+                v = _moved(_rounded(fixed), v, point)
+                fixed = None
             if isinstance(part, _Error):
                 v = _off(part, v, point)
-            elif part is not None:
-                v = self._motion(part, v, point, stepping)
+                continue
+            v = self._motion(part, v, point, stepping)
+        if fixed is not None:
+            v = _moved(_rounded(fixed), v, point)
         return v
 
     def _motion(self, joint: Joint, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
-        kind, name = joint.type, joint.name
-        if name in self._active:
-            x = self.q[self._active[name]]
-        else:
-            p = self._passive[name]
-            x = p.state
-            if kind in ("spherical", "free"):
-                if stepping:  # to first order, because only the derivative is used
-                    v = v + ca.cross(p.step[-3:], v)
-                v = _turned(x[-4:], v)
-                shift = x[:-4] + p.step[:-3] if stepping else x[:-4]
-                return v + shift if point and kind == "free" else v
-            if stepping:
-                x = x + p.step
+        """Transform a point or a direction (3,) from the moving frame of a joint to its fixed frame."""
+        kind = joint.type
+        if kind in _BALLS and joint.name not in self._active:
+            return self._ball_motion(joint, v, point, stepping)
+        x = self._coordinate(joint.name, stepping)
         if kind in ("revolute", "cylindrical"):
-            c, s = ca.cos(x[-1]), ca.sin(x[-1])
+            c = ca.cos(x[-1])
+            s = ca.sin(x[-1])
             v = ca.vertcat(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
         if kind in ("prismatic", "cylindrical") and point:
             v = v + ca.vertcat(0, 0, x[0])
         return v
+
+    def _ball_motion(self, joint: Joint, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
+        """Do the same for a passive joint whose orientation is a quaternion."""
+        passive = self._passive[joint.name]
+        if stepping:  # to first order, because only the derivative is used
+            v = v + ca.cross(passive.step[-3:], v)
+        v = _turned(passive.state[-4:], v)
+        if not point or joint.type != "free":
+            return v
+        shift = passive.state[:-4]
+        if stepping:
+            shift = shift + passive.step[:-3]
+        return v + shift
 
 
 def _turned(quat: ca.SX, v: ca.SX) -> ca.SX:
@@ -319,18 +400,25 @@ def _turned(quat: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def _moved(T: Array, v: ca.SX, point: bool) -> ca.SX:
-    out = ca.SX(T[:3, :3]) @ v
-    return out + ca.SX(T[:3, 3]) if point else out
+    """Return the point or direction v (3,) transformed by a fixed pose."""
+    turned = ca.SX(T[:3, :3]) @ v
+    if not point:
+        return turned
+    return turned + ca.SX(T[:3, 3])
 
 
 def _off(error: _Error, v: ca.SX, point: bool) -> ca.SX:
     """Return the point or direction v (3,) moved by the error of a frame, or by the inverse error."""
-    shift, turn = error.e[:3], error.e[3:]
+    shift = error.e[:3]
+    turn = error.e[3:]
     if error.back:
         turn = -turn
-        v = v - shift if point else v
+        if point:
+            v = v - shift
     v = v + ca.cross(turn, v) + ca.cross(turn, ca.cross(turn, v)) / 2
-    return v + shift if point and not error.back else v
+    if point and not error.back:
+        v = v + shift
+    return v
 
 
 def _rounded(T: Array) -> Array:
@@ -343,5 +431,22 @@ def _rounded(T: Array) -> Array:
 
 
 def _stack(parts: Iterable[ca.SX]) -> ca.SX:
+    """Return the parts as one column; without parts, a column without rows."""
     parts = list(parts)
-    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
+    if not parts:
+        return ca.SX(0, 1)
+    return ca.vertcat(*parts)
+
+
+def _state(kind: str, T: Array, angle: Array | float) -> Array:
+    """Return the state of a passive joint of this type from the pose of its child frame in its parent frame."""
+    if kind == "revolute":
+        return np.array([angle])
+    if kind == "prismatic":
+        return T[2:3, 3]
+    if kind == "cylindrical":
+        return np.array([T[2, 3], angle])
+    quat_wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
+    if kind == "spherical":
+        return quat_wxyz
+    return np.concatenate([T[:3, 3], quat_wxyz])

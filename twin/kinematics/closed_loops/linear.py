@@ -29,38 +29,60 @@ def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.S
     choose a stable pivot order with few fill-ins.
     """
     n = len(sample)
-    a = {(i, j): J[i, j] for i in range(n) for j in range(n) if pattern[i, j]}
-    y, values = {i: b[i] for i in range(n)}, np.array(sample, float)
-    rows, columns = list(range(n)), list(range(n))
-    order, determinant = [], ca.SX(1)
+    a: dict[tuple[int, int], ca.SX] = {}
+    for i in range(n):
+        for j in np.flatnonzero(pattern[i]):
+            a[i, int(j)] = J[i, int(j)]
+    y = ca.vertsplit(b)
+    values = np.array(sample, float)
+    rows = list(range(n))
+    columns = list(range(n))
+    order: list[tuple[int, int, ca.SX, list[int]]] = []
+    determinant = ca.SX(1)
     while rows:
         i, j = _pivot(a, values, rows, columns)
         rows.remove(i)
         columns.remove(j)
         inverse = 1 / a[i, j]
         determinant *= a[i, j]
-        for r in (r for r in rows if (r, j) in a):
+        others = [c for c in columns if (i, c) in a]
+        for r in rows:
+            if (r, j) not in a:
+                continue
             factor = a[r, j] * inverse
-            for c in (c for c in columns if (i, c) in a):
+            for c in others:
                 a[r, c] = a.get((r, c), ca.SX(0)) - factor * a[i, c]
             y[r] = y[r] - factor * y[i]
+            # The same elimination in numbers: later pivots are chosen by them.
             values[r, columns] -= values[r, j] / values[i, j] * values[i, columns]
-        order.append((i, j, inverse, [c for c in columns if (i, c) in a]))
+        order.append((i, j, inverse, others))
+
     x: dict[int, ca.SX] = {}
     for i, j, inverse, others in reversed(order):
-        x[j] = (y[i] - sum((a[i, c] * x[c] for c in others), ca.SX(0))) * inverse
+        known = ca.SX(0)
+        for c in others:
+            known = known + a[i, c] * x[c]
+        x[j] = (y[i] - known) * inverse
     return ca.vertcat(*[x[j] for j in range(n)]), determinant
 
 
 def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple[int, int]:
     """Return (row, column) of the pivot with the fewest fill-ins (Markowitz), among the sufficiently large pivots."""
-    best, at = (np.inf, np.inf), (rows[0], columns[0])
+    best_cost = (np.inf, np.inf)
+    best_pivot = (rows[0], columns[0])
     for i in rows:
-        most = max(np.abs(values[i, columns]).max(), 1e-300)
-        for j in (j for j in columns if (i, j) in a and abs(values[i, j]) >= _PIVOT * most):
-            fill = (sum((i, c) in a for c in columns) - 1) * (sum((r, j) in a for r in rows) - 1)
-            best, at = min((best, at), ((fill, -abs(values[i, j]) / most), (i, j)))
-    return at
+        largest_entry = max(np.abs(values[i, columns]).max(), 1e-300)
+        for j in columns:
+            large = abs(values[i, j]) >= _PIVOT * largest_entry
+            if (i, j) not in a or not large:
+                continue
+            in_row = sum((i, c) in a for c in columns)
+            in_column = sum((r, j) in a for r in rows)
+            fill_ins = (in_row - 1) * (in_column - 1)
+            # Of pivots with equal fill-ins, the relatively largest is the most stable.
+            candidate = (fill_ins, -abs(values[i, j]) / largest_entry)
+            best_cost, best_pivot = min((best_cost, best_pivot), (candidate, (i, j)))
+    return best_pivot
 
 
 def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
@@ -68,28 +90,34 @@ def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
 
     `pattern` (m, n) marks the entries of J (m, n) that can differ from 0; b has m entries.
     """
-    n = pattern.shape[1]
     J = ca.SX(J)
-    a, diagonal = {}, []
     linked = (pattern.T.astype(int) @ pattern.astype(int)) > 0
     order = _least_filling(linked)
-    for s, i in enumerate(order):
-        for t, k in enumerate(order[: s + 1]):
-            if linked[i, k]:
-                common = [r for r in range(len(pattern)) if pattern[r, i] and pattern[r, k]]
-                a[s, t] = sum((J[r, i] * J[r, k] for r in common), ca.SX(0))
-        a[s, s] = a.get((s, s), ca.SX(0)) * (1 + _FLOOR) + 1e-30
-    y = [sum((J[r, i] * b[r] for r in range(len(pattern)) if pattern[r, i]), ca.SX(0)) for i in order]
+    a = _normal_matrix(J, pattern, linked, order)
+    y: list[ca.SX] = []
+    for i in order:
+        product = ca.SX(0)
+        for r in np.flatnonzero(pattern[:, i]):
+            product = product + J[int(r), i] * b[int(r)]
+        y.append(product)
+
+    # A = L D L^T without square roots; forward substitution of y beside it.
+    n = len(order)
     lower: dict[tuple[int, int], ca.SX] = {}
+    reciprocals: list[ca.SX] = []
     for j in range(n):
-        diagonal.append(1 / a[j, j])
+        reciprocals.append(1 / a[j, j])
         below = [i for i in range(j + 1, n) if (i, j) in a]
         for i in below:
-            lower[i, j] = a[i, j] * diagonal[j]
+            lower[i, j] = a[i, j] * reciprocals[j]
             y[i] = y[i] - lower[i, j] * y[j]
-            for k in (k for k in below if k <= i):
+            for k in below:
+                if k > i:
+                    break
                 a[i, k] = a.get((i, k), ca.SX(0)) - lower[i, j] * a[k, j]
-    y = [v * d for v, d in zip(y, diagonal, strict=True)]
+
+    for j in range(n):
+        y[j] = y[j] * reciprocals[j]
     for j in range(n - 1, -1, -1):
         for i in range(j + 1, n):
             if (i, j) in lower:
@@ -97,13 +125,32 @@ def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
     return ca.vertcat(*[y[order.index(i)] for i in range(n)])
 
 
+def _normal_matrix(J: ca.SX, pattern: np.ndarray, linked: np.ndarray, order: list[int]) -> dict[tuple[int, int], ca.SX]:
+    """Return the lower half of J^T J with damped diagonal, its rows and columns in this order; zeros are absent."""
+    a: dict[tuple[int, int], ca.SX] = {}
+    for s, i in enumerate(order):
+        for t, k in enumerate(order[: s + 1]):
+            if not linked[i, k]:
+                continue
+            entry = ca.SX(0)
+            for r in np.flatnonzero(pattern[:, i] & pattern[:, k]):
+                entry = entry + J[int(r), i] * J[int(r), k]
+            a[s, t] = entry
+        # The constant keeps an unknown without equations finite: its step is zero.
+        a[s, s] = a.get((s, s), ca.SX(0)) * (1 + _FLOOR) + 1e-30
+    return a
+
+
 def _least_filling(linked: np.ndarray) -> list[int]:
     """Return an order of elimination in which the next unknown is always the one with the fewest neighbours."""
-    linked, left, order = linked.copy(), list(range(len(linked))), []
+    linked = linked.copy()
+    left = list(range(len(linked)))
+    order: list[int] = []
     while left:
         least = min(left, key=lambda i: int(linked[i, left].sum()))
         left.remove(least)
         order.append(least)
-        around = [i for i in left if linked[least, i]]
-        linked[np.ix_(around, around)] = True
+        # The elimination of an unknown links all its neighbours.
+        neighbours = [i for i in left if linked[least, i]]
+        linked[np.ix_(neighbours, neighbours)] = True
     return order

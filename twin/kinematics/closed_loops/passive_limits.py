@@ -73,12 +73,16 @@ def slacks(equations: Equations, limits: tuple[PassiveLimit, ...], stepping: boo
 
     With `stepping`, these are the slacks after a step of the unknowns, to first order in the step.
     """
-    return ca.vertcat(*[_slack(equations, limit, stepping) for limit in limits]) if limits else ca.SX(0, 1)
+    if not limits:
+        return ca.SX(0, 1)
+    return ca.vertcat(*[_slack(equations, limit, stepping) for limit in limits])
 
 
 def _slack(equations: Equations, limit: PassiveLimit, stepping: bool) -> ca.SX:
     joint = limit.joint
-    (p0, x0, y0, z0), (p1, x1, _, z1) = equations.frames(joint, stepping)
+    parent_frame, child_frame = equations.frames(joint, stepping)
+    p0, x0, y0, z0 = parent_frame
+    p1, x1, _, z1 = child_frame
     if limit.kind == "cone":
         cone = float(joint.cone or 0.0)
         return (ca.dot(z0, z1) - np.cos(cone)) / np.sin(cone)
@@ -86,10 +90,14 @@ def _slack(equations: Equations, limit: PassiveLimit, stepping: bool) -> ca.SX:
     if joint.type == "prismatic":
         shift = ca.dot(z0, p1 - p0)
         return shift - low if limit.kind == "lower" else high - shift
-    cosine, sine = ca.dot(x0, x1), ca.dot(y0, x1)
+    cosine = ca.dot(x0, x1)
+    sine = ca.dot(y0, x1)
     if limit.kind == "range":
-        middle, half = (low + high) / 2, (high - low) / 2
-        return (np.cos(middle) * cosine + np.sin(middle) * sine - np.cos(half)) / np.sin(half)
+        # The cosine of the angle from the middle of the range is smooth also where the angle jumps by a turn.
+        middle = (low + high) / 2
+        half = (high - low) / 2
+        cosine_from_middle = np.cos(middle) * cosine + np.sin(middle) * sine
+        return (cosine_from_middle - np.cos(half)) / np.sin(half)
     angle = ca.atan2(sine, cosine)
     return angle - low if limit.kind == "lower" else high - angle
 
@@ -114,7 +122,8 @@ class PassiveCheck:
     @cached_property
     def _slacks(self) -> Kernel:
         e = self._solver.equations
-        function = ca.Function("slacks", [e.q, e.states], [ca.densify(slacks(e, self.limits))], {"cse": True})
+        expression = ca.densify(slacks(e, self.limits))
+        function = ca.Function("slacks", [e.q, e.states], [expression], {"cse": True})
         inputs = {"q": e.q.numel(), "states": e.states.numel()}
         return Kernel([Stage(function, tuple(inputs), ("slacks",))], inputs, ["slacks"])
 
@@ -139,12 +148,14 @@ class PassiveCheck:
         """
         states, placed = self.placed(q, Ts)
         links = self._solver.link_poses(q[placed], states[:, placed])
-        out = {}
-        for joint in {limit.joint.name: limit.joint for limit in self.limits}.values():
+        joints = {limit.joint.name: limit.joint for limit in self.limits}
+        margins: dict[str, tuple[Array, bool]] = {}
+        for name, joint in joints.items():
             margin = np.full(len(q), np.nan)
             margin[placed] = -joint.beyond(links[joint.parent], links[joint.child])
-            out[joint.name] = (margin, joint.is_angle or joint.cone is not None)
-        return out
+            is_angle = joint.is_angle or joint.cone is not None
+            margins[name] = (margin, is_angle)
+        return margins
 
     def within(self, q: Array, states: Array) -> np.ndarray:
         """Return (k,) bool: whether active joints q (k, n) and loop unknowns `states` (m, k) keep all limits."""
@@ -157,27 +168,35 @@ class PassiveCheck:
         are closed again, starting from the unknowns of the nearest pose that is placed.
         """
         found = self._solver.forward_many(q)
-        states, placed = found.states, _same(found.Ts_base_tool, Ts)
+        states = found.states
+        placed = _same(found.Ts_base_tool, Ts)
         places = _places(Ts)
-        tried = np.full(len(q), -1)
+        tried_seeds = np.full(len(q), -1)
         while placed.any() and not placed.all():
-            known, lost = np.flatnonzero(placed), np.flatnonzero(~placed)
-            seeds = known[cKDTree(places[known]).query(places[lost])[1]]
-            new = seeds != tried[lost]
-            lost, seeds = lost[new], seeds[new]
-            if not len(lost):
+            known = np.flatnonzero(placed)
+            open_poses = np.flatnonzero(~placed)
+            _, nearest = cKDTree(places[known]).query(places[open_poses])
+            seeds = known[nearest]
+            # A seed that has failed before would fail again.
+            new = seeds != tried_seeds[open_poses]
+            open_poses = open_poses[new]
+            seeds = seeds[new]
+            if not len(open_poses):
                 break
-            tried[lost] = seeds
-            again = self._solver.forward_many(q[lost], states[:, seeds])
-            good = _same(again.Ts_base_tool, Ts[lost])
-            states[:, lost[good]] = again.states[:, good]
-            placed[lost[good]] = True
+            tried_seeds[open_poses] = seeds
+            again = self._solver.forward_many(q[open_poses], states[:, seeds])
+            good = _same(again.Ts_base_tool, Ts[open_poses])
+            closed = open_poses[good]
+            states[:, closed] = again.states[:, good]
+            placed[closed] = True
         return states, placed
 
 
 def _places(Ts: Array) -> Array:
     """Return poses (k, 4, 4) as points (k, 12), whose distances are in m; rotations are scaled by `LENGTH_SCALE`."""
-    return np.concatenate([Ts[:, :3, 3], LENGTH_SCALE * Ts[:, :3, :3].reshape(-1, 9)], axis=1)
+    positions = Ts[:, :3, 3]
+    rotations = Ts[:, :3, :3].reshape(-1, 9)
+    return np.concatenate([positions, LENGTH_SCALE * rotations], axis=1)
 
 
 def _same(Ts: Array, others: Array) -> np.ndarray:

@@ -29,14 +29,17 @@ class LinkPoses:
         """
         self._states = self._solved(np.asarray(q, float))
         Ts = np.zeros((len(self._names), 4, 4))
-        Ts[:, :3], Ts[:, 3, 3] = self._loops.links_at(q, self._states).reshape(-1, 3, 4), 1.0
+        Ts[:, :3] = self._loops.links_at(q, self._states).reshape(-1, 3, 4)
+        Ts[:, 3, 3] = 1.0
         return dict(zip(self._names, Ts, strict=True))
 
     def _solved(self, q: Array) -> Array:
         if self._states is not None:
             states = self._loops.close(q, self._states)
-            if states is not None and np.abs(states - self._states).max(initial=0.0) < _JUMP:
-                return states
+            if states is not None:
+                change = np.abs(states - self._states).max(initial=0.0)
+                if change < _JUMP:
+                    return states
         found = self._loops.forward_many(q[None])
         if not np.isfinite(found.Ts_base_tool).all():
             self._loops.forward(q)  # raises, with the joint values

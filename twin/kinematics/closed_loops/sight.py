@@ -54,71 +54,102 @@ class Sight:
 
     def __init__(self, solver: LoopSolver) -> None:
         """Compile the functions of the loops and the tool."""
-        e = self._equations = solver.equations
-        rows = [r for b in solver.blocks for r in b.rows]
-        self._columns = np.array([c for b in solver.blocks for c in b.columns], int)
-        self._square = all(b.square for b in solver.blocks)
-        self._parts, i, j = [], 0, 0
-        for b in solver.blocks:
-            self._parts.append((slice(i, i + len(b.rows)), slice(j, j + len(b.columns))))
-            i, j = i + len(b.rows), j + len(b.columns)
-        self._n, self._k, self._m = e.q.numel(), e.steps.numel(), len(rows)
+        e = solver.equations
+        self._equations = e
+        rows: list[int] = []
+        columns: list[int] = []
+        self._parts: list[tuple[slice, slice]] = []
+        for block in solver.blocks:
+            block_rows = slice(len(rows), len(rows) + len(block.rows))
+            block_columns = slice(len(columns), len(columns) + len(block.columns))
+            self._parts.append((block_rows, block_columns))
+            rows += block.rows
+            columns += block.columns
+        self._columns = np.array(columns, int)
+        self._square = all(block.square for block in solver.blocks)
+        self._n = e.q.numel()
+        self._k = e.steps.numel()
+        self._m = len(rows)
         self.limits = passive_limits(e.mechanism)
+
+        # The rates of q and of all unknowns together; the loops then relate the second to the first.
+        z = ca.vertcat(e.q, e.steps)
         tool = e.mechanism.frame(e.mechanism.tool)
-        T, z = e.pose(tool.body, tool.T_body_frame, stepping=True), ca.vertcat(e.q, e.steps)
-        turn = sum((ca.skew(T[:3, i]) @ ca.jacobian(T[:3, i], z) / 2 for i in range(3)), ca.SX(3, z.numel()))
-        twist = ca.substitute(ca.vertcat(ca.jacobian(T[:3, 3], z), LENGTH_SCALE * turn), e.steps, 0)
-        A = ca.horzcat(ca.jacobian(e.residual, e.q), e.jacobian)[rows, :] if rows else ca.SX(0, z.numel())
-        left = slacks(e, self.limits, stepping=True)
-        held = ca.substitute(ca.horzcat(left, ca.jacobian(left, z)), e.steps, 0)
-        moved = ca.horzcat(ca.SX(6 + len(rows), 1), ca.vertcat(twist, A))
-        self._common = self._compiled("loops", ca.vertcat(moved, held))
+        T = e.pose(tool.body, tool.T_body_frame, stepping=True)
+        turn = ca.SX(3, z.numel())
+        for i in range(3):
+            axis = T[:3, i]
+            turn = turn + ca.skew(axis) @ ca.jacobian(axis, z) / 2  # w = (x × dx + y × dy + z × dz) / 2
+        velocity = ca.jacobian(T[:3, 3], z)
+        twist = ca.substitute(ca.vertcat(velocity, LENGTH_SCALE * turn), e.steps, 0)
+        loops = ca.SX(0, z.numel())
+        if rows:
+            loops = ca.horzcat(ca.jacobian(e.residual, e.q), e.jacobian)[rows, :]
+        slack = slacks(e, self.limits, stepping=True)
+        slack_rows = ca.substitute(ca.horzcat(slack, ca.jacobian(slack, z)), e.steps, 0)
+        # The first column has the values of the slacks; twist and loops have none.
+        no_values = ca.SX(6 + len(rows), 1)
+        twist_and_loops = ca.horzcat(no_values, ca.vertcat(twist, loops))
+        self._common = self._compiled("loops", ca.vertcat(twist_and_loops, slack_rows))
         self._bodies: dict[str, Callable[..., Array]] = {}
 
     def __call__(self, q: Array, u: Array, body: str, p_body: Array) -> Look:
         """Return the `Look` at q (n,) and loop unknowns u (m,), for a point (3,) in the body frame in m."""
         n = self._n
+        m = self._m
         if body not in self._bodies:
             self._bodies[body] = self._point(body)
-        seen = self._common(q, u).reshape(6 + self._m + len(self.limits), -1)
-        tool, A, limits = seen[:6, 1:], seen[6 : 6 + self._m, 1:], seen[6 + self._m :]
+        values = self._common(q, u).reshape(6 + m + len(self.limits), -1)
         point = self._bodies[body](q, u, p_body).reshape(3, -1)
-        held = A[:, n + self._columns]
+        loops = values[6 : 6 + m, 1:]
+        loops_of_unknowns = loops[:, n + self._columns]
         answers = np.zeros((self._k, n))
-        if self._m:
-            answers[self._columns] = -_solved(held, A[:, :n], self._square)
-        loops = tuple(held[part] for part in self._parts)
-        J, left = point[:, 1:], limits[:, 1:]
+        if m:
+            answers[self._columns] = -_solved(loops_of_unknowns, loops[:, :n], self._square)
+        limits = values[6 + m :]
         return Look(
-            q,
-            u,
-            point[:, 0],
-            J[:, :n] + J[:, n:] @ answers,
-            answers,
-            loops,
-            tool[:, :n] + tool[:, n:] @ answers,
-            limits[:, 0],
-            left[:, :n] + left[:, n:] @ answers,
+            q=q,
+            u=u,
+            p=point[:, 0],
+            J=_of_active(point[:, 1:], answers),
+            answers=answers,
+            loops=tuple(loops_of_unknowns[part] for part in self._parts),
+            tool=_of_active(values[:6, 1:], answers),
+            slacks=limits[:, 0],
+            slopes=_of_active(limits[:, 1:], answers),
         )
 
     def _point(self, body: str) -> Callable[..., Array]:
-        e, p_body = self._equations, ca.SX.sym("p", 3)
-        point = (e.pose(body, stepping=True) @ ca.vertcat(p_body, 1))[:3]
-        J = ca.jacobian(point, ca.vertcat(e.q, e.steps))
-        return self._compiled("point", ca.substitute(ca.horzcat(point, J), e.steps, 0), p=p_body)
+        """Return the compiled function of q, u and a point (3,) of a body: its position, and the Jacobian."""
+        e = self._equations
+        p_body = ca.SX.sym("p", 3)
+        p_base = (e.pose(body, stepping=True) @ ca.vertcat(p_body, 1))[:3]
+        J = ca.jacobian(p_base, ca.vertcat(e.q, e.steps))
+        rows = ca.substitute(ca.horzcat(p_base, J), e.steps, 0)
+        return self._compiled("point", rows, p=p_body)
 
     def _compiled(self, name: str, rows: ca.SX, **more: ca.SX) -> Callable[..., Array]:
         """Return a compiled function of q, u and further inputs; its outputs are stacked in one matrix."""
         e = self._equations
-        look = ca.Function(name, [e.q, e.states, *more.values()], [ca.densify(ca.vec(rows.T))], {"cse": True})
-        inputs = {"q": e.q.numel(), "u": e.states.numel(), **{n: x.numel() for n, x in more.items()}}
-        return Kernel([Stage(look, tuple(inputs), ("seen",))], inputs, ["seen"], single=True).single()
+        symbols = {"q": e.q, "u": e.states, **more}
+        inputs = {key: symbol.numel() for key, symbol in symbols.items()}
+        stacked = ca.densify(ca.vec(rows.T))
+        function = ca.Function(name, list(symbols.values()), [stacked], {"cse": True})
+        stage = Stage(function, tuple(inputs), ("seen",))
+        return Kernel([stage], inputs, ["seen"], single=True).single()
 
 
 def _solved(A: Array, B: Array, square: bool) -> Array:
+    """Return X with A X = B; for a singular A or one that is not square, the smallest X in the least-squares sense."""
     if square:
         try:
             return np.asarray(np.linalg.solve(A, B), float)
         except np.linalg.LinAlgError:
             pass
     return np.asarray(np.linalg.pinv(A, rcond=_FLAT) @ B, float)
+
+
+def _of_active(J: Array, answers: Array) -> Array:
+    """Return a Jacobian per rate of q (r, n) from that per rates of q and of the unknowns (r, n + steps)."""
+    n = answers.shape[1]
+    return J[:, :n] + J[:, n:] @ answers

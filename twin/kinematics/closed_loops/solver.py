@@ -26,7 +26,8 @@ from twin.kinematics.closed_loops.equations import Equations, stepped
 from twin.kinematics.closed_loops.structure import Block, blocks
 from twin.model.mechanism import Mechanism
 
-GAP, TILT = 1e-9, 1e-8
+GAP = 1e-9
+TILT = 1e-8
 """Maximum gap in m and misalignment in rad of a closed loop; most remaining values are mere rounding errors."""
 
 _LAST = 1e-8
@@ -83,24 +84,40 @@ class LoopSolver:
         self.equations = Equations(mechanism)
         self.blocks = blocks(self.equations)
         self.q, start = self.equations.rest()
-        self._newton = [self._stage(i, b, start) for i, b in enumerate(self.blocks)]
-        known = {"q": self.q, **{p.key: x for p, x in zip(self.equations.passive, start, strict=True)}}
+        self._newton = [self._stage(number, block, start) for number, block in enumerate(self.blocks)]
+
+        known = {"q": self.q}
+        for passive, state in zip(self.equations.passive, start, strict=True):
+            known[passive.key] = state
         for stage in self._newton:
-            for _ in range(_STEPS):
-                results = stage.function(*[known[n] for n in stage.takes])
-                known |= {n: r.full().ravel() for n, r in zip(stage.gives, results, strict=True)}
-                if not known["error"][0] > _LAST:
-                    break
-        self.home = [known[p.key] for p in self.equations.passive]
-        self._signs = {n: float(v[0]) for n, v in known.items() if n.startswith("det ")}
+            self._solve_once(stage, known)
+        self.home = [known[passive.key] for passive in self.equations.passive]
+        self._signs: dict[str, float] = {}
+        for name, value in known.items():
+            if name.startswith("det "):
+                self._signs[name] = float(value[0])
+
         e = self.equations
-        gaps = ca.Function("gaps", [e.q, e.states], [e.offset, e.tilt])(self.q, np.concatenate([*self.home, []]))
-        offset, tilt = (float(g) for g in gaps)
+        function = ca.Function("gaps", [e.q, e.states], [e.offset, e.tilt])
+        gaps = function(self.q, np.concatenate([*self.home, []]))
+        offset = float(gaps[0])
+        tilt = float(gaps[1])
         if not (offset < 1e-3 and tilt < 0.1):
             text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
         # If a loop does not close exactly in the CAD, a gap remains in every state; this is a finding, not an error.
-        self._gap, self._tilt = max(GAP, 10 * offset), max(TILT, 10 * tilt)
+        self._gap = max(GAP, 10 * offset)
+        self._tilt = max(TILT, 10 * tilt)
+
+    def _solve_once(self, stage: Stage, known: dict[str, Array]) -> None:
+        """Solve one block by Newton's method without a kernel; `known` holds its inputs and takes its results."""
+        for _ in range(_STEPS):
+            arguments = [known[name] for name in stage.takes]
+            results = stage.function(*arguments)
+            for name, result in zip(stage.gives, results, strict=True):
+                known[name] = result.full().ravel()
+            if not known["error"][0] > _LAST:
+                return
 
     def forward(self, q: Array, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) at active joints q (n,).
@@ -138,11 +155,13 @@ class LoopSolver:
         converge.
         """
         out = self._single(q, seed)
-        return out[15:] if out[12] <= self._gap and out[13] <= self._tilt else None
+        closed = out[12] <= self._gap and out[13] <= self._tilt
+        return out[15:] if closed else None
 
     def pose(self, q: Array, states: Array) -> Array:
         """Return T_base_tool (4, 4) at q (n,) and loop unknowns (m,) that close the loops."""
-        return np.vstack([self._single(q, states)[:12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
+        rows = self._single(q, states)[:12].reshape(3, 4)
+        return np.vstack([rows, [0.0, 0.0, 0.0, 1.0]])
 
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
         """Return the states at active joints qs (k, n), each solved independently; poses without a solution are NaN.
@@ -158,26 +177,38 @@ class LoopSolver:
             poses, gaps, states = self._cold(Q, threads=threads)
         else:
             poses, gaps, states = self._warm(Q, np.ascontiguousarray(seeds), threads=threads)
+
+        finite = np.isfinite(Q).all(axis=0)
         for stations in _WALK:
-            lost = np.flatnonzero(~self._good(gaps) & np.isfinite(Q).all(axis=0))
-            if not len(lost) or not self.blocks:
+            failed = np.flatnonzero(~self._good(gaps) & finite)
+            if not len(failed) or not self.blocks:
                 break
-            x = np.repeat(self._start[:, None], len(lost), axis=1)
-            for f in np.linspace(0, 1, stations + 1)[1:]:
-                way = self.q[:, None] + f * (Q[:, lost] - self.q[:, None])
-                found, left, x = self._warm(way, x, threads=threads)
-            better = self._good(left)  # if a state cannot be closed, its first result remains
-            poses[:, lost[better]], gaps[:, lost[better]] = found[:, better], left[:, better]
-            states[:, lost[better]] = x[:, better]
+            new_poses, new_gaps, new_states = self._walked(Q[:, failed], stations, threads)
+            better = self._good(new_gaps)  # if a state cannot be closed, its first result remains
+            repaired = failed[better]
+            poses[:, repaired] = new_poses[:, better]
+            gaps[:, repaired] = new_gaps[:, better]
+            states[:, repaired] = new_states[:, better]
+
         Ts = np.zeros((len(qs), 4, 4))
         Ts[:, 3, 3] = 1
         Ts[:, :3] = poses.T.reshape(-1, 3, 4)
         Ts[~self._good(gaps)] = np.nan
         return Closed(Ts, states, *gaps)
 
+    def _walked(self, Q: Array, stations: int, threads: int | None) -> tuple[Array, Array, Array]:
+        """Return poses, gaps and states at active joints Q (n, k), approached in equal steps from the rest poses."""
+        rest = self.q[:, None]
+        states = np.repeat(self._start[:, None], Q.shape[1], axis=1)
+        for fraction in np.arange(1, stations) / stations:
+            _, _, states = self._warm(rest + fraction * (Q - rest), states, threads=threads)
+        poses, gaps, states = self._warm(rest + (Q - rest), states, threads=threads)
+        return poses, gaps, states
+
     def link_poses(self, qs: Array, states: Array) -> dict[str, Array]:
         """Return {body: T_base_body (k, 4, 4)} at active joints qs (k, n) and loop unknowns `states` (m, k)."""
-        (rows,) = self._links(np.ascontiguousarray(np.asarray(qs, float).T), np.ascontiguousarray(states))
+        Q = np.ascontiguousarray(np.asarray(qs, float).T)
+        (rows,) = self._links(Q, np.ascontiguousarray(states))
         rows = rows.T
         shape = (len(rows), len(self.mechanism.bodies))
         Ts = np.zeros((*shape, 4, 4))
@@ -197,9 +228,11 @@ class LoopSolver:
     def _links_kernel(self, single: bool = False) -> Kernel:
         e = self.equations
         rows = [ca.vec(T.T) for T in e.links().values()]
-        function = ca.Function("links", [e.q, e.states], [ca.densify(ca.vertcat(*rows))], {"cse": True})
+        stacked = ca.densify(ca.vertcat(*rows))
+        function = ca.Function("links", [e.q, e.states], [stacked], {"cse": True})
         inputs = {"q": len(self.q), "states": len(self._start)}
-        return Kernel([Stage(function, tuple(inputs), ("links",))], inputs, ["links"], single=single)
+        stage = Stage(function, tuple(inputs), ("links",))
+        return Kernel([stage], inputs, ["links"], single=single)
 
     def _good(self, gaps: Array) -> np.ndarray:
         return (gaps[0] <= self._gap) & (gaps[1] <= self._tilt) & (gaps[2] > 0)
@@ -216,18 +249,22 @@ class LoopSolver:
         "gaps" (3,), which are offset, tilt and margin (see `Closed`); and "states", the values of the unknowns.
         """
         e = self.equations
-        determinants = [ca.SX.sym(n) for n in self._signs]
+        determinants = [ca.SX.sym(name) for name in self._signs]
         margin = ca.SX(1)
-        for d, sign in zip(determinants, self._signs.values(), strict=True):
-            margin = ca.fmin(margin, d / sign)
-        outputs = [ca.vec(e.T_base_tool[:3, :].T), ca.vertcat(e.offset, e.tilt, margin), ca.densify(e.states)]
-        arguments = [e.q, *[p.state for p in e.passive], *determinants]
-        end = ca.Function("end", arguments, [ca.densify(x) for x in outputs], {"cse": True})
-        return [*self._newton, Stage(end, ("q", *self._keys, *self._signs), _RESULTS)]
+        for determinant, at_rest in zip(determinants, self._signs.values(), strict=True):
+            margin = ca.fmin(margin, determinant / at_rest)
+        pose = ca.vec(e.T_base_tool[:3, :].T)
+        gaps = ca.vertcat(e.offset, e.tilt, margin)
+        outputs = [ca.densify(pose), ca.densify(gaps), ca.densify(e.states)]
+        arguments = [*self._arguments, *determinants]
+        function = ca.Function("end", arguments, outputs, {"cse": True})
+        end = Stage(function, ("q", *self._keys, *self._signs), _RESULTS)
+        return [*self._newton, end]
 
     @cached_property
     def _cold(self) -> Kernel:
-        drawn = Stage(ca.Function("drawn", [], [ca.SX(x) for x in self.home]), (), tuple(self._keys))
+        home = [ca.SX(state) for state in self.home]
+        drawn = Stage(ca.Function("drawn", [], home), (), tuple(self._keys))
         return Kernel([drawn, *self.stages], {"q": len(self.q)}, _RESULTS)
 
     @cached_property
@@ -244,7 +281,12 @@ class LoopSolver:
 
     @property
     def _keys(self) -> list[str]:
-        return [p.key for p in self.equations.passive]
+        return [passive.key for passive in self.equations.passive]
+
+    @property
+    def _arguments(self) -> list[ca.SX]:
+        """Symbols of q and of the state of each passive joint, named "q" and as in `_keys` in kernels."""
+        return [self.equations.q, *[passive.state for passive in self.equations.passive]]
 
     @property
     def _split(self) -> Stage:
@@ -253,20 +295,27 @@ class LoopSolver:
     def _stage(self, number: int, block: Block, start: list[Array]) -> Stage:
         """Return the stage that solves a block by Newton's method."""
         e = self.equations
-        rows, columns = list(block.rows), list(block.columns)
-        J, r = ca.SX(len(rows), len(columns)), e.residual[rows]
+        rows = list(block.rows)
+        columns = list(block.columns)
+        residual = e.residual[rows]
+        # Entries outside the pattern are 0 in every state, but CasADi does not see it.
+        J = ca.SX(len(rows), len(columns))
         full = e.jacobian[rows, columns]
-        for i, j in zip(*np.nonzero(block.pattern), strict=True):
-            J[int(i), int(j)] = full[int(i), int(j)]
-        sample = ca.Function("J", [e.q, e.states], [ca.densify(J)])(self.q, np.concatenate(start)).full()
-        more: dict[str, ca.SX] = {}
+        for i, j in np.argwhere(block.pattern).tolist():
+            J[i, j] = full[i, j]
+        jacobian = ca.Function("J", [e.q, e.states], [ca.densify(J)])
+        sample = jacobian(self.q, np.concatenate(start)).full()
+
+        determinant: dict[str, ca.SX] = {}
         if block.square and np.linalg.cond(sample) < _SINGULAR:
-            step, more[f"det {number}"] = linear.square(J, -r, block.pattern, sample)
+            step, determinant[f"det {number}"] = linear.square(J, -residual, block.pattern, sample)
         else:
-            step = linear.least_squares(J, -r, block.pattern)
+            step = linear.least_squares(J, -residual, block.pattern)
         size = linear.largest(step)
-        new = stepped([e.passive[k] for k in block.unknowns], step * ca.fmin(1, _STRIDE / size))
-        arguments, names = [e.q, *[p.state for p in e.passive]], ("q", *self._keys)
-        results = {**new, "error": size, **more}
-        function = ca.Function(f"block{number}", arguments, [ca.densify(x) for x in results.values()], {"cse": True})
-        return Stage(function, names, tuple(results), _STEPS, _LAST, reciprocals=True)
+        unknowns = [e.passive[k] for k in block.unknowns]
+        states = stepped(unknowns, step * ca.fmin(1, _STRIDE / size))
+
+        results = {**states, "error": size, **determinant}
+        outputs = [ca.densify(result) for result in results.values()]
+        function = ca.Function(f"block{number}", self._arguments, outputs, {"cse": True})
+        return Stage(function, ("q", *self._keys), tuple(results), _STEPS, _LAST, reciprocals=True)

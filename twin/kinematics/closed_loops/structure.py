@@ -46,17 +46,23 @@ def blocks(equations: Equations) -> list[Block]:
         return []
     values, slopes = _tried(e)
     kept = np.flatnonzero(np.abs(values).max(axis=0) > _NOTHING)
-    owner = np.repeat(np.arange(len(e.passive)), [STEPS[p.joint.type] for p in e.passive])
     pattern = np.abs(slopes[:, kept]).max(axis=0) > _FLAT
+    owner = np.repeat(np.arange(len(e.passive)), [STEPS[p.joint.type] for p in e.passive])
     whole = pattern.copy()  # all unknowns of a joint are solved for in one block
     for k in range(len(e.passive)):
-        whole[:, owner == k] = pattern[:, owner == k].any(axis=1)[:, None]
-    out = []
+        own = owner == k
+        whole[:, own] = pattern[:, own].any(axis=1)[:, None]
+
+    out: list[Block] = []
     for rows, columns in _sorted(whole):
-        if len(columns):
-            members = tuple(dict.fromkeys(int(owner[c]) for c in columns))
-            steps = tuple(int(c) for k in members for c in np.flatnonzero(owner == k))
-            out.append(Block(tuple(int(kept[r]) for r in rows), members, steps, pattern[np.ix_(rows, steps)]))
+        if not columns:  # an equation of active joints alone determines no unknown
+            continue
+        unknowns = tuple(dict.fromkeys(owner[columns].tolist()))
+        steps: list[int] = []
+        for k in unknowns:
+            steps += np.flatnonzero(owner == k).tolist()
+        equation_rows = tuple(kept[rows].tolist())
+        out.append(Block(equation_rows, unknowns, tuple(steps), pattern[np.ix_(rows, steps)]))
     return out
 
 
@@ -64,43 +70,55 @@ def _tried(e: Equations) -> tuple[Array, Array]:
     """Return residuals (k, m) and derivatives (k, m, n) at k random states."""
     function = ca.Function("tried", [e.q, e.states], [e.residual, ca.densify(e.jacobian)])
     rng = np.random.default_rng(0)
-    values, slopes = [], []
+    values: list[Array] = []
+    slopes: list[Array] = []
     for _ in range(_TRIES):
-        x = []
-        for p in e.passive:
-            state = rng.normal(size=p.state.numel())
-            if p.joint.type in ("spherical", "free"):
+        states: list[Array] = []
+        for passive in e.passive:
+            state = rng.normal(size=passive.state.numel())
+            if passive.joint.type in ("spherical", "free"):  # the last four numbers are a unit quaternion
                 state[-4:] /= np.linalg.norm(state[-4:])
-            x.append(state)
-        r, J = function(rng.normal(size=e.q.numel()), np.concatenate(x))
-        values.append(r.full().ravel())
-        slopes.append(J.full())
+            states.append(state)
+        q = rng.normal(size=e.q.numel())
+        residual, jacobian = function(q, np.concatenate(states))
+        values.append(residual.full().ravel())
+        slopes.append(jacobian.full())
     return np.array(values), np.array(slopes)
 
 
 def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
     """Return (rows, columns) of the diagonal blocks; each block depends only on the blocks before it."""
-    out = []
+    out: list[tuple[list[int], list[int]]] = []
     for rows, columns in _components(pattern):
         part = pattern[np.ix_(rows, columns)]
         sparsity = ca.sparsify(ca.DM(part.astype(float))).sparsity()
         if len(rows) != len(columns) or ca.sprank(sparsity) < len(rows):
             out.append((rows, columns))  # not as many equations as unknowns: one least-squares block
             continue
-        count, p, q, r, c, _, _ = sparsity.btf()
-        out += [([rows[i] for i in p[r[b] : r[b + 1]]], [columns[i] for i in q[c[b] : c[b + 1]]]) for b in range(count)]
+        # Block triangular form: row_order and column_order permute the matrix, the ends cut it into blocks.
+        count, row_order, column_order, row_ends, column_ends, _, _ = sparsity.btf()
+        for block in range(count):
+            block_rows = row_order[row_ends[block] : row_ends[block + 1]]
+            block_columns = column_order[column_ends[block] : column_ends[block + 1]]
+            out.append(([rows[i] for i in block_rows], [columns[i] for i in block_columns]))
     return out
 
 
 def _components(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
     """Return the groups (rows, columns) of a pattern; no two groups have a row or a column in common."""
-    left, out = set(range(pattern.shape[1])), []
+    left = set(range(pattern.shape[1]))
+    out: list[tuple[list[int], list[int]]] = []
     while left:
-        columns, rows, more = set(), set(), {min(left)}
-        while more:
-            columns |= more
-            rows |= set(np.flatnonzero(pattern[:, sorted(more)].any(axis=1)).tolist())
-            more = set(np.flatnonzero(pattern[sorted(rows)].any(axis=0)).tolist()) - columns
+        columns: set[int] = set()
+        rows: set[int] = set()
+        added = {min(left)}
+        # A group grows by the rows of its columns and by the columns of its rows, until nothing is added.
+        while added:
+            columns |= added
+            linked_rows = pattern[:, sorted(added)].any(axis=1)
+            rows |= set(np.flatnonzero(linked_rows).tolist())
+            linked_columns = pattern[sorted(rows)].any(axis=0)
+            added = set(np.flatnonzero(linked_columns).tolist()) - columns
         left -= columns
         if rows:
             out.append((sorted(rows), sorted(columns)))
