@@ -30,25 +30,33 @@ def assemble(model: ReferenceModel) -> Assembly:
     If the passive joints alone can close the loops, the driven joints keep their values; otherwise they also move. The
     random starts are the same in every call.
     """
+    tree = model.tree
     best = model.home()
-    drawn = model.tree.start(model.mechanism.rest)
-    for columns in (model.tree.passive, np.arange(model.tree.model.nv)):
-        for starts in (drawn[None], scattered(model.tree, drawn, columns, _SPREADS, _TRIES)):
+    drawn = tree.start(model.mechanism.rest)
+    every = np.arange(tree.model.nv)
+    for columns in (tree.passive, every):
+        near_drawn = scattered(tree, drawn, columns, _SPREADS, _TRIES)
+        # The drawn poses alone come first: in most CAD, they suffice.
+        for starts in (drawn[None], near_drawn):
             if is_closed(best):
                 return best
-            best = min((best, _nearest(model, starts, columns, drawn)), key=_misfit)
+            candidate = _nearest(model, starts, columns, drawn)
+            best = min((best, candidate), key=_misfit)
     return best
 
 
 def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
     """Return the smallest possible gap (m, rad) of one loop if all other loops are removed and all joints are free."""
     others = {j.name for j in mechanism.loops} - {loop}
-    alone = replace(mechanism, joints=tuple(j for j in mechanism.joints if j.name not in others), couplings=())
+    joints = tuple(j for j in mechanism.joints if j.name not in others)
+    alone = replace(mechanism, joints=joints, couplings=())
     model = ReferenceModel(alone)
     every = np.arange(model.tree.model.nv)
     drawn = model.tree.start(mechanism.rest)
-    starts = np.concatenate([drawn[None], scattered(model.tree, drawn, every, _SPREADS, _TRIES)])
-    return _nearest(model, starts, every, drawn).gap[loop]
+    near_drawn = scattered(model.tree, drawn, every, _SPREADS, _TRIES)
+    starts = np.concatenate([drawn[None], near_drawn])
+    nearest = _nearest(model, starts, every, drawn)
+    return nearest.gap[loop]
 
 
 def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | None:
@@ -56,11 +64,14 @@ def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | Non
 
     `values` is {name of the joint: value in m or rad}; other joints start at the rest poses.
     """
-    start = model.tree.start(model.mechanism.rest)
+    tree = model.tree
+    start = tree.start(model.mechanism.rest)
     for name, value in values.items():
-        if name in model.tree.configuration:
-            start[model.tree.configuration[name]] = value
-    for columns in (model.tree.passive, np.arange(model.tree.model.nv)):
+        if name in tree.configuration:
+            place = tree.configuration[name]
+            start[place] = value
+    every = np.arange(tree.model.nv)
+    for columns in (tree.passive, every):
         found = _nearest(model, start[None], columns, start)
         if is_closed(found):
             return found
@@ -69,15 +80,30 @@ def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | Non
 
 def is_closed(state: Assembly) -> bool:
     """Return whether every loop is closed, in position and in orientation."""
-    return all(offset <= CLOSED[0] and tilt <= CLOSED[1] for offset, tilt in state.gap.values())
+    max_offset, max_tilt = CLOSED
+    for offset, tilt in state.gap.values():
+        # written so that a gap that is NaN counts as open
+        closed = offset <= max_offset and tilt <= max_tilt
+        if not closed:
+            return False
+    return True
 
 
 def _misfit(state: Assembly) -> float:
-    return 0.0 if is_closed(state) else sum(offset + 0.1 * tilt for offset, tilt in state.gap.values())
+    """Return the sum of the gaps, in m with 1 rad as 0.1 m; 0 if all loops are closed."""
+    if is_closed(state):
+        return 0.0
+    return sum(offset + 0.1 * tilt for offset, tilt in state.gap.values())
 
 
 def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:
     """Return the assembly with the smallest gaps reached from `starts`; if some are equal, the nearest to `drawn`."""
-    X = minimise(model.tree, starts, model.loops_only, columns)[0]
-    states = [model.state(x) for x in X[np.isfinite(X).all(axis=1)]]
-    return min(states, key=lambda s: (_misfit(s), float(np.linalg.norm(s.x - drawn))))
+    X, _ = minimise(model.tree, starts, model.loops_only, columns)
+    finite = np.isfinite(X).all(axis=1)
+    states = [model.state(x) for x in X[finite]]
+
+    def rank(state: Assembly) -> tuple[float, float]:
+        distance = np.linalg.norm(state.x - drawn)
+        return _misfit(state), float(distance)
+
+    return min(states, key=rank)

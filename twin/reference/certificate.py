@@ -41,7 +41,10 @@ class Certificate:
 def nearest(found: Iterable[Certificate]) -> Certificate:
     """Combine certificates for different pairs on one path into one; without certificates, distances are infinite."""
     every = [Certificate(np.inf, np.inf, 0.0, ("", "")), *found]
-    return replace(min(every, key=lambda c: c.found), proven=min(c.proven for c in every))
+    smallest = min(every, key=lambda c: c.found)
+    # the proven bound and the smallest distance may be those of different pairs
+    proven = min(c.proven for c in every)
+    return replace(smallest, proven=proven)
 
 
 def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, check: Callable[[], None]) -> Certificate:
@@ -57,35 +60,52 @@ def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, chec
     Raises:
         MechanismError: loops do not close along the path.
     """
-    pair, place, level = which, np.zeros(len(which), int), 0
-    least, proven, at, names = np.inf, np.inf, 0.0, ("", "")
+    # the intervals still to be tested: row i is the pair `pair[i]` in interval `place[i]` of 2**level
+    pair = which
+    place = np.zeros(len(which), int)
+    level = 0
+    smallest = np.inf
+    s_smallest = 0.0
+    names = ("", "")
+    proven = np.inf
     while len(pair):
         check()
         width = 0.5**level
         places, row = np.unique(place, return_inverse=True)
-        X = seen.at((places + 0.5) * width)
+        middles = (places + 0.5) * width
+        X = seen.at(middles)
         if X is None:
             raise MechanismError("the loops of the mechanism do not close along the path")
-        poses, ways = pairs.around(X, seen.ahead((places + 0.5) * width, width))
-        ahead = ways[row, pair]
+        motion = seen.ahead(middles, width)
+        poses, approaches = pairs.around(X, motion)
+        ahead = approaches[row, pair]
         bound = pairs.gaps(poses, row, pair)
-        near = np.flatnonzero(bound - ahead < least - within)
+        near = np.flatnonzero(bound - ahead < smallest - within)
         # the distance that excludes a pair; while no exact distance is known, `_FAR` replaces it
-        wanted = np.minimum(least, _FAR) - within + ahead[near]
-        bound[near] = np.maximum(bound[near], pairs.bounds.at(poses, row[near], pair[near], wanted)[0])
+        wanted = np.minimum(smallest, _FAR) - within + ahead[near]
+        closer, *_ = pairs.bounds.at(poses, row[near], pair[near], wanted)
+        bound[near] = np.maximum(bound[near], closer)
+        # nearest first: a small exact distance excludes many of the following pairs
         for i in np.argsort(bound - ahead, kind="stable"):
-            if bound[i] - ahead[i] < least - within:
-                check()
-                # a pair beyond this distance is excluded and is not the nearest
-                most = least + max(float(ahead[i]) - within, 0.0)
-                bound[i] = pairs.distance(int(pair[i]), poses[row[i]], most)
-                if bound[i] < least:
-                    least, at = float(bound[i]), float((places[row[i]] + 0.5) * width)
-                    names = tuple(pairs.shapes[j].name for j in pairs.rows[pair[i]])
-        left = bound - ahead < least - within
-        proven = min(proven, float((bound - ahead)[~left].min(initial=np.inf)))
-        halved = np.flatnonzero(left)
+            excluded = not bound[i] - ahead[i] < smallest - within
+            if excluded:
+                continue
+            check()
+            # a pair beyond this distance is excluded and is not the nearest
+            most = smallest + max(float(ahead[i]) - within, 0.0)
+            bound[i] = pairs.distance(int(pair[i]), poses[row[i]], most)
+            if bound[i] < smallest:
+                smallest = float(bound[i])
+                s_smallest = float(middles[row[i]])
+                names = tuple(pairs.shapes[j].name for j in pairs.rows[pair[i]])
+        lower = bound - ahead
+        unproven = lower < smallest - within
+        proven = min(proven, float(lower[~unproven].min(initial=np.inf)))
+        halved = np.flatnonzero(unproven)
         pair = np.repeat(pair[halved], 2)
-        place = np.column_stack([2 * place[halved], 2 * place[halved] + 1]).ravel()
+        left = 2 * place[halved]
+        place = np.column_stack([left, left + 1]).ravel()
         level += 1
-    return Certificate(max(min(proven, least), 0.0), least, at, (names[0], names[1]))
+    # bodies that overlap have the distance 0
+    proven = max(min(proven, smallest), 0.0)
+    return Certificate(proven, smallest, s_smallest, (names[0], names[1]))

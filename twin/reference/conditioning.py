@@ -29,19 +29,33 @@ class Conditioning:
 def conditioning(model: ReferenceModel, states: Array, length: float) -> Conditioning:
     """Return the conditioning at configurations (k, nq); `length` in m makes lengths comparable with angles."""
     tree = model.tree
+    mechanism = model.mechanism
+    active = mechanism.active
     gain = model.gains(states)
     poses, J = tree.update(states, closing_only=True)
     tool = tree.tool_jacobian(poses, J) @ gain
     tool = np.concatenate([tool[:, :3] / length, tool[:, 3:]], axis=1)
-    slides = np.array([not j.is_angle for j in model.mechanism.active])
-    tool = np.where(slides, length, 1.0) * tool  # rates of sliding joints in units of `length`
-    auxiliary = model.mechanism.auxiliary
-    tool = tool[..., [j not in auxiliary for j in model.mechanism.active]]  # a jaw never moves the tool
+    slides = np.array([not j.is_angle for j in active])
+    unit = np.where(slides, length, 1.0)  # rates of sliding joints in units of `length`
+    tool = unit * tool
+    auxiliary = mechanism.auxiliary
+    tool = tool[..., [j not in auxiliary for j in active]]  # a jaw never moves the tool
     values = np.linalg.svd(tool, compute_uv=False)
-    passive = np.ones(tree.model.nv)
-    passive[[tree.coordinate[j.name] for j in model.mechanism.tree if j.type == "prismatic"]] = 1 / length
-    answers = np.where(slides, length, 1.0) * (passive[:, None] * gain)[:, tree.passive]
-    largest = np.linalg.norm(answers, ord=2, axis=(1, 2)) if answers.shape[1] else np.zeros(len(states))
-    most = values[:, 0]
-    stands = np.divide(values[:, -1], most, out=np.full(len(states), np.nan), where=most > 0)
-    return Conditioning(stands, 1.0 / np.maximum(largest, 1.0))
+    largest = values[:, 0]
+    smallest = values[:, -1]
+    # where no active joint moves the tool, the quotient stays NaN
+    stands = np.full(len(states), np.nan)
+    np.divide(smallest, largest, out=stands, where=largest > 0)
+
+    passive_unit = np.ones(tree.model.nv)
+    for joint in mechanism.tree:
+        if joint.type == "prismatic":
+            column = tree.coordinate[joint.name]
+            passive_unit[column] = 1 / length
+    scaled = passive_unit[:, None] * gain
+    answers = unit * scaled[:, tree.passive]
+    fastest = np.zeros(len(states))
+    if answers.shape[1]:
+        fastest = np.linalg.norm(answers, ord=2, axis=(1, 2))
+    moves = 1.0 / np.maximum(fastest, 1.0)
+    return Conditioning(stands, moves)

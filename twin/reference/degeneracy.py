@@ -45,7 +45,8 @@ class Degeneracy:
 
     def __init__(self, model: ReferenceModel, states: Array) -> None:
         """Determine the regular rank of each Jacobian of the model: the largest rank at the given states (k, nq)."""
-        self.model, tree = model, model.tree
+        tree = model.tree
+        self.model = model
         self.length = LENGTH_SCALE
         self.scale = np.ones(tree.model.nv)
         for joint in tree.model.joints[1:]:
@@ -55,23 +56,34 @@ class Degeneracy:
             elif "FreeFlyer" in kind:
                 self.scale[joint.idx_v : joint.idx_v + 3] = LENGTH_SCALE
         A, _, _ = self._jacobians(states)
-        rank = int(np.max(_ranks(_values(A), 1e-9), initial=0))
-        self.freedom = tree.model.nv - rank
-        self.positional = bool(np.max(_ranks(_values(self.tool(states)[:, :3]), _RANK), initial=0) == self.freedom)
-        values = self._raw(states)[1]
-        self._at = [max(int(np.max(_ranks(v, _RANK), initial=0)) - 1, 0) for v in values]
-        self._usual = [float(np.median(v[:, i])) if v.size else 1.0 for v, i in zip(values, self._at, strict=True)]
+        self.freedom = tree.model.nv - _regular_rank(_values(A), 1e-9)
+        tool = self.tool(states)
+        positions = tool[:, :3]
+        self.positional = _regular_rank(_values(positions), _RANK) == self.freedom
+        _, values = self._raw(states)
+        # the singular value that vanishes first at a degenerate state: the smallest one that is regularly not 0
+        self._at: list[int] = []
+        self._usual: list[float] = []
+        for s in values:
+            last = max(_regular_rank(s, _RANK) - 1, 0)
+            usual = 1.0
+            if s.size:
+                usual = float(np.median(s[:, last]))
+            self._at.append(last)
+            self._usual.append(usual)
 
     def of(self, states: Array) -> Array:
         """Return the distances (k, 3) from degeneracy: about 1 at usual states, 0 at a degenerate state.
 
         Columns: additional dimensions of the null space, driven joints at rest (type II), tool at rest (type I).
         """
-        values = self._raw(states)[1]
-        columns = [
-            v[:, i] / u if v.size else np.ones(len(states))
-            for v, i, u in zip(values, self._at, self._usual, strict=True)
-        ]
+        _, values = self._raw(states)
+        columns = []
+        for s, last, usual in zip(values, self._at, self._usual, strict=True):
+            distance = np.ones(len(states))
+            if s.size:
+                distance = s[:, last] / usual
+            columns.append(distance)
         return np.stack(columns, axis=1)
 
     def motions(self, states: Array) -> Array:
@@ -79,51 +91,75 @@ class Degeneracy:
 
         Divided by `scale`, the steps of a state are orthonormal.
         """
-        return self._raw(states, motions_only=True)[0]
+        steps, _ = self._raw(states, motions_only=True)
+        return steps
 
     def tool(self, states: Array) -> Array:
         """Return tool twists (k, 6, freedom) in base for `motions`: linear in `LENGTH_SCALE`, then angular in rad."""
-        return self._jacobians(states)[1][:, :6] @ (self.motions(states) / self.scale[:, None])
+        _, output, _ = self._jacobians(states)
+        scaled = self.motions(states) / self.scale[:, None]
+        return output[:, :6] @ scaled
 
     def moved(self, states: Array, steps: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return (states (k, nq) after tangent steps (k, nv), (k,) bool: whether the loops could be closed again)."""
-        tree, loops_only = self.model.tree, self.model.loops_only
-        there, closed = minimise(tree, tree.integrate(states, steps), loops_only, np.arange(tree.model.nv), _PATIENCE)
-        return there, np.asarray(closed, bool)
+        tree = self.model.tree
+        every = np.arange(tree.model.nv)
+        starts = tree.integrate(states, steps)
+        ends, closed = minimise(tree, starts, self.model.loops_only, every, _PATIENCE)
+        return ends, np.asarray(closed, bool)
 
     def _jacobians(self, states: Array) -> tuple[Array, Array, Array]:
         """Return (scaled loop Jacobians (k, m, nv), scaled Jacobians (k, n, nv) of tool and points, joint poses)."""
         tree = self.model.tree
         poses, J = tree.update(states, closing_only=True)
-        A = tree.loops.evaluate(states, poses, J)[1] * self.scale
+        _, A = tree.loops.evaluate(states, poses, J)
         tool = tree.tool_jacobian(poses, J)
         rows = [tool[:, :3] / LENGTH_SCALE, tool[:, 3:]]
-        for point in self.model.mechanism.points if self.model.redundant else ():
-            number, T = tree.body(point.body)
-            p = (poses[:, number] @ T @ np.append(point.p_body, 1.0))[:, :3]
-            own = J * tree.moves(number)
-            rows.append((own[:, :3] - spatial.hat(p) @ own[:, 3:]) / LENGTH_SCALE)
-        return A, np.concatenate(rows, axis=1) * self.scale, poses
+        if self.model.redundant:
+            # the tool alone does not show whether a redundant mechanism moves: its named points do
+            for point in self.model.mechanism.points:
+                number, T_joint_body = tree.body(point.body)
+                Ts_base_body = poses[:, number] @ T_joint_body
+                p = (Ts_base_body @ np.append(point.p_body, 1.0))[:, :3]
+                twist = J * tree.moves(number)
+                velocity = twist[:, :3] - spatial.hat(p) @ twist[:, 3:]
+                rows.append(velocity / LENGTH_SCALE)
+        output = np.concatenate(rows, axis=1)
+        return A * self.scale, output * self.scale, poses
 
     def _raw(self, states: Array, motions_only: bool = False) -> tuple[Array, list[Array]]:
+        """Return the `motions`, and the singular values (k, n) of loops, drives and tool along these motions."""
         A, output, _ = self._jacobians(states)
         nv = A.shape[2]
+        rank = nv - self.freedom
         if A.shape[1]:
             _, s, Vt = np.linalg.svd(A)
-            N = np.swapaxes(Vt[:, nv - self.freedom :], 1, 2)
-            loops = s[:, : nv - self.freedom] / s[:, :1]
+            N = np.swapaxes(Vt[:, rank:], 1, 2)
+            loops = s[:, :rank] / s[:, :1]
         else:
-            N, loops = np.tile(np.eye(nv), (len(states), 1, 1)), np.zeros((len(states), 0))
+            N = np.tile(np.eye(nv), (len(states), 1, 1))
+            loops = np.zeros((len(states), 0))
         steps = self.scale[:, None] * N
         if motions_only:
             return steps, []
-        tool = output[:, :3] if self.positional else output
-        return steps, [loops, _values(N[:, self.model.tree.active]), _values(tool @ N)]
+        tool = output
+        if self.positional:
+            tool = output[:, :3]
+        drives = N[:, self.model.tree.active]
+        return steps, [loops, _values(drives), _values(tool @ N)]
 
 
 def _values(A: Array) -> Array:
-    return np.asarray(np.linalg.svd(A, compute_uv=False), float) if A.shape[1] else np.zeros((len(A), 0))
+    """Return the singular values (k, n) of matrices A (k, m, nv)."""
+    if not A.shape[1]:
+        return np.zeros((len(A), 0))
+    s = np.linalg.svd(A, compute_uv=False)
+    return np.asarray(s, float)
 
 
-def _ranks(s: Array, flat: float) -> Array:
-    return np.sum(s > flat * s[:, :1], axis=1) if s.shape[1] else np.zeros(len(s))
+def _regular_rank(s: Array, flat: float) -> int:
+    """Return the largest rank at the states, from singular values s (k, n); values below `flat` of the first are 0."""
+    if not s.size:
+        return 0
+    ranks = np.sum(s > flat * s[:, :1], axis=1)
+    return int(ranks.max())

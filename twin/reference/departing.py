@@ -30,9 +30,19 @@ def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[
     if not len(tree.passive) or not tree.loops.names:
         return None
     X = move(scattered(tree, x, tree.passive, _KICKS, _TRIES))
-    found = [(round(breach(tree, new), 6), way(new), i) for i, new in enumerate(X) if np.isfinite(new).all()]
-    reached = [f for f in found if np.isfinite(f[1])]
-    return X[min(reached)[2]] if reached else None
+    reached = []
+    for i, new in enumerate(X):
+        if not np.isfinite(new).all():
+            continue
+        distance = way(new)
+        if np.isfinite(distance):
+            # rounded, so that rounding errors of the excess do not outweigh the distance
+            excess = round(breach(tree, new), 6)
+            reached.append((excess, distance, i))
+    if not reached:
+        return None
+    _, _, best = min(reached)
+    return X[best]
 
 
 def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tries: int) -> Array:
@@ -43,17 +53,24 @@ def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tr
     """
     rng = np.random.default_rng(0)
     spread = np.repeat(np.asarray(spreads, np.float64), tries)[:, None]
-    steps = np.zeros((len(spread), tree.model.nv))
-    steps[:, columns] = spread * rng.standard_normal((len(spread), len(columns)))
-    steps[:, [tree.coordinate[j.name] for j in tree.mechanism.tree if j.type == "prismatic"]] *= 0.1
-    return tree.integrate(np.tile(x, (len(steps), 1)), steps)
+    count = len(spread)
+    steps = np.zeros((count, tree.model.nv))
+    steps[:, columns] = spread * rng.standard_normal((count, len(columns)))
+    for joint in tree.mechanism.tree:
+        if joint.type == "prismatic":
+            slide = tree.coordinate[joint.name]
+            steps[:, slide] *= 0.1
+    starts = np.tile(x, (count, 1))
+    return tree.integrate(starts, steps)
 
 
 def breach(tree: Tree, x: Array) -> float:
     """Return by how much (sum over joints, rad and m) a configuration exceeds joint limits; 0 within all limits."""
     total = 0.0
     for joint in tree.mechanism.tree:
-        if joint.limits is not None and joint.name in tree.configuration:
-            q = float(x[tree.configuration[joint.name]])
-            total += max(joint.limits[0] - q, q - joint.limits[1], 0.0)
+        if joint.limits is None or joint.name not in tree.configuration:
+            continue
+        low, high = joint.limits
+        q = float(x[tree.configuration[joint.name]])
+        total += max(low - q, q - high, 0.0)
     return total

@@ -67,15 +67,20 @@ class Follower:
         Raises:
             AssemblyError: the mechanism cannot follow the path; the message names the sample.
         """
-        states, x = [], start
-        before = self.model.collect(start[None]).Ts_base_tool[0]
+        states = []
+        x = start
+        T_before = self.model.collect(start[None]).Ts_base_tool[0]
         for k, T in enumerate(Ts):
-            done, step = 0.0, 1.0
+            done = 0.0
+            step = 1.0
             while done < 1.0:
                 ahead = min(1.0, done + step)
-                new = self._there(x, walk.between(before, T, ahead), directions, p_tool)
+                target = walk.between(T_before, T, ahead)
+                new = self._state_at(x, target, directions, p_tool)
                 if new is not None:
-                    x, done, step = new, ahead, 2 * step
+                    x = new
+                    done = ahead
+                    step = 2 * step
                     continue
                 step /= 2
                 if step < 0.5**_HALVINGS:
@@ -83,7 +88,7 @@ class Follower:
                     text = _stopped(best.T_base_tool, Ts, k, directions, p_tool)
                     raise AssemblyError(text, best, best.worst_gap)
             states.append(x)
-            before = T
+            T_before = T
         run = self.model.collect(np.array(states))
         return run.x, run.q, run.Ts_base_tool
 
@@ -94,14 +99,18 @@ class Follower:
         with one driven joint displaced.
         """
         model = self.model
-        states, q = [state], model.collect(state[None]).q[0]
+        q = model.collect(state[None]).q[0]
         seed = model.state(state)
+        states = [state]
         for i, joint in enumerate(model.mechanism.active):
-            for step in (_NEARBY[joint.is_angle], -_NEARBY[joint.is_angle]):
+            unit = np.arange(len(q)) == i
+            size = _NEARBY[joint.is_angle]
+            for step in (size, -size):
                 try:
-                    states.append(model.solve(q + step * (np.arange(len(q)) == i), seed).x)
+                    nearby = model.solve(q + step * unit, seed)
                 except AssemblyError:
-                    continue
+                    continue  # beyond the reach of the mechanism; the other direction usually closes
+                states.append(nearby.x)
         X = np.array(states)
         poses, J = model.tree.update(X, closing_only=True)
         twist = model.tree.tool_jacobian(poses, J) @ model.gains(X)
@@ -109,34 +118,46 @@ class Follower:
         twist[:, :3] -= spatial.hat(arm) @ twist[:, 3:]
         return twist
 
-    def _there(self, x: Array, T: Array, directions: np.ndarray, p_tool: Array) -> Array | None:
+    def _state_at(self, x: Array, T: Array, directions: np.ndarray, p_tool: Array) -> Array | None:
         """Return the closed state near x with the tool at T in the chosen directions; None if none is found."""
         model = self.model
-        X, converged = minimise(
-            model.tree, x[None], posed(model.tree, T[None], directions, p_tool), np.arange(model.tree.model.nv)
-        )
+        residual = posed(model.tree, T[None], directions, p_tool)
+        every = np.arange(model.tree.model.nv)
+        X, converged = minimise(model.tree, x[None], residual, every)
         run = model.collect(X)
         if not converged[0] or model.jumps(x[None], X)[0] > _JUMP:
             return None
-        off = np.abs(missed(run.Ts_base_tool[0], T, p_tool)[directions]).max()
-        return X[0] if max(run.gaps[0, :, 0].max(initial=0.0), off) < GAP_TOLERANCE else None
+        deviation = missed(run.Ts_base_tool[0], T, p_tool)[directions]
+        gap = run.gaps[0, :, 0].max(initial=0.0)
+        misfit = max(gap, np.abs(deviation).max())
+        if misfit < GAP_TOLERANCE:
+            return X[0]
+        return None
 
 
 def _stopped(T: Array, Ts: Array, sample: int, directions: np.ndarray, p_tool: Array) -> str:
     """Return, as text, how far the tool, stopped at T (4, 4), is from the pose of a sample and from the end of Ts."""
 
-    def left(goal: Array) -> str:
-        off = missed(T, goal, p_tool) * directions
-        return f"{np.linalg.norm(off[:3]) / MM:.3g} mm and {np.linalg.norm(off[3:]) / DEG:.3g} deg"
+    def distance(goal: Array) -> str:
+        deviation = missed(T, goal, p_tool) * directions
+        shift_mm = np.linalg.norm(deviation[:3]) / MM
+        turn_deg = np.linalg.norm(deviation[3:]) / DEG
+        return f"{shift_mm:.3g} mm and {turn_deg:.3g} deg"
 
-    end, text = len(Ts) - 1, "the mechanism cannot follow: it is stretched, loops open, or the assembly mode changes"
+    text = "the mechanism cannot follow: it is stretched, loops open, or the assembly mode changes"
+    end = len(Ts) - 1
+    to_end = distance(Ts[end])
     if sample == end:
-        return f"{text}. The tool stops {left(Ts[end])} before the end of the path"
+        return f"{text}. The tool stops {to_end} before the end of the path"
     part = f"{100 * sample / end:.0f} % of the path"
-    return f"{text}. The tool stops {left(Ts[sample])} before {part}, {left(Ts[end])} before its end"
+    return f"{text}. The tool stops {distance(Ts[sample])} before {part}, {to_end} before its end"
 
 
 def missed(T: Array, goal: Array, p_tool: Array) -> Array:
     """Return the difference (6,) in base of two tool poses: shift of the point p_tool in m, rotation vector in rad."""
-    way = (T[:3, 3] + T[:3, :3] @ p_tool) - (goal[:3, 3] + goal[:3, :3] @ p_tool)
-    return np.concatenate([way, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])
+    R = T[:3, :3]
+    R_goal = goal[:3, :3]
+    point = T[:3, 3] + R @ p_tool
+    goal_point = goal[:3, 3] + R_goal @ p_tool
+    turn = spatial.log_so3(R @ R_goal.T)
+    return np.concatenate([point - goal_point, turn])

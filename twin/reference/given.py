@@ -20,7 +20,8 @@ def one(mechanism: Mechanism, q: Array) -> Array:
     if q.shape != (len(names),):
         raise MechanismError(f"q has shape {q.shape}; expected ({len(names)},) for {', '.join(names)}")
     if not np.all(np.isfinite(q)):
-        raise MechanismError(f"q is not finite: {dict(zip(names, q.tolist(), strict=True))}")
+        values = dict(zip(names, q.tolist(), strict=True))
+        raise MechanismError(f"q is not finite: {values}")
     return q
 
 
@@ -36,7 +37,9 @@ def along(mechanism: Mechanism, q: Array) -> Array:
         raise MechanismError(f"q has shape {q.shape}; expected (k, {len(names)}) for {', '.join(names)}")
     if not len(q):
         raise MechanismError("q has no samples")
-    if not np.isfinite(q).all():
-        k = int(np.argmin(np.isfinite(q).all(axis=1)))
-        raise MechanismError(f"q is not finite at sample {k}: {dict(zip(names, q[k].tolist(), strict=True))}")
+    finite = np.isfinite(q).all(axis=1)
+    if not finite.all():
+        k = int(np.argmin(finite))
+        values = dict(zip(names, q[k].tolist(), strict=True))
+        raise MechanismError(f"q is not finite at sample {k}: {values}")
     return q

@@ -22,19 +22,24 @@ def holding_efforts(model: ReferenceModel, state: Assembly) -> dict[str, float]:
         AssemblyError: the loops cannot be closed at a small step from the state.
     """
     efforts = {}
-    for i, joint in enumerate(model.mechanism.active):
+    mechanism = model.mechanism
+    for i, joint in enumerate(mechanism.active):
         step = _STEP * (np.arange(len(state.q)) == i)
-        ahead, behind = (_energy(model.mechanism, model.solve(state.q + s, state).link_poses) for s in (step, -step))
-        efforts[joint.name] = (ahead - behind) / (2 * _STEP)
+        ahead = model.solve(state.q + step, state)
+        behind = model.solve(state.q - step, state)
+        rise = _energy(mechanism, ahead.link_poses) - _energy(mechanism, behind.link_poses)
+        efforts[joint.name] = rise / (2 * _STEP)
     return efforts
 
 
 def _energy(mechanism: Mechanism, link_poses: dict[str, Array]) -> float:
+    """Return the potential energy in J of the bodies that have inertia."""
     energy = 0.0
     for body in mechanism.bodies:
-        if body.inertia is None:
+        inertia = body.inertia
+        if inertia is None:
             continue
         T = link_poses[body.name]
-        p_base_com = T[:3, :3] @ body.inertia.p_body_com + T[:3, 3]
-        energy -= body.inertia.mass * float(np.dot(mechanism.gravity, p_base_com))
+        p_base_com = T[:3, :3] @ inertia.p_body_com + T[:3, 3]
+        energy -= inertia.mass * float(np.dot(mechanism.gravity, p_base_com))
     return energy

@@ -30,26 +30,34 @@ class Mate:
 def mates(mechanism: Mechanism) -> list[Mate]:
     """Return, for each joint with mating parts on both bodies, the two parts that are nearest in the rest poses."""
     out = []
+    rest = mechanism.rest
     for joint in mechanism.joints:
-        here, there = (_named(mechanism, joint, body) for body in (joint.parent, joint.child))
-        if not here or not there:
+        parent_parts = _mating_parts(mechanism, joint, joint.parent)
+        child_parts = _mating_parts(mechanism, joint, joint.child)
+        if not parent_parts or not child_parts:
             continue
-        if joint.parent not in mechanism.rest or joint.child not in mechanism.rest:
+        if joint.parent not in rest or joint.child not in rest:
             continue
-        T = spatial.inverse(mechanism.rest[joint.parent]) @ mechanism.rest[joint.child]
-        mate = _nearest(joint.name, here, there, T)
-        if mate.apart > LOOSE:  # the zero position may be at an end stop: try all parts of the parent body
-            mate = _nearest(joint.name, list(mechanism.body(joint.parent).meshes), there, T)
+        T_parent_child = spatial.inverse(rest[joint.parent]) @ rest[joint.child]
+        mate = _nearest(joint.name, parent_parts, child_parts, T_parent_child)
+        if mate.apart > LOOSE:
+            # the zero position may be at an end stop: try all parts of the parent body
+            parent_parts = list(mechanism.body(joint.parent).meshes)
+            mate = _nearest(joint.name, parent_parts, child_parts, T_parent_child)
         out.append(mate)
     return out
 
 
-def _nearest(joint: str, here: list[Mesh], there: list[Mesh], T: Array) -> Mate:
-    pairs = [(a, b) for a in here for b in there]
-    found = [distance_between(Shape(a.name, "", [a]), Shape(b.name, "", [b]), np.eye(4), T) for a, b in pairs]
-    k = int(np.argmin(found))
-    return Mate(joint, (pairs[k][0].name, pairs[k][1].name), found[k])
+def _nearest(joint: str, parent_parts: list[Mesh], child_parts: list[Mesh], T_parent_child: Array) -> Mate:
+    candidates = []
+    for parent_part in parent_parts:
+        for child_part in child_parts:
+            a = Shape(parent_part.name, "", [parent_part])
+            b = Shape(child_part.name, "", [child_part])
+            apart = distance_between(a, b, np.eye(4), T_parent_child)
+            candidates.append(Mate(joint, (a.name, b.name), apart))
+    return min(candidates, key=lambda mate: mate.apart)
 
 
-def _named(mechanism: Mechanism, joint: Joint, body: str) -> list[Mesh]:
+def _mating_parts(mechanism: Mechanism, joint: Joint, body: str) -> list[Mesh]:
     return [m for m in mechanism.body(body).meshes if m.name in joint.mating]

@@ -38,11 +38,16 @@ class Mobility:
 
     def describe(self) -> str:
         """Return the redundant constraints as text; "" if there are none."""
-        return "; ".join(
-            f"{name}: {count} among {', '.join(self.repeated[name])}" if self.repeated[name] else f"{name}: {count}"
-            for name, count in self.redundant.items()
-            if count
-        )
+        parts = []
+        for name, number in self.redundant.items():
+            if not number:
+                continue
+            part = f"{name}: {number}"
+            if self.repeated[name]:
+                directions = ", ".join(self.repeated[name])
+                part += f" among {directions}"
+            parts.append(part)
+        return "; ".join(parts)
 
 
 def count(A: Array, loops: Loops, passive: Index) -> Mobility:
@@ -51,21 +56,37 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
     A (m, nv) is the Jacobian of the loop residuals, with rows as in `Loops.evaluate`; `loops` gives loop and direction
     of each row. `passive` are the velocity indices of the joints that are not driven.
     """
+    size = 0.0
+    if A.size:
+        size = float(np.linalg.norm(A, 2))
+    rank = 0
     redundant: dict[str, int] = {}
-    rank, size = 0, float(np.linalg.norm(A, 2)) if A.size else 0.0
     for i, name in enumerate(loops.names):
-        new = _rank(A[loops.row_loop <= i], size)
-        redundant[name] = int(np.sum(loops.row_loop == i)) - (new - rank)
-        rank = new
+        own = loops.row_loop == i
+        # the rank of this loop's rows together with those of all loops before
+        extended = _rank(A[loops.row_loop <= i], size)
+        redundant[name] = int(np.sum(own)) - (extended - rank)
+        rank = extended
+
     # A row with a coefficient in the left null space locks a direction that other rows also lock.
-    repeats = np.linalg.norm(np.linalg.svd(A)[0][:, rank:], axis=1) > _SHARE if len(A) else np.zeros(0, bool)
-    repeated = {
-        name: tuple(AXES[a] for a in loops.row_axis[repeats & (loops.row_loop == i)])
-        for i, name in enumerate(loops.names)
-    }
+    repeats = np.zeros(len(A), bool)
+    if len(A):
+        U, _, _ = np.linalg.svd(A)
+        null_space = U[:, rank:]
+        repeats = np.linalg.norm(null_space, axis=1) > _SHARE
+    repeated = {}
+    for i, name in enumerate(loops.names):
+        axes = loops.row_axis[repeats & (loops.row_loop == i)]
+        repeated[name] = tuple(AXES[a] for a in axes)
+
+    freedom = A.shape[1] - rank
+    redundancy = len(A) - rank
     internal = len(passive) - _rank(A[:, passive], size)
-    return Mobility(A.shape[1] - rank, len(A) - rank, redundant, repeated, internal)
+    return Mobility(freedom, redundancy, redundant, repeated, internal)
 
 
 def _rank(A: Array, size: float) -> int:
-    return int(np.sum(np.linalg.svd(A, compute_uv=False) > size * _FLAT)) if A.size else 0
+    if not A.size:
+        return 0
+    s = np.linalg.svd(A, compute_uv=False)
+    return int(np.sum(s > size * _FLAT))

@@ -55,11 +55,22 @@ def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularit
     """Return the regularity of closed states (nq,); `usual` is the largest rank at these states and near the first."""
     beside = closed_beside(model, states[0])
     every = [_values(model, x) for x in (*states, *beside)]
-    ranks = [int((s > _RANK * max(s[0], 1e-12)).sum()) if len(s) else 0 for s in every]
+    ranks = []
+    for s in every:
+        rank = 0
+        if len(s):
+            # 1e-12: if all values are rounding errors, the rank is 0
+            flat = _RANK * max(s[0], 1e-12)
+            rank = int((s > flat).sum())
+        ranks.append(rank)
     usual = max(ranks)
     out = []
-    for s, rank in zip(every, ranks[: len(states)], strict=False):
-        out.append(Regularity(rank, usual, float(s[usual - 1] / s[0]) if usual else 1.0))
+    for i in range(len(states)):
+        s = every[i]
+        margin = 1.0
+        if usual:
+            margin = float(s[usual - 1] / s[0])
+        out.append(Regularity(ranks[i], usual, margin))
     return out
 
 
@@ -80,13 +91,20 @@ def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
     if not model.mechanism.loops and not model.mechanism.couplings:
         return []
     columns = np.arange(model.tree.model.nv)
-    X = minimise(model.tree, scattered(model.tree, x, columns, _BESIDE, _TRIES), model.loops_only, columns)[0]
+    starts = scattered(model.tree, x, columns, _BESIDE, _TRIES)
+    X, _ = minimise(model.tree, starts, model.loops_only, columns)
     X = X[np.isfinite(X).all(axis=1)]
-    gaps = model.collect(X).gaps
-    limit = max(1e-9, 2 * float(model.collect(x[None]).gaps[..., 0].max(initial=0.0)))
-    return [x for x, gap in zip(X, gaps[..., 0].max(axis=1, initial=0.0), strict=True) if gap <= limit]
+    # a mechanism whose loops are inconsistent keeps a gap: a nearby state may have twice the gap of x
+    own_gap = float(model.collect(x[None]).gaps[..., 0].max(initial=0.0))
+    limit = max(1e-9, 2 * own_gap)
+    gaps = model.collect(X).gaps[..., 0].max(axis=1, initial=0.0)
+    return list(X[gaps <= limit])
 
 
 def _values(model: ReferenceModel, x: Array) -> Array:
+    """Return the singular values of the loop Jacobian in the passive joints; empty without loops or passive joints."""
     A = model.loop_jacobian(x)[:, model.tree.passive]
-    return np.asarray(np.linalg.svd(A, compute_uv=False) if A.size else np.zeros(0), np.float64)
+    if not A.size:
+        return np.zeros(0)
+    s = np.linalg.svd(A, compute_uv=False)
+    return np.asarray(s, np.float64)

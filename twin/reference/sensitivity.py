@@ -36,25 +36,43 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
     """
     tree = model.tree
     poses, J = tree.update(x[None])
-    A = tree.loops.evaluate(x[None], poses, J)[1][0]
+    _, A = tree.loops.evaluate(x[None], poses, J)
     J_tool = tree.tool_jacobian(poses, J)[0]
     T_tool = tree.tool(poses)[0]
-    links = {b.name: poses[0, i] @ T for b in model.mechanism.bodies for i, T in [tree.body(b.name)]}
+    links = {}
+    for body in model.mechanism.bodies:
+        number, T_joint_body = tree.body(body.name)
+        links[body.name] = poses[0, number] @ T_joint_body
     # Change of the passive joints: d(passive) = -pinv(A_passive) d(residual).
-    give = J_tool[:, tree.passive] @ np.linalg.pinv(A[:, tree.passive], rcond=1e-9)
+    A_passive = A[0][:, tree.passive]
+    give = J_tool[:, tree.passive] @ np.linalg.pinv(A_passive, rcond=1e-9)
 
-    effects: dict[str, list[Array]] = {}
+    by_joint: dict[str, Array] = {}
     for joint in model.mechanism.joints:
-        for body, T_body_joint in ((joint.parent, joint.T_parent_joint), (joint.child, joint.T_child_joint)):
-            frame = links[body] @ T_body_joint
+        sides = ((joint.parent, joint.T_parent_joint), (joint.child, joint.T_child_joint))
+        effects = []
+        for name, T_body_joint in sides:
+            frame = links[name] @ T_body_joint
             for twist in _roundings(T_body_joint, epsilon):
-                effects.setdefault(joint.name, []).append(_effect(model, joint, frame, twist, links, T_tool, give))
-    by_joint = {n: np.array(e) for n, e in effects.items()}
-    everything = np.concatenate(list(by_joint.values()))
-    size = np.stack([np.linalg.norm(everything[:, :3], axis=1), np.linalg.norm(everything[:, 3:], axis=1)], axis=1)
-    worst = max(by_joint, key=lambda n: float(np.linalg.norm(by_joint[n][:, :3], axis=1).sum()))
-    expected, bound = np.sqrt((size**2).sum(axis=0) / 3), size.sum(axis=0)
-    return Sensitivity((float(expected[0]), float(expected[1])), (float(bound[0]), float(bound[1])), worst)
+                effect = _effect(model, joint, frame, twist, links, T_tool, give)
+                effects.append(effect)
+        by_joint[joint.name] = np.array(effects)
+    effects_of_all = np.concatenate(list(by_joint.values()))
+    shift = np.linalg.norm(effects_of_all[:, :3], axis=1)
+    turn = np.linalg.norm(effects_of_all[:, 3:], axis=1)
+    size = np.stack([shift, turn], axis=1)
+
+    def contribution(joint: str) -> float:
+        shifts = by_joint[joint][:, :3]
+        return float(np.linalg.norm(shifts, axis=1).sum())
+
+    worst = max(by_joint, key=contribution)
+    # the variance of a uniform distribution from -a to a is a**2 / 3
+    expected_shift, expected_turn = np.sqrt((size**2).sum(axis=0) / 3)
+    bound_shift, bound_turn = size.sum(axis=0)
+    expected = (float(expected_shift), float(expected_turn))
+    bound = (float(bound_shift), float(bound_turn))
+    return Sensitivity(expected, bound, worst)
 
 
 def _roundings(T: Array, epsilon: float) -> Array:
@@ -64,9 +82,13 @@ def _roundings(T: Array, epsilon: float) -> Array:
     """
 
     def half_ulp(values: Array) -> Array:
-        return np.where(values == 0, 0.0, epsilon * 2.0 ** np.floor(np.log2(np.maximum(np.abs(values), 1e-300))))
+        # 1e-300: the logarithm of 0 is infinite; 0 itself has no rounding error
+        size = np.maximum(np.abs(values), 1e-300)
+        ulp = epsilon * 2.0 ** np.floor(np.log2(size))
+        return np.where(values == 0, 0.0, ulp)
 
-    w, x, y, z = q_wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
+    q_wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
+    w, x, y, z = q_wxyz
     # Twice the vector part of conjugate(q) times a change of each component.
     turns = 2 * np.array([[-x, -y, -z], [w, z, -y], [-z, w, x], [y, -x, w]])
     twists = np.zeros((7, 6))
@@ -86,23 +108,35 @@ def _effect(
 ) -> Array:
     """Return the tool's small motion (6,) in base if a joint's child side moves by a twist in the joint's frame."""
     loops = model.tree.loops
+    tree = model.tree
+    loops = tree.loops
     R = frame[:3, :3]
-    v, w = R @ twist[:3], R @ twist[3:]  # velocity of the point frame[:3, 3], and angular velocity
+    p = frame[:3, 3]
+    v = R @ twist[:3]  # velocity of the point p
+    w = R @ twist[3:]
     outboard = _outboard(model, joint)
-    moved = model.mechanism.frame(model.mechanism.tool).body in outboard
-    direct = np.concatenate([v + np.cross(w, T_tool[:3, 3] - frame[:3, 3]), w]) if moved else np.zeros(6)
+    direct = np.zeros(6)
+    if model.mechanism.frame(model.mechanism.tool).body in outboard:
+        v_tool = v + np.cross(w, T_tool[:3, 3] - p)
+        direct = np.concatenate([v_tool, w])
     if not loops.names:
         return direct
     rows = [np.zeros(0)]
     for loop in loops.joints:
-        sign = (loop.child in outboard) - (loop.parent in outboard) if loop is not joint else 1
+        # a loop changes if the twist moves one of its two bodies but not the other
+        sign = 1
+        if loop is not joint:
+            sign = (loop.child in outboard) - (loop.parent in outboard)
         T0 = links[loop.parent] @ loop.T_parent_joint
-        p1 = (links[loop.child] @ loop.T_child_joint)[:3, 3]
+        T1 = links[loop.child] @ loop.T_child_joint
         R0t = T0[:3, :3].T
-        offset, turn = R0t @ (v + np.cross(w, p1 - frame[:3, 3])), R0t @ w
+        offset = R0t @ (v + np.cross(w, T1[:3, 3] - p))
+        turn = R0t @ w
         row = sign * np.concatenate([offset, LENGTH_SCALE * turn])
-        rows.append(row[[axis for axis in range(6) if axis not in loop.free_axes]])
-    return direct - give @ np.concatenate([*rows, np.zeros(len(loops.couplings))])  # couplings have no frames
+        locked = [axis for axis in range(6) if axis not in loop.free_axes]
+        rows.append(row[locked])
+    rows.append(np.zeros(len(loops.couplings)))  # couplings have no frames
+    return direct - give @ np.concatenate(rows)
 
 
 def _outboard(model: ReferenceModel, joint: Joint) -> set[str]:
@@ -111,8 +145,8 @@ def _outboard(model: ReferenceModel, joint: Joint) -> set[str]:
     children = {j.name: j.child for j in tree}
     if joint.name not in children:
         return set()
-    out = {children[joint.name]}
+    bodies = {children[joint.name]}
     for j in tree:  # parents come first
-        if j.parent in out:
-            out.add(j.child)
-    return out
+        if j.parent in bodies:
+            bodies.add(j.child)
+    return bodies
