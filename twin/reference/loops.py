@@ -57,26 +57,46 @@ class Loops:
         mask: Array,
         couplings: tuple[Coupled, ...] = (),
     ) -> None:
-        self.joints, self.couplings = joints, couplings
-        self.names = (*(j.name for j in joints), *(c.name for c in couplings))
-        ends = [(body[j.parent], body[j.child]) for j in joints]
-        self._ids = np.array([[a[0], b[0]] for a, b in ends], int).reshape(-1, 2)
+        self.joints = joints
+        self.couplings = couplings
+        loop_names = (j.name for j in joints)
+        coupling_names = (c.name for c in couplings)
+        self.names = (*loop_names, *coupling_names)
+        ids = []
+        Ts_0 = []
+        Ts_1 = []
+        full = []
+        locked = []
+        for joint in joints:
+            parent_id, T_id_parent = body[joint.parent]
+            child_id, T_id_child = body[joint.child]
+            ids.append((parent_id, child_id))
+            Ts_0.append(T_id_parent @ joint.T_parent_joint)
+            Ts_1.append(T_id_child @ joint.T_child_joint)
+            full.append(joint.type in ("fixed", "prismatic"))
+            locked += [axis not in joint.free_axes for axis in range(6)]
+        self._ids = np.array(ids, int).reshape(-1, 2)
         self.joint_numbers = set(self._ids.reshape(-1).tolist())
-        self._T0 = _stack([a[1] @ j.T_parent_joint for j, (a, _) in zip(joints, ends, strict=True)])
-        self._T1 = _stack([b[1] @ j.T_child_joint for j, (_, b) in zip(joints, ends, strict=True)])
+        self._T0 = _stack(Ts_0)
+        self._T1 = _stack(Ts_1)
         # A velocity changes the gap of a loop if it moves one of the frames but not the other.
-        self._mask = (mask[self._ids[:, 1]] - mask[self._ids[:, 0]])[:, None, :]
-        self._full = np.array([j.type in ("fixed", "prismatic") for j in joints], bool)
-        locked = np.array([[axis not in j.free_axes for axis in range(6)] for j in joints], bool)
-        self._locked = locked.reshape(-1)
-        extra = np.arange(len(joints), len(self.names))
-        self.row_loop = np.concatenate([np.repeat(np.arange(len(joints)), 6)[self._locked], extra])
-        self.row_axis = np.concatenate([np.tile(np.arange(6), len(joints))[self._locked], np.full(len(extra), 6)])
+        moved_0 = mask[self._ids[:, 0]]
+        moved_1 = mask[self._ids[:, 1]]
+        self._mask = (moved_1 - moved_0)[:, None, :]
+        self._full = np.array(full, bool)
+        self._locked = np.array(locked, bool)
+        # Each loop has six possible rows, of which the locked ones remain; each coupling adds one row at the end.
+        loop_of_row = np.repeat(np.arange(len(joints)), 6)[self._locked]
+        axis_of_row = np.tile(np.arange(6), len(joints))[self._locked]
+        coupled = np.arange(len(joints), len(self.names))
+        self.row_loop = np.concatenate([loop_of_row, coupled])
+        self.row_axis = np.concatenate([axis_of_row, np.full(len(coupled), 6)])
 
     def relative(self, poses: Array) -> tuple[Array, Array]:
         """Return (T_base_parent, T_parent_child) of the joint frames, each (k, loops, 4, 4)."""
-        T_base_0 = poses[:, self._ids[:, 0]] @ self._T0
-        return T_base_0, spatial.inverse(T_base_0) @ (poses[:, self._ids[:, 1]] @ self._T1)
+        Ts_base_parent = poses[:, self._ids[:, 0]] @ self._T0
+        Ts_base_child = poses[:, self._ids[:, 1]] @ self._T1
+        return Ts_base_parent, spatial.inverse(Ts_base_parent) @ Ts_base_child
 
     def evaluate(self, X: Array, poses: Array, J: Array) -> tuple[Array, Array]:
         """Return residuals (k, m) and Jacobians (k, m, nv).
@@ -86,21 +106,28 @@ class Loops:
         T0, T = self.relative(poses)
         residual, turn = self._residual(T)
         k, count = T.shape[:2]
-        R0t, p0 = np.swapaxes(T0[..., :3, :3], -1, -2), T0[..., :3, 3]
+        nv = J.shape[-1]
+        R0t = np.swapaxes(T0[..., :3, :3], -1, -2)
+        p0 = T0[..., :3, 3]
+        offset = T[..., :3, 3]
         # Matrix from a relative twist at the base origin to the rates of the offset and of the locked rotations.
-        rows = np.zeros((k, count, 6, 6))
-        rows[..., :3, :3] = R0t
-        rows[..., :3, 3:] = -(R0t @ spatial.hat(p0)) - spatial.hat(T[..., :3, 3]) @ R0t
-        rows[..., 3:, 3:] = LENGTH_SCALE * (turn @ R0t)
-        A = rows @ (J[:, None] * self._mask)
-        r, A = residual.reshape(k, 6 * count)[:, self._locked], A.reshape(k, 6 * count, J.shape[-1])[:, self._locked]
+        rates = np.zeros((k, count, 6, 6))
+        rates[..., :3, :3] = R0t
+        rates[..., :3, 3:] = -(R0t @ spatial.hat(p0)) - spatial.hat(offset) @ R0t
+        rates[..., 3:, 3:] = LENGTH_SCALE * (turn @ R0t)
+        A = rates @ (J[:, None] * self._mask)
+        A = A.reshape(k, 6 * count, nv)[:, self._locked]
+        r = residual.reshape(k, 6 * count)[:, self._locked]
         if not self.couplings:
             return r, A
-        rows = np.zeros((k, len(self.couplings), J.shape[-1]))
-        for i, c in enumerate(self.couplings):
-            rows[:, i, c.columns] = c.ratios * (LENGTH_SCALE if c.angle else 1.0)
-        scale = np.array([LENGTH_SCALE if c.angle else 1.0 for c in self.couplings])
-        return np.concatenate([r, self._sums(X) * scale], axis=1), np.concatenate([A, rows], axis=1)
+        coupled = np.zeros((k, len(self.couplings), nv))
+        scale = np.ones(len(self.couplings))
+        for i, coupling in enumerate(self.couplings):
+            if coupling.angle:
+                scale[i] = LENGTH_SCALE
+            coupled[:, i, coupling.columns] = coupling.ratios * scale[i]
+        sums = self._sums(X) * scale
+        return np.concatenate([r, sums], axis=1), np.concatenate([A, coupled], axis=1)
 
     def drift(self, poses: Array, twists: Array, biases: Array) -> Array:
         """Return the second time derivative (k, m) of the residual of closed loops if all velocities are constant.
@@ -113,28 +140,49 @@ class Loops:
         the base origin, linear part first.
         """
         T0, T = self.relative(poses)
-        (a, b), R0t = (self._ids[:, 0], self._ids[:, 1]), np.swapaxes(T0[..., :3, :3], -1, -2)
+        parents = self._ids[:, 0]
+        children = self._ids[:, 1]
+        R0t = np.swapaxes(T0[..., :3, :3], -1, -2)
         p0 = T0[..., :3, 3]
         p1 = p0 + np.einsum("...ji,...j->...i", R0t, T[..., :3, 3])
-        w0, w, d = twists[:, a, 3:], twists[:, b, 3:] - twists[:, a, 3:], p1 - p0
-        speed = twists[:, b, :3] + _cross(twists[:, b, 3:], p1) - twists[:, a, :3] - _cross(w0, p0)
-        gain = point_acceleration(twists[:, b], biases[:, b], p1)
-        gain = gain - point_acceleration(twists[:, a], biases[:, a], p0)
+        w0 = twists[:, parents, 3:]
+        w1 = twists[:, children, 3:]
+        w = w1 - w0
+        d = p1 - p0
+        # of p1 relative to p0, in base
+        speed = twists[:, children, :3] + _cross(w1, p1) - twists[:, parents, :3] - _cross(w0, p0)
+        gain = point_acceleration(twists[:, children], biases[:, children], p1)
+        gain = gain - point_acceleration(twists[:, parents], biases[:, parents], p0)
+        angular_0 = biases[:, parents, 3:]
+        angular_1 = biases[:, children, 3:]
         # In axes that rotate with w0: subtract the Euler, Coriolis and centrifugal accelerations.
-        gain -= _cross(biases[:, a, 3:], d) + 2 * _cross(w0, speed) - _cross(w0, _cross(w0, d))
-        change = biases[:, b, 3:] - biases[:, a, 3:] - _cross(w0, w)
-        gain, w, change = (np.einsum("...ij,...j->...i", R0t, v) for v in (gain, w, change))
+        centrifugal = _cross(w0, _cross(w0, d))
+        gain -= _cross(angular_0, d) + 2 * _cross(w0, speed) - centrifugal
+        spin_change = angular_1 - angular_0 - _cross(w0, w)
+        # in the axes of frame 0
+        gain = np.einsum("...ij,...j->...i", R0t, gain)
+        w = np.einsum("...ij,...j->...i", R0t, w)
+        spin_change = np.einsum("...ij,...j->...i", R0t, spin_change)
         spin = spatial.hat(w)
-        R = (spatial.hat(change) + spin @ spin) @ T[..., :3, :3]
-        turn = np.stack([-R[..., 1, 2], R[..., 0, 2], np.zeros(R.shape[:2])], axis=-1)
-        turn[:, self._full] = sine_of_rotation(R[:, self._full])[0]
-        rows = np.concatenate([gain, LENGTH_SCALE * turn], axis=-1).reshape(len(poses), -1)[:, self._locked]
-        return np.concatenate([rows, np.zeros((len(rows), len(self.couplings)))], axis=1)
+        R = (spatial.hat(spin_change) + spin @ spin) @ T[..., :3, :3]
+        zero = np.zeros(R.shape[:2])
+        turn = np.stack([-R[..., 1, 2], R[..., 0, 2], zero], axis=-1)
+        turn[:, self._full], _ = sine_of_rotation(R[:, self._full])
+        rows = np.concatenate([gain, LENGTH_SCALE * turn], axis=-1)
+        rows = rows.reshape(len(poses), -1)[:, self._locked]
+        # the ratios of a coupling are constant: no drift
+        coupled = np.zeros((len(rows), len(self.couplings)))
+        return np.concatenate([rows, coupled], axis=1)
 
     def _sums(self, X: Array) -> Array:
         """Return the errors (k, couplings) in rad or m of the couplings: weighted sum of joints minus constant."""
-        off = [X[:, c.places] @ c.ratios - c.total for c in self.couplings]
-        return np.stack(off, axis=1) if off else np.zeros((len(X), 0))
+        if not self.couplings:
+            return np.zeros((len(X), 0))
+        errors = []
+        for coupling in self.couplings:
+            total = X[:, coupling.places] @ coupling.ratios
+            errors.append(total - coupling.total)
+        return np.stack(errors, axis=1)
 
     def _residual(self, T: Array) -> tuple[Array, Array]:
         """Return (residuals (k, loops, 6), derivatives (k, loops, 3, 3) of the locked rotations).
@@ -145,40 +193,59 @@ class Loops:
         decreases, the residual is continued as an increasing function, so that no joint converges to an inverted state.
         """
         R = T[..., :3, :3]
+        # the z axis of frame 1 in frame 0; for small tilts, the rotations about x and y are -zy and zx
+        zx = R[..., 0, 2]
+        zy = R[..., 1, 2]
+        zz = R[..., 2, 2]
         residual = np.zeros((*T.shape[:2], 6))
         residual[..., :3] = T[..., :3, 3]
-        residual[..., 3], residual[..., 4] = -R[..., 1, 2], R[..., 0, 2]
+        residual[..., 3] = -zy
+        residual[..., 4] = zx
         turn = np.zeros((*T.shape[:2], 3, 3))
-        turn[..., 0, 0] = turn[..., 1, 1] = R[..., 2, 2]
-        turn[..., 0, 2], turn[..., 1, 2] = -R[..., 0, 2], -R[..., 1, 2]
+        turn[..., 0, 0] = zz
+        turn[..., 1, 1] = zz
+        turn[..., 0, 2] = -zx
+        turn[..., 1, 2] = -zy
         if self._full.any():
-            residual[:, self._full, 3:], turn[:, self._full] = sine_of_rotation(R[:, self._full])
-        beyond = self._cosine(R) < 0
+            sine, change = sine_of_rotation(R[:, self._full])
+            residual[:, self._full, 3:] = sine
+            turn[:, self._full] = change
+        cosine = self._cosine(R)
+        beyond = cosine < 0  # 90 degrees
         if beyond.any():
-            residual[beyond, 3:], turn[beyond] = _grown(residual[beyond, 3:], turn[beyond], self._cosine(R)[beyond])
+            sine, change = _grown(residual[beyond, 3:], turn[beyond], cosine[beyond])
+            residual[beyond, 3:] = sine
+            turn[beyond] = change
         residual[..., 3:] *= LENGTH_SCALE
         return residual, turn
 
     def _cosine(self, T: Array) -> Array:
         """Return the cosine (k, loops) of the locked rotation angle of T (k, loops, 3 or 4, 3 or 4)."""
-        trace = T[..., 0, 0] + T[..., 1, 1] + T[..., 2, 2]
-        return np.where(self._full, 0.5 * (trace - 1), T[..., 2, 2])
+        xx = T[..., 0, 0]
+        yy = T[..., 1, 1]
+        zz = T[..., 2, 2]
+        trace = xx + yy + zz
+        return np.where(self._full, 0.5 * (trace - 1), zz)
 
     def gaps(self, X: Array, poses: Array) -> Array:
         """Return the gaps (k, names, 2): offset in m and rotation in rad in the locked directions; couplings last."""
-        T = self.relative(poses)[1]
+        _, T = self.relative(poses)
         locked = self._locked.reshape(-1, 6)
-        residual = self._residual(T)[0] * locked
+        residual, _ = self._residual(T)
+        residual = residual * locked
         offset = np.linalg.norm(residual[..., :3], axis=-1)
-        size, cosine = np.linalg.norm(residual[..., 3:], axis=-1) / LENGTH_SCALE, self._cosine(T)
+        size = np.linalg.norm(residual[..., 3:], axis=-1) / LENGTH_SCALE
+        cosine = self._cosine(T)
         sine = np.where(cosine < 0, 2 - size, size)  # see `_residual`
-        angle = np.where(locked[:, 3:].any(axis=1), np.arctan2(sine, cosine), 0.0)
-        out = np.stack([offset, angle], axis=-1)
+        turns_locked = locked[:, 3:].any(axis=1)
+        angle = np.where(turns_locked, np.arctan2(sine, cosine), 0.0)
+        gaps = np.stack([offset, angle], axis=-1)
         if not self.couplings:
-            return out
-        off = np.abs(self._sums(X))
-        angle = np.array([c.angle for c in self.couplings])
-        return np.concatenate([out, np.stack([off * ~angle, off * angle], axis=-1)], axis=1)
+            return gaps
+        error = np.abs(self._sums(X))
+        is_angle = np.array([c.angle for c in self.couplings])
+        coupled = np.stack([error * ~is_angle, error * is_angle], axis=-1)
+        return np.concatenate([gaps, coupled], axis=1)
 
     def coordinates(self, poses: Array) -> dict[str, Array]:
         """Return {name: coordinate (k,) in m or rad} of the revolute and prismatic loop joints."""
@@ -194,9 +261,10 @@ class Loops:
 
 def sine_of_rotation(R: Array) -> tuple[Array, Array]:
     """Return (axis times sine of the angle (..., 3) of R, its derivative (..., 3, 3) with respect to the rotation)."""
-    sine = 0.5 * np.stack(
-        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
-    )
+    x = R[..., 2, 1] - R[..., 1, 2]
+    y = R[..., 0, 2] - R[..., 2, 0]
+    z = R[..., 1, 0] - R[..., 0, 1]
+    sine = 0.5 * np.stack([x, y, z], axis=-1)
     trace = np.trace(R, axis1=-2, axis2=-1)[..., None, None]
     return sine, 0.5 * (trace * np.eye(3) - R)
 
@@ -208,11 +276,14 @@ def _grown(sine: Array, turn: Array, cosine: Array) -> tuple[Array, Array]:
     of the angle.
     """
     size = np.linalg.norm(sine, axis=-1)
+    column = size[:, None]
+    matrix = size[:, None, None]
     # At an angle of 180°, the sine does not determine the axis: use any axis.
-    axis = np.where(size[:, None] > 1e-9, sine / np.maximum(size, 1e-9)[:, None], np.eye(3)[0])
+    some_axis = np.eye(3)[0]
+    axis = np.where(column > 1e-9, sine / np.maximum(column, 1e-9), some_axis)
     along = cosine[:, None, None] * axis[:, :, None] * axis[:, None, :]
-    swing = (turn - along) / np.maximum(size, 1e-3)[:, None, None]
-    return axis * (2 - size)[:, None], (2 - size)[:, None, None] * swing - along
+    swing = (turn - along) / np.maximum(matrix, 1e-3)
+    return axis * (2 - column), (2 - matrix) * swing - along
 
 
 def point_acceleration(twists: Array, biases: Array, p: Array) -> Array:
@@ -223,7 +294,9 @@ def point_acceleration(twists: Array, biases: Array, p: Array) -> Array:
     """
     w = twists[..., 3:]
     velocity = twists[..., :3] + _cross(w, p)
-    return np.asarray(biases[..., :3] + _cross(biases[..., 3:], p) + _cross(w, velocity), float)
+    euler = _cross(biases[..., 3:], p)
+    acceleration = biases[..., :3] + euler + _cross(w, velocity)
+    return np.asarray(acceleration, float)
 
 
 def _cross(a: Array, b: Array) -> Array:
