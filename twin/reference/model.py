@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed beside site-packages
+from numpy.typing import NDArray
 
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
@@ -73,8 +74,14 @@ class ReferenceModel:
         self.mechanism = mechanism
         self.tree = Tree(mechanism)
         self._active_q = np.array([self.tree.configuration[j.name] for j in mechanism.active], int)
-        coupled = {name for coupling in mechanism.couplings for name in coupling.joints}
-        self._turns = np.array([2 * np.pi * (j.is_angle and j.name not in coupled) for j in mechanism.active])
+        coupled: set[str] = set()
+        for coupling in mechanism.couplings:
+            coupled.update(coupling.joints)
+        # full turn of each active joint in rad; 0: the joint is no angle, or a turn would change a coupling's sum
+        self._turns = np.zeros(len(mechanism.active))
+        for i, joint in enumerate(mechanism.active):
+            if joint.is_angle and joint.name not in coupled:
+                self._turns[i] = 2 * np.pi
 
     # -- one state ------------------------------------------------------------------------------------
 
@@ -89,7 +96,8 @@ class ReferenceModel:
             MechanismError: q has the wrong length or is not finite.
         """
         q = given.one(self.mechanism, q)
-        return self.state(self._drive(self._start(seed), q))
+        x = self._drive(self._start(seed), q)
+        return self.state(x)
 
     def solve_pose(self, T_base_tool: Array, seed: Assembly | None = None) -> Assembly:
         """Return the assembly with the tool at T_base_tool (4, 4); the active joints are also solved for.
@@ -100,7 +108,9 @@ class ReferenceModel:
         """
         if np.ndim(T_base_tool) != 2 or not spatial.is_pose(T_base_tool, 1e-6):
             raise MechanismError("the tool pose is not a rigid (4, 4) pose")
-        return self.state(self._reach(self._start(seed), np.asarray(T_base_tool, float), self._move_posed))
+        T = np.asarray(T_base_tool, float)
+        x = self._reach(self._start(seed), T, self._move_posed)
+        return self.state(x)
 
     def home(self) -> Assembly:
         """Return the assembly at the rest poses, with the loops closed."""
@@ -108,18 +118,26 @@ class ReferenceModel:
 
     def state(self, x: Array) -> Assembly:
         """Return the assembly at configuration x (nq,), even if its loops are open."""
-        run, (poses, _) = self.collect(x[None]), self.tree.update(x[None])
-        q_full = {n: float(x[i]) for n, i in self.tree.configuration.items()}
-        q_full |= {n: float(v[0]) for n, v in self.tree.loops.coordinates(poses).items()}
-        return Assembly(
-            run.Ts_base_tool[0],
-            run.q[0],
-            {j.name: q_full[j.name] for j in self.mechanism.joints if j.name in q_full},
-            {b.name: self._link(poses, b.name)[0] for b in self.mechanism.bodies},
-            {n: p[0] for n, p in run.points.items()},
-            {n: (float(g[0]), float(g[1])) for n, g in zip(run.loop_names, run.gaps[0], strict=True)},
-            x,
-        )
+        tree = self.tree
+        run = self.collect(x[None])
+        poses, _ = tree.update(x[None])
+        coordinates = {}
+        for name, place in tree.configuration.items():
+            coordinates[name] = float(x[place])
+        for name, values in tree.loops.coordinates(poses).items():
+            coordinates[name] = float(values[0])
+        q_full = {}
+        for joint in self.mechanism.joints:
+            if joint.name in coordinates:
+                q_full[joint.name] = coordinates[joint.name]
+        link_poses = {}
+        for body in self.mechanism.bodies:
+            link_poses[body.name] = self._link(poses, body.name)[0]
+        points = {name: positions[0] for name, positions in run.points.items()}
+        gaps = {}
+        for name, (offset, tilt) in zip(run.loop_names, run.gaps[0], strict=True):
+            gaps[name] = (float(offset), float(tilt))
+        return Assembly(run.Ts_base_tool[0], run.q[0], q_full, link_poses, points, gaps, x)
 
     # -- along samples --------------------------------------------------------------------------------
 
@@ -130,7 +148,8 @@ class ReferenceModel:
             AssemblyError: the loops cannot be closed at a sample; the message names the sample.
         """
         q = given.along(self.mechanism, q)
-        return self._closed(self.collect(self._along(q, self._move_driven, seed, progress)))
+        states = self._along(q, self._move_driven, seed, progress)
+        return self._closed(self.collect(states))
 
     def solve_many(self, q: Array, seed: Assembly | None = None) -> Run:
         """Return the states at active joint values q (k, n); each row is solved separately, not as part of a motion.
@@ -142,25 +161,41 @@ class ReferenceModel:
         """
         q = np.asarray(q, float)
         start = self._start(seed)
-        scale = np.where([j.is_angle for j in self.mechanism.active], _STRIDES[1], _STRIDES[0])
+        slide_stride, turn_stride = _STRIDES
+        stride = np.where([j.is_angle for j in self.mechanism.active], turn_stride, slide_stride)
         blocks = []
         for first in range(0, len(q), _BLOCK):
             goal = q[first : first + _BLOCK]
-            X = self._unwound(np.tile(start, (len(goal), 1)), goal)
-            origin = X[:, self._active_q]
-            good = np.ones(len(goal), bool)
-            steps = max(1, int(np.ceil(np.max(np.abs(goal - origin) / scale))))
-            for s in np.linspace(0, 1, steps + 1)[1:]:
-                new, converged = self._move_driven(X, goal if s == 1 else origin + s * (goal - origin))
-                good &= np.logical_and(converged, self.jumps(X, new) < _JUMP)
-                X = new
+            X, good = self._in_steps(start, goal, stride)
+            # alone, a state can be reached in smaller steps than the others need
             for i in np.flatnonzero(~good):
                 try:
                     X[i] = self._drive(start, goal[i])
                 except AssemblyError as error:
                     raise AssemblyError(f"at row {first + i}: {error}", error.best, error.gap) from error
             blocks.append(X)
-        return self._closed(self.collect(np.concatenate(blocks)))
+        states = np.concatenate(blocks)
+        return self._closed(self.collect(states))
+
+    def _in_steps(self, start: Array, goal: Array, stride: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return (states (k, nq) at active joint values `goal` (k, n), (k,) bool: whether each was reached).
+
+        All states start from `start` (nq,), and take the same number of equal steps of at most `stride` (n,).
+        """
+        X = self._unwound(np.tile(start, (len(goal), 1)), goal)
+        origin = X[:, self._active_q]
+        change = goal - origin
+        steps = max(1, int(np.ceil(np.max(np.abs(change) / stride))))
+        good = np.ones(len(goal), bool)
+        for s in np.linspace(0, 1, steps + 1)[1:]:
+            target = origin + s * change
+            if s == 1:
+                target = goal  # without rounding errors
+            new, converged = self._move_driven(X, target)
+            steady = self.jumps(X, new) < _JUMP
+            good &= np.logical_and(converged, steady)
+            X = new
+        return X, good
 
     def run_poses(
         self,
@@ -177,11 +212,14 @@ class ReferenceModel:
         Ts = np.asarray(Ts_base_tool, float)
         if Ts.ndim != 3 or not len(Ts) or not spatial.is_pose(Ts, 1e-6):
             raise MechanismError(f"the tool poses, of shape {Ts.shape}, are not rigid (k, 4, 4) poses")
-        if near is None or not (self.redundant or self.mechanism.auxiliary):
-            return self._closed(self.collect(self._along(Ts, self._move_posed, seed, progress)), Ts)
+        unique = not (self.redundant or self.mechanism.auxiliary)
+        if near is None or unique:
+            states = self._along(Ts, self._move_posed, seed, progress)
+            return self._closed(self.collect(states), Ts)
         states = self._along(np.asarray(near, float), self._move_driven, seed, progress)
-        for block in np.array_split(np.arange(len(Ts)), max(1, len(Ts) // _BLOCK)):
-            states[block] = self._move_posed(states[block], Ts[block])[0]
+        samples = np.arange(len(Ts))
+        for block in np.array_split(samples, max(1, len(Ts) // _BLOCK)):
+            states[block], _ = self._move_posed(states[block], Ts[block])
         return self._closed(self.collect(states), Ts)
 
     @cached_property
@@ -194,33 +232,44 @@ class ReferenceModel:
         if not active:
             return 0
         size = np.where([j.is_angle for j in active], 0.05, 2e-3)
-        steps = np.vstack([np.zeros(len(active)), size * np.random.default_rng(0).uniform(-1, 1, (4, len(active)))])
+        displacements = np.random.default_rng(0).uniform(-1, 1, (4, len(active)))
+        steps = np.vstack([np.zeros(len(active)), size * displacements])
         home = np.tile(self._home, (len(steps), 1))
-        x = self.tree.integrate(home, np.einsum("kij,kj->ki", self.gains(home), steps))
-        x, _ = minimise(self.tree, x, self.loops_only, self.tree.passive)
-        A, J = self._jacobians(x)
-        twists = J @ self.gains(x, A)
+        tangents = np.einsum("kij,kj->ki", self.gains(home), steps)
+        starts = self.tree.integrate(home, tangents)
+        X, _ = minimise(self.tree, starts, self.loops_only, self.tree.passive)
+        A, J = self._jacobians(X)
+        twists = J @ self.gains(X, A)
         twists[:, :3] /= LENGTH_SCALE
-        return int(np.linalg.matrix_rank(twists, rtol=_RANK).max())
+        ranks = np.linalg.matrix_rank(twists, rtol=_RANK)
+        return int(ranks.max())
 
     @property
     def redundant(self) -> bool:
         """Whether the number of active joints that move the tool exceeds `freedoms`: a pose has many solutions."""
-        return self.freedoms < len(self.mechanism.active) - len(self.mechanism.auxiliary)
+        movers = len(self.mechanism.active) - len(self.mechanism.auxiliary)
+        return self.freedoms < movers
 
     def collect(self, states: Array) -> Run:
         """Return the `Run` for configurations (k, nq)."""
-        poses, _ = self.tree.update(states, closing_only=True)
+        tree = self.tree
+        poses, _ = tree.update(states, closing_only=True)
+        loop_values = tree.loops.coordinates(poses)
         passive = {}
-        loop_values = self.tree.loops.coordinates(poses)
         for joint in self.mechanism.passive:
-            i = self.tree.configuration.get(joint.name)
-            passive[joint.name] = states[:, i] if i is not None else loop_values[joint.name]
-        points = {p.name: (self._link(poses, p.body) @ np.append(p.p_body, 1.0))[:, :3] for p in self.mechanism.points}
-        gaps = self.tree.loops.gaps(states, poses)
-        return Run(
-            states, states[:, self._active_q], self.tree.tool(poses), passive, points, gaps, self.tree.loops.names
-        )
+            place = tree.configuration.get(joint.name)
+            if place is None:
+                passive[joint.name] = loop_values[joint.name]
+            else:
+                passive[joint.name] = states[:, place]
+        points = {}
+        for point in self.mechanism.points:
+            p_body = np.append(point.p_body, 1.0)
+            p_base = self._link(poses, point.body) @ p_body
+            points[point.name] = p_base[:, :3]
+        gaps = tree.loops.gaps(states, poses)
+        q = states[:, self._active_q]
+        return Run(states, q, tree.tool(poses), passive, points, gaps, tree.loops.names)
 
     def link_poses(self, states: Array) -> dict[str, Array]:
         """Return {name: T_base_body (k, 4, 4)} of all bodies at configurations (k, nq)."""
@@ -236,24 +285,31 @@ class ReferenceModel:
         """
         A, _ = self._jacobians(states)
         gain = self.gains(states, A)
-        V, change = (np.einsum("kij,kj->ki", gain, rates) for rates in (qd, qdd))
+        V = np.einsum("kij,kj->ki", gain, qd)
+        change = np.einsum("kij,kj->ki", gain, qdd)
         if self.tree.loops.names:
-            change[:, self.tree.passive] -= np.einsum("kij,kj->ki", self._give(A), self.tree.drift(states, V)[0])
+            drift, _ = self.tree.drift(states, V)
+            change[:, self.tree.passive] -= np.einsum("kij,kj->ki", self._give(A), drift)
         return V, change, gain
 
     def rates(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Return tool twists and accelerations in base at the tool's origin, both (k, 6), linear part first."""
         V, change, _ = self.motion(states, qd, qdd)
         _, J = self._jacobians(states)
-        return np.einsum("kij,kj->ki", J, V), np.einsum("kij,kj->ki", J, change) + self.tree.drift(states, V)[1]
+        _, drift = self.tree.drift(states, V)
+        twists = np.einsum("kij,kj->ki", J, V)
+        accelerations = np.einsum("kij,kj->ki", J, change) + drift
+        return twists, accelerations
 
     def loop_jacobian(self, x: Array) -> Array:
         """Return the Jacobian (m, nv) of the loop residuals at configuration x (nq,)."""
-        return self._jacobians(x[None])[0][0]
+        A, _ = self._jacobians(x[None])
+        return A[0]
 
     def mobility(self, x: Array) -> Mobility:
         """Return degrees of freedom and redundant constraints at configuration x (nq,)."""
-        return mobility.count(self.loop_jacobian(x), self.tree.loops, self.tree.passive)
+        A = self.loop_jacobian(x)
+        return mobility.count(A, self.tree.loops, self.tree.passive)
 
     # -- internals ---------------------------------------------------------------------------------------
 
@@ -261,30 +317,38 @@ class ReferenceModel:
         """Return the run; raise `AssemblyError` at the first sample with an open loop or a missed tool pose."""
         misfit = run.gaps[..., 0].max(axis=1, initial=0.0)
         if Ts is not None:
-            misfit = np.maximum(misfit, np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1))
+            shift = np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1)
+            misfit = np.maximum(misfit, shift)
             turn = np.swapaxes(run.Ts_base_tool[:, :3, :3], 1, 2) @ Ts[:, :3, :3]
             misfit = np.maximum(misfit, spatial.rotation_angle(turn))
-        if not (misfit < GAP_TOLERANCE).all():
-            k = int(np.argmin(misfit < GAP_TOLERANCE))
-            best = self.state(run.x[k])
-            left = f"largest loop gap {best.worst_gap / MM:.3g} mm"
-            if Ts is not None:
-                left += f", tool {np.linalg.norm(best.T_base_tool[:3, 3] - Ts[k, :3, 3]) / MM:.3g} mm from its target"
-            raise AssemblyError(f"at sample {k}: {self.mechanism.name}: out of reach, {left}", best, best.worst_gap)
-        return run
+        good = misfit < GAP_TOLERANCE
+        if good.all():
+            return run
+        k = int(np.argmin(good))
+        best = self.state(run.x[k])
+        deviation = f"largest loop gap {best.worst_gap / MM:.3g} mm"
+        if Ts is not None:
+            shift = np.linalg.norm(best.T_base_tool[:3, 3] - Ts[k, :3, 3])
+            deviation += f", tool {shift / MM:.3g} mm from its target"
+        text = f"at sample {k}: {self.mechanism.name}: out of reach, {deviation}"
+        raise AssemblyError(text, best, best.worst_gap)
 
     def _start(self, seed: Assembly | None) -> Array:
         """Return the configuration of the seed, or, without a seed, of the rest poses with loops closed."""
-        return seed.x if seed is not None else self._home
+        if seed is None:
+            return self._home
+        return seed.x
 
     @cached_property
     def _home(self) -> Array:
-        X = self.tree.start(self.mechanism.rest)[None]
-        return minimise(self.tree, X, self.loops_only, self.tree.passive)[0][0]
+        x = self.tree.start(self.mechanism.rest)
+        X, _ = minimise(self.tree, x[None], self.loops_only, self.tree.passive)
+        return X[0]
 
     def loops_only(self, X: Array, _: Index) -> tuple[Array, Array]:
         """Return the loop residuals (k, m) at configurations (k, nq), and their Jacobians (k, m, nv)."""
-        return self.tree.loops.evaluate(X, *self.tree.update(X, closing_only=True))
+        poses, J = self.tree.update(X, closing_only=True)
+        return self.tree.loops.evaluate(X, poses, J)
 
     def _drive(self, start: Array, q: Array) -> Array:
         """Return the state at active joint values q (n,), reached from the state `start`."""
@@ -299,7 +363,8 @@ class ReferenceModel:
         Raises:
             AssemblyError: `reach` fails for both x.
         """
-        direct, nearest = self._unwound(start, q), self._unwound(start, q, np.rint)
+        direct = self._unwound(start, q)
+        nearest = self._unwound(start, q, np.rint)
         try:
             return reach(direct)
         except AssemblyError:
@@ -314,7 +379,10 @@ class ReferenceModel:
         the mechanism cannot reach. Joints of couplings are not changed, because a full turn changes the coupling's sum.
         """
         x = x.copy()
-        past = np.divide(q - x[..., self._active_q], self._turns, out=np.zeros(q.shape), where=self._turns > 0)
+        remainder = q - x[..., self._active_q]
+        # a joint that may not turn (`_turns` is 0) keeps 0 turns
+        past = np.zeros(q.shape)
+        np.divide(remainder, self._turns, out=past, where=self._turns > 0)
         x[..., self._active_q] += self._turns * turns(past)
         return x
 
@@ -326,63 +394,104 @@ class ReferenceModel:
 
     def _move_posed(self, X: Array, Ts: Array) -> tuple[Array, Array]:
         """Return (states near X (k, nq) with the tool at poses Ts (k, 4, 4), (k,) bool: whether each converged)."""
-        return minimise(self.tree, X, posed(self.tree, Ts), np.arange(self.tree.model.nv))
+        every = np.arange(self.tree.model.nv)
+        return minimise(self.tree, X, posed(self.tree, Ts), every)
 
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
         """Return the configuration at the target, reached from x in steps of at most `_JUMP` in every coordinate."""
-        start = x[self._active_q] if target.ndim == 1 else self.tree.tool(self.tree.update(x[None])[0])[0]
-        origin, misfit = x, np.inf
-        s, step = 0.0, 1.0 / max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
-        stride, smallest, left = step, step / 256, 0
+        start = self._target_at(x, target)
+        origin = x
+        misfit = np.inf
+        count = max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
+        stride = 1.0 / count
+        smallest = stride / 256
+        step = stride
+        departures = 0
+        s = 0.0
         while s < 1:
-            ahead = 1.0 if s + step > 1 - 1e-9 else s + step
-            there = walk.between(start, target, ahead)[None]
-            X, converged = move(x[None], there)
-            misfit = self._misfits(X, there)[0] if converged[0] else np.inf
+            ahead = s + step
+            if ahead > 1 - 1e-9:  # not a last step of the size of rounding errors
+                ahead = 1.0
+            goal = walk.between(start, target, ahead)[None]
+            X, converged = move(x[None], goal)
+            misfit = np.inf
+            if converged[0]:
+                misfit = self._misfits(X, goal)[0]
             if misfit < GAP_TOLERANCE and self.jumps(x[None], X)[0] < _JUMP:
-                x, s, step = X[0], ahead, 2 * step
+                x = X[0]
+                s = ahead
+                step = 2 * step
                 continue
             step /= 2
-            if step < smallest:
-                ahead = min(1.0, s + stride)
-                away = self._depart(x, walk.between(start, target, ahead), move) if left < _DEPARTURES else None
-                if away is not None:  # a departure's misfit is below `_THERE`
-                    x, s, step, left, misfit = away, ahead, stride, left + 1, 0.0
-                    continue
+            if step >= smallest:
+                continue
+            ahead = min(1.0, s + stride)
+            departure = None
+            if departures < _DEPARTURES:
+                departure = self._depart(x, walk.between(start, target, ahead), move)
+            if departure is None:
                 best = self.state(X[0] if converged[0] else x)
-                raise AssemblyError(
-                    f"{self.mechanism.name}: the mechanism cannot be assembled at the target: it moves "
-                    f"{100 * s:.0f} % of the way, then loops do not close, the tool misses its pose, or the assembly "
-                    f"mode changes (largest loop gap {best.worst_gap / MM:.3g} mm)",
-                    best,
-                    best.worst_gap,
-                )
+                raise self._unreached(s, best)
+            departures += 1
+            x = departure
+            s = ahead
+            step = stride
+            misfit = 0.0  # a departure's misfit is below `_THERE`
         # `misfit` is that of x at the target. It is large, for example, with collinear links.
-        stuck = misfit > _THERE and misfit > 2 * self._misfits(origin[None], start[None])[0] + _THERE
-        away = self._depart(x, target, move) if stuck else None
-        return x if away is None else away
+        if misfit > _THERE and misfit > 2 * self._misfits(origin[None], start[None])[0] + _THERE:
+            departure = self._depart(x, target, move)
+            if departure is not None:
+                return departure
+        return x
+
+    def _target_at(self, x: Array, target: Array) -> Array:
+        """Return the active joint values (n,) or the tool pose (4, 4) at configuration x, like `target`."""
+        if target.ndim == 1:
+            return x[self._active_q]
+        poses, _ = self.tree.update(x[None])
+        return self.tree.tool(poses)[0]
+
+    def _unreached(self, s: float, best: Assembly) -> AssemblyError:
+        """Return the error of a motion that stops at the fraction s of its way, in the assembly `best`."""
+        return AssemblyError(
+            f"{self.mechanism.name}: the mechanism cannot be assembled at the target: it moves "
+            f"{100 * s:.0f} % of the way, then loops do not close, the tool misses its pose, or the assembly "
+            f"mode changes (largest loop gap {best.worst_gap / MM:.3g} mm)",
+            best,
+            best.worst_gap,
+        )
 
     def _depart(self, x: Array, target: Array, move: Move) -> Array | None:
         """Return a state at the target, reached by random steps from x (where Newton steps fail); None if not found."""
 
-        def way(new: Array) -> float:
-            far = self.jumps(x[None], new[None])[0]
-            return far if far < _JUMP and self._misfits(new[None], target[None])[0] < _THERE else np.inf
+        def distance(new: Array) -> float:
+            jump = self.jumps(x[None], new[None])[0]
+            if jump < _JUMP and self._misfits(new[None], target[None])[0] < _THERE:
+                return jump
+            return np.inf
 
-        return departing.depart(self.tree, x, lambda X: move(X, np.array([target] * len(X)))[0], way)
+        def move_all(X: Array) -> Array:
+            targets = np.array([target] * len(X))
+            states, _ = move(X, targets)
+            return states
+
+        return departing.depart(self.tree, x, move_all, distance)
 
     def _misfits(self, X: Array, targets: Array) -> Array:
         """Return the misfit (k,): the largest loop gap in m; for tool poses, the maximum of gap and pose error."""
         poses, _ = self.tree.update(X, closing_only=True)
-        gap = self.tree.loops.gaps(X, poses)[..., 0].max(axis=1, initial=0.0)
+        misfit = self.tree.loops.gaps(X, poses)[..., 0].max(axis=1, initial=0.0)
         if targets.ndim == 3:
-            gap = np.maximum(gap, [walk.distance(T, t) for T, t in zip(self.tree.tool(poses), targets, strict=True)])
-        return gap
+            Ts = self.tree.tool(poses)
+            errors = [walk.distance(T, target) for T, target in zip(Ts, targets, strict=True)]
+            misfit = np.maximum(misfit, errors)
+        return misfit
 
     def jumps(self, X0: Array, X1: Array) -> Array:
         """Return the largest change (k,) in m or rad of any coordinate between configurations (k, nq)."""
         moved = [pin.difference(self.tree.model, a, b) for a, b in zip(X0, X1, strict=True)]
-        return np.abs(np.array(moved).reshape(len(X0), -1)).max(axis=1, initial=0.0)
+        changes = np.abs(np.array(moved).reshape(len(X0), -1))
+        return changes.max(axis=1, initial=0.0)
 
     def _along(self, targets: Array, move: Move, seed: Assembly | None, progress: Progress | None) -> Array:
         """Return the states of all samples: first the knots are solved in order, then all samples from guesses.
@@ -391,14 +500,19 @@ class ReferenceModel:
         or two iterations suffice, for all samples at once.
         """
         coarse = walk.knots(targets)
-        start, tell = self._start(seed), progress or (lambda fraction: None)
+        start = self._start(seed)
 
         def solved_from(x: Array) -> Array:
-            return self._knots(coarse, targets, move, x, tell)
+            return self._knots(coarse, targets, move, x, progress)
 
-        knots = self._in_turns(start, targets[0], solved_from) if targets.ndim == 2 else solved_from(start)
+        if targets.ndim == 2:
+            first = targets[0]
+            knots = self._in_turns(start, first, solved_from)
+        else:
+            knots = solved_from(start)
         states = self._between(coarse, knots, targets)
-        for block in np.array_split(np.arange(len(targets)), max(1, len(targets) // 1000)):
+        samples = np.arange(len(targets))
+        for block in np.array_split(samples, max(1, len(targets) // 1000)):
             solved, converged = move(states[block], targets[block])
             if not converged.all():
                 k = int(np.argmin(converged))
@@ -406,44 +520,74 @@ class ReferenceModel:
                 raise AssemblyError(f"at sample {block[k]}: the solver did not converge", best, best.worst_gap)
             states[block] = solved
             if progress is not None:
+                # the knots are the first half of the work
                 progress(0.5 + (block[-1] + 1) / len(targets) / 2)
         return states
 
-    def _knots(self, coarse: Index, targets: Array, move: Move, start: Array, progress: Progress) -> Array:
+    def _knots(self, coarse: Index, targets: Array, move: Move, start: Array, progress: Progress | None) -> Array:
         """Return the states of the samples `coarse`, solved in order; predictable samples are solved together."""
         knots = np.zeros((len(coarse), self.tree.model.nq))
-        x, i, many = start, 0, 1
+        most = 1
+        if targets.ndim == 2:
+            most = _AT_ONCE  # only joint values have a tangent for predictions
+        x = start
+        i = 0  # number of knots already solved
+        many = 1
         while i < len(coarse):
             ks = coarse[i : i + many]
-            guess = self._foreseen(x, targets[ks]) if len(ks) > 1 else x[None]
-            X, converged = move(guess, targets[ks])
-            near = self.jumps(np.concatenate([x[None], X[:-1]]), X) <= _JUMP
-            if len(ks) > 1:
-                near = np.logical_and(near, self._surprise(x, guess, X) < _SURPRISE)
-            good = np.logical_and.reduce([converged, near, self._misfits(X, targets[ks]) <= GAP_TOLERANCE])
-            count = len(ks) if good.all() else int(np.argmin(good))
-            many = min(2 * many, _AT_ONCE if targets.ndim == 2 else 1) if count == len(ks) else max(1, count)
-            if not count and len(ks) == 1:
-                for j in range(coarse[i - 1] + 1 if i else 0, ks[0] + 1):
+            X, good = self._knots_at(x, targets[ks], move)
+            if good.all():
+                count = len(ks)
+                many = min(2 * many, most)
+            else:
+                count = int(np.argmin(good))
+                many = max(1, count)
+            if count == 0 and len(ks) == 1:
+                first = 0
+                if i:
+                    first = coarse[i - 1] + 1
+                # not even one knot in one step: sample by sample
+                for j in range(first, ks[0] + 1):
                     try:
                         x = self._reach(x, targets[j], move)
                     except AssemblyError as error:
                         raise AssemblyError(f"at sample {j}: {error}", error.best, error.gap) from error
-                X, count = x[None], 1
+                X = x[None]
+                count = 1
             if count:
-                knots[i : i + count], x, i = X[:count], X[count - 1], i + count
-            progress(i / len(coarse) / 2)
+                knots[i : i + count] = X[:count]
+                x = X[count - 1]
+                i += count
+            if progress is not None:
+                progress(i / len(coarse) / 2)
         return knots
+
+    def _knots_at(self, x: Array, targets: Array, move: Move) -> tuple[Array, NDArray[np.bool_]]:
+        """Return (states (k, nq) at the targets, predicted from configuration x, (k,) bool: whether each is valid)."""
+        guess = x[None]
+        if len(targets) > 1:
+            guess = self._foreseen(x, targets)
+        X, converged = move(guess, targets)
+        before = np.concatenate([x[None], X[:-1]])
+        steady = self.jumps(before, X) <= _JUMP
+        if len(targets) > 1:
+            predicted = self._surprise(x, guess, X) < _SURPRISE
+            steady = np.logical_and(steady, predicted)
+        closed = self._misfits(X, targets) <= GAP_TOLERANCE
+        return X, np.logical_and.reduce([converged, steady, closed])
 
     def _foreseen(self, x: Array, q: Array) -> Array:
         """Return first guesses (k, nq) for active joint values q (k, n), along the tangent at configuration x."""
         gain = self.gains(x[None])[0]
-        return self.tree.integrate(np.tile(x, (len(q), 1)), (q - x[self._active_q]) @ gain.T)
+        change = q - x[self._active_q]
+        starts = np.tile(x, (len(q), 1))
+        return self.tree.integrate(starts, change @ gain.T)
 
     def _surprise(self, x: Array, guess: Array, X: Array) -> Array:
         """Return the prediction error (k,) of states X (k, nq): distance from the guess, divided by distance from x."""
-        off, way = self.jumps(guess, X), self.jumps(np.tile(x, (len(X), 1)), X)
-        return off / np.maximum(way, 1e-9)
+        error = self.jumps(guess, X)
+        step = self.jumps(np.tile(x, (len(X), 1)), X)
+        return error / np.maximum(step, 1e-9)
 
     def _between(self, at: Index, knots: Array, targets: Array) -> Array:
         """Return first guesses (k, nq) for all samples from the solved states (j, nq) at samples `at`.
@@ -453,32 +597,45 @@ class ReferenceModel:
         and the Jacobian corrects the passive joints accordingly. One iteration then suffices for nearly all samples.
         """
         if targets.ndim == 3 or len(at) < 2:
-            slopes = np.gradient(knots, at.astype(float), axis=0) if len(at) > 1 else np.zeros_like(knots)
-            return self.tree.normalise(walk.interpolate(at, knots, slopes, len(targets)))
+            slopes = np.zeros_like(knots)
+            if len(at) > 1:
+                slopes = np.gradient(knots, at.astype(float), axis=0)
+            states = walk.interpolate(at, knots, slopes, len(targets))
+            return self.tree.normalise(states)
         gain = self.gains(knots)
-        rate = np.einsum("kij,kj->ki", gain, np.gradient(targets, axis=0)[at])
+        driven_rate = np.gradient(targets, axis=0)[at]
+        rate = np.einsum("kij,kj->ki", gain, driven_rate)
+        # central difference: the slope of a quaternion is not its velocity
         tiny = 1e-3
-        ahead, behind = self.tree.integrate(knots, tiny * rate), self.tree.integrate(knots, -tiny * rate)
-        states = walk.interpolate(at, knots, (ahead - behind) / (2 * tiny), len(targets))
+        ahead = self.tree.integrate(knots, tiny * rate)
+        behind = self.tree.integrate(knots, -tiny * rate)
+        slopes = (ahead - behind) / (2 * tiny)
+        states = walk.interpolate(at, knots, slopes, len(targets))
         states = self.tree.normalise(states)
-        nearest = np.searchsorted(0.5 * (at[1:] + at[:-1]), np.arange(len(targets)))
+        midway = 0.5 * (at[1:] + at[:-1])
+        nearest = np.searchsorted(midway, np.arange(len(targets)))
         missed = targets - states[:, self._active_q]
-        return self.tree.integrate(states, np.einsum("kij,kj->ki", gain[nearest], missed))
+        correction = np.einsum("kij,kj->ki", gain[nearest], missed)
+        return self.tree.integrate(states, correction)
 
     def gains(self, states: Array, A: Array | None = None) -> Array:
         """Return the rates (k, nv, n) of tree joints per rate of each active joint; passive rates by least squares."""
-        A = self._jacobians(states)[0] if A is None else A
+        if A is None:
+            A, _ = self._jacobians(states)
         active = self.tree.active
+        passive = self.tree.passive
         gain = np.zeros((len(A), self.tree.model.nv, len(active)))
         gain[:, active] = np.eye(len(active))
-        gain[:, self.tree.passive] = -self._give(A) @ A[:, :, active]
+        gain[:, passive] = -self._give(A) @ A[:, :, active]
         return gain
 
     def _give(self, A: Array) -> Array:
         """Return the pseudoinverse (k, np, m): change of the passive joints per change of the loop residual."""
-        if not A.shape[1] or not len(self.tree.passive):
-            return np.zeros((len(A), len(self.tree.passive), A.shape[1]))
-        return np.asarray(np.linalg.pinv(A[:, :, self.tree.passive], rcond=_FLAT), float)
+        passive = self.tree.passive
+        if not A.shape[1] or not len(passive):
+            return np.zeros((len(A), len(passive), A.shape[1]))
+        inverse = np.linalg.pinv(A[:, :, passive], rcond=_FLAT)
+        return np.asarray(inverse, float)
 
     def _link(self, poses: Array, body: str) -> Array:
         number, T_joint_body = self.tree.body(body)
@@ -487,4 +644,5 @@ class ReferenceModel:
     def _jacobians(self, X: Array) -> tuple[Array, Array]:
         """Return loop Jacobians (k, m, nv) and tool Jacobians (k, 6, nv)."""
         poses, J = self.tree.update(X, closing_only=True)
-        return self.tree.loops.evaluate(X, poses, J)[1], self.tree.tool_jacobian(poses, J)
+        _, A = self.tree.loops.evaluate(X, poses, J)
+        return A, self.tree.tool_jacobian(poses, J)
