@@ -60,29 +60,41 @@ class Closing:
 
     def __init__(self, model: ReferenceModel, weights: Array) -> None:
         """Define the mechanism; distances of states use `weights` (n,), in m per unit (rad or m) of each joint."""
-        self._model, self._tree, self._weights = model, model.tree, weights
-        self._driven = np.array([self._tree.configuration[j.name] for j in model.mechanism.active], int)
+        tree = model.tree
+        self._model = model
+        self._tree = tree
+        self._weights = weights
+        self._driven = np.array([tree.configuration[j.name] for j in model.mechanism.active], int)
         self.linear = self._coupled()
         self._stride = np.array([_STRIDE[j.is_angle] for j in model.mechanism.active])
-        self._q, self._x = np.zeros((0, len(weights))), np.zeros((0, self._tree.model.nq))
-        self._sure = np.zeros(0, bool)  # whether a state was reached in small steps
+        # the known states: joint values, configurations, and whether each was reached in small steps
+        self._q = np.zeros((0, len(weights)))
+        self._x = np.zeros((0, tree.model.nq))
+        self._sure = np.zeros(0, bool)
         self._row: dict[bytes, int] = {}  # rounded joint values -> row of the state
 
     def _coupled(self) -> tuple[Array, Array] | None:
+        """Return `linear`: the couplings, solved for the passive joints."""
         tree = self._tree
-        active, passive = tree.active, tree.passive
-        if tree.loops.joints or tree.model.nq != tree.model.nv:
+        active = tree.active
+        passive = tree.passive
+        nv = tree.model.nv
+        couplings = tree.loops.couplings
+        if tree.loops.joints or tree.model.nq != nv:
             return None
-        rows, totals = np.zeros((len(tree.loops.couplings), tree.model.nv)), np.zeros(len(tree.loops.couplings))
-        for row, total, coupling in zip(rows, range(len(totals)), tree.loops.couplings, strict=True):
-            row[coupling.columns] = coupling.ratios
-            totals[total] = coupling.total
-        if len(rows) != len(passive) or np.linalg.matrix_rank(rows[:, passive]) < len(passive):
+        rows = np.zeros((len(couplings), nv))
+        totals = np.zeros(len(couplings))
+        for i, coupling in enumerate(couplings):
+            rows[i, coupling.columns] = coupling.ratios
+            totals[i] = coupling.total
+        P = rows[:, passive]
+        if len(rows) != len(passive) or np.linalg.matrix_rank(P) < len(passive):
             return None
-        G, x0 = np.zeros((tree.model.nv, len(active))), np.zeros(tree.model.nv)
+        G = np.zeros((nv, len(active)))
         G[active] = np.eye(len(active))
-        G[passive] = -np.linalg.solve(rows[:, passive], rows[:, active])
-        x0[passive] = np.linalg.solve(rows[:, passive], totals)
+        G[passive] = -np.linalg.solve(P, rows[:, active])
+        x0 = np.zeros(nv)
+        x0[passive] = np.linalg.solve(P, totals)
         return G, x0
 
     def placed(self, q: Array) -> Array:
@@ -107,25 +119,40 @@ class Closing:
             home = self._model.home()
             self.keep(home.q[None], home.x[None])
         rows = np.array([self._row.get(key, -1) for key in _keys(q)], int)
-        X, good = self._x[rows], np.ones(len(q), bool)
-        new = np.flatnonzero((rows < 0) | (thorough & ~self._sure[rows]))
+        X = self._x[rows]
+        good = np.ones(len(q), bool)
+        unknown = rows < 0
+        new = np.flatnonzero(unknown | (thorough & ~self._sure[rows]))
         if not len(new):
             return X, good
-        usable = np.flatnonzero(self._sure) if thorough else np.arange(len(self._q))
-        near = usable[cKDTree(self._q[usable] * self._weights).query(q[new] * self._weights, p=np.inf)[1]]
+        usable = np.arange(len(self._q))
+        divisors = (0,)  # one step only
+        if thorough:
+            usable = np.flatnonzero(self._sure)
+            divisors = _FINER
+        known = cKDTree(self._q[usable] * self._weights)
+        _, nearest = known.query(q[new] * self._weights, p=np.inf)
+        near = usable[nearest]
         good[new] = False
-        for finer in _FINER if thorough else (0,):
-            steps = int(np.ceil(finer * (np.abs(q[new] - self._q[near]) / self._stride).max(initial=0.0)))
+        for divisor in divisors:
+            strides = np.abs(q[new] - self._q[near]) / self._stride
+            steps = int(np.ceil(divisor * strides.max(initial=0.0)))
             found, ok = self._walk(near, q[new], max(steps, 1), small=thorough)
-            self.keep(q[new[ok]], found[ok], sure=thorough)
-            X[new[ok]], good[new[ok]] = found[ok], True
-            new, near = new[~ok], near[~ok]
+            reached = new[ok]
+            self.keep(q[reached], found[ok], sure=thorough)
+            X[reached] = found[ok]
+            good[reached] = True
+            new = new[~ok]
+            near = near[~ok]
         return X, good
 
     def keep(self, q: Array, X: Array, *, sure: bool = True) -> None:
         """Store configurations X (k, nq) at q (k, n) as known states; `sure`: whether small steps reached X."""
-        self._row |= {key: len(self._q) + i for i, key in enumerate(_keys(q))}
-        self._q, self._x = np.concatenate([self._q, q]), np.concatenate([self._x, X])
+        first = len(self._q)
+        for i, key in enumerate(_keys(q)):
+            self._row[key] = first + i
+        self._q = np.concatenate([self._q, q])
+        self._x = np.concatenate([self._x, X])
         self._sure = np.append(self._sure, np.full(len(q), sure))
 
     def _drop_old(self) -> None:
@@ -133,14 +160,20 @@ class Closing:
         unsure = np.flatnonzero(~self._sure)
         if len(unsure) <= _KNOWN:
             return
-        left = np.setdiff1d(np.arange(len(self._q)), unsure[: len(unsure) // 2])
-        self._q, self._x, self._sure = self._q[left], self._x[left], self._sure[left]
+        older = unsure[: len(unsure) // 2]
+        kept = np.setdiff1d(np.arange(len(self._q)), older)
+        self._q = self._q[kept]
+        self._x = self._x[kept]
+        self._sure = self._sure[kept]
         self._row = {key: i for i, key in enumerate(_keys(self._q))}
 
     def known(self, q: Array) -> Array | None:
         """Return the stored configuration (nq,) at joint values q (n,); None if none is stored."""
-        row = self._row.get(_keys(np.asarray(q, float)[None])[0])
-        return None if row is None else self._x[row]
+        (key,) = _keys(np.asarray(q, float)[None])
+        row = self._row.get(key)
+        if row is None:
+            return None
+        return self._x[row]
 
     def _walk(self, known: np.ndarray, q1: Array, steps: int, *, small: bool) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq) at q1, (k,) bool: whether the loops close without a change of the mode).
@@ -148,26 +181,30 @@ class Closing:
         `known` (k,) are the rows of the known states from which the walk starts. With `small`, no coordinate may change
         by more than `_JUMP` in any step.
         """
+        # several walks may start from one known state: its rates are computed once
         rows, of = np.unique(known, return_inverse=True)
-        gain, sign = self.rates(self._x[rows])[of], self.signs(self._x[rows])[of]
-        X, q0, ok = self._x[known], self._q[known], np.ones(len(known), bool)
+        gain = self.rates(self._x[rows])[of]
+        sign = self.signs(self._x[rows])[of]
+        X = self._x[known]
+        q0 = self._q[known]
+        ok = np.ones(len(known), bool)
         for i in range(1, steps + 1):
-            here = np.flatnonzero(ok)
-            if not len(here):
+            walking = np.flatnonzero(ok)
+            if not len(walking):
                 break
-            ahead = (q1 - q0)[here] / steps
-            guess = self._tree.step(X[here], np.einsum("kij,kj->ki", gain[here], ahead))
-            new, closed = self.near(guess, q0[here] + i * ahead)
+            ahead = (q1 - q0)[walking] / steps
+            tangent = np.einsum("kij,kj->ki", gain[walking], ahead)
+            guess = self._tree.step(X[walking], tangent)
+            new, closed = self.near(guess, q0[walking] + i * ahead)
             if small:
-                closed &= self.change(X[here], new) <= _JUMP
-            closed &= (self.signs(new) == sign[here]).all(axis=1)
-            X[here[closed]] = new[closed]
-            ok[here[~closed]] = False
+                closed &= self.change(X[walking], new) <= _JUMP
+            closed &= (self.signs(new) == sign[walking]).all(axis=1)
+            arrived = walking[closed]
+            X[arrived] = new[closed]
+            ok[walking[~closed]] = False
             if i < steps:
-                gain[here[closed]] = self.rates(new[closed])
+                gain[arrived] = self.rates(new[closed])
         return X, ok
-
-    # -- many states ----------------------------------------------------------------------------------
 
     def near(self, X: Array, q: Array, enough: float | None = None) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq) at q (k, n), (k,) bool: whether the loops close), by Newton's method from X.
@@ -177,50 +214,69 @@ class Closing:
         X = X.copy()
         X[:, self._driven] = q
         tree = self._tree
-        more = {} if enough is None else {"enough": enough}
-        new, ok = minimise(tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step, **more)
-        ok &= tree.loops.gaps(new, tree.place(new))[..., 0].max(axis=1, initial=0.0) <= GAP_TOLERANCE
+        if enough is None:
+            new, ok = minimise(tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step)
+        else:
+            new, ok = minimise(tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step, enough=enough)
+        gaps = tree.loops.gaps(new, tree.place(new))
+        ok &= gaps[..., 0].max(axis=1, initial=0.0) <= GAP_TOLERANCE
         return new, ok
 
     def _loops(self, X: Array, _: np.ndarray) -> tuple[Array, Array]:
+        """Return the loop residuals (k, m) at configurations X (k, nq), and their Jacobians (k, m, nv)."""
         poses = self._tree.place(X)
-        return self._tree.loops.evaluate(X, poses, self._tree.columns(poses))
+        J = self._tree.columns(poses)
+        return self._tree.loops.evaluate(X, poses, J)
+
+    def _loop_jacobian(self, X: Array) -> Array:
+        """Return the Jacobians (k, m, nv) of the loop residuals at configurations X (k, nq)."""
+        _, A = self._loops(X, np.arange(len(X)))
+        return A
 
     def rates(self, X: Array) -> Array:
         """Return the rates of tree joints (k, nv, n) per rate of each driven joint at closed configurations (k, nq)."""
         tree = self._tree
-        out = np.zeros((len(X), tree.model.nv, len(tree.active)))
-        out[:, tree.active] = np.eye(len(tree.active))
+        rates = np.zeros((len(X), tree.model.nv, len(tree.active)))
+        rates[:, tree.active] = np.eye(len(tree.active))
         if not len(X) or not len(tree.passive):
-            return out
-        A = self._loops(X, np.arange(len(X)))[1]
-        P, D = A[:, :, tree.passive], A[:, :, tree.active]
+            return rates
+        A = self._loop_jacobian(X)
+        P = A[:, :, tree.passive]
+        D = A[:, :, tree.active]
         Pt = np.swapaxes(P, 1, 2)
         normal = Pt @ P
         floor = _FLOOR * np.trace(normal, axis1=1, axis2=2) / len(tree.passive)
-        normal += np.maximum(floor, np.finfo(float).tiny)[:, None, None] * np.eye(len(tree.passive))
-        out[:, tree.passive] = -np.linalg.solve(normal, Pt @ D)
-        return out
+        damping = np.maximum(floor, np.finfo(float).tiny)[:, None, None]
+        normal += damping * np.eye(len(tree.passive))
+        rates[:, tree.passive] = -np.linalg.solve(normal, Pt @ D)
+        return rates
 
     def change(self, X0: Array, X1: Array) -> Array:
         """Return the largest change (k,) in m or rad of any coordinate between configurations (k, nq)."""
-        off = np.abs(X1 - X0)
+        changes = np.abs(X1 - X0)
         for place in self._tree.quaternions:
-            a, b = X0[:, place : place + 4], X1[:, place : place + 4]
-            off[:, place : place + 4] = 0.0
-            off[:, place] = 2 * np.arccos(np.clip(np.abs((a * b).sum(axis=1)), 0.0, 1.0))
-        return off.max(axis=1, initial=0.0)
+            four = slice(place, place + 4)
+            cosine = (X0[:, four] * X1[:, four]).sum(axis=1)
+            # the rotation angle in place of the four differences; q and -q are the same rotation
+            changes[:, four] = 0.0
+            changes[:, place] = 2 * np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
+        return changes.max(axis=1, initial=0.0)
 
     @cached_property
     def _independent(self) -> np.ndarray:
         """Independent loop equations (rows) in the rest poses, one per passive coordinate; empty if there are fewer."""
-        A = self._loops(self._model.home().x[None], np.zeros(1, int))[1][0][:, self._tree.passive]
+        passive = self._tree.passive
+        home = self._model.home().x[None]
+        A = self._loop_jacobian(home)[0][:, passive]
         if not A.size:
             return np.zeros(0, int)
-        found: Any = qr(A.T, mode="economic", pivoting=True)
-        size, order = np.abs(np.diag(found[1])), found[2]
-        full = len(size) == A.shape[1] and bool(size[-1] > 1e-6 * size[0])
-        return order[: A.shape[1]] if full else np.zeros(0, int)
+        factors: Any = qr(A.T, mode="economic", pivoting=True)
+        _, R, order = factors
+        size = np.abs(np.diag(R))
+        count = A.shape[1]
+        if len(size) != count or size[-1] <= 1e-6 * size[0]:
+            return np.zeros(0, int)
+        return order[:count]
 
     @cached_property
     def _blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -228,23 +284,37 @@ class Closing:
 
         The list is empty if the equations do not determine the passive coordinates (an internal freedom).
         """
-        rows, columns, tree = self._independent, self._tree.passive, self._tree
+        rows = self._independent
+        columns = self._tree.passive
         if not len(rows):
             return []
         # away from the rest poses, an entry is 0 only if its coordinate does not move the loop
-        turned = np.random.default_rng(0).uniform(-0.1, 0.1, (1, tree.model.nv))
-        A = np.abs(self._loops(tree.step(self._model.home().x[None], turned), np.zeros(1, int))[1][0])
-        linked = np.argwhere(A[rows][:, columns] > 1e-9 * A.max())
-        graph = coo_array((np.ones(len(linked)), (linked[:, 0], len(rows) + linked[:, 1])), shape=[2 * len(rows)] * 2)
-        count, group = connected_components(graph, directed=False)
-        return [(rows[group[: len(rows)] == g], columns[group[len(rows) :] == g]) for g in range(count)]
+        turned = np.random.default_rng(0).uniform(-0.1, 0.1, (1, self._tree.model.nv))
+        away = self._tree.step(self._model.home().x[None], turned)
+        A = np.abs(self._loop_jacobian(away)[0])
+        equation, coordinate = np.nonzero(A[rows][:, columns] > 1e-9 * A.max())
+        # nodes of the graph: first the equations, then the coordinates
+        count = len(rows)
+        edges = (equation, count + coordinate)
+        graph = coo_array((np.ones(len(equation)), edges), shape=[2 * count] * 2)
+        groups, group = connected_components(graph, directed=False)
+        blocks = []
+        for g in range(groups):
+            own_rows = rows[group[:count] == g]
+            own_columns = columns[group[count:] == g]
+            blocks.append((own_rows, own_columns))
+        return blocks
 
     def signs(self, X: Array) -> Array:
         """Return the sign (k, blocks) of the determinant of the loop equations of each block at X (k, nq)."""
         if not self._blocks:
             return np.zeros((len(X), 0))
-        A = self._loops(X, np.arange(len(X)))[1]
-        return np.column_stack([np.linalg.slogdet(A[:, rows][:, :, columns])[0] for rows, columns in self._blocks])
+        A = self._loop_jacobian(X)
+        signs = []
+        for rows, columns in self._blocks:
+            sign, _ = np.linalg.slogdet(A[:, rows][:, :, columns])
+            signs.append(sign)
+        return np.column_stack(signs)
 
     # -- paths ----------------------------------------------------------------------------------------
 
@@ -253,8 +323,11 @@ class Closing:
         end = X1.copy()
         for place in self._tree.quaternions:
             four = slice(place, place + 4)
-            end[(X0[:, four] * X1[:, four]).sum(axis=1) < 0, four] *= -1.0
-        return self._tree.unit((1 - part)[:, None] * X0 + part[:, None] * end)
+            # the shorter way: q and -q are the same rotation
+            opposite = (X0[:, four] * X1[:, four]).sum(axis=1) < 0
+            end[opposite, four] *= -1.0
+        column = part[:, None]
+        return self._tree.unit((1 - column) * X0 + column * end)
 
     def along(self, path: Callable[..., Array], x: Array, s: Array, check: Callable[[], None]) -> Array | None:
         """Return configurations (k, nq) of a path at stations s (k,), starting from the configuration x (nq,) at s[0].
@@ -262,33 +335,46 @@ class Closing:
         Return None if the loops open, or if the assembly mode changes (a determinant changes its sign, or a coordinate
         changes by more than `_JUMP` between two stations). `check` is called between the steps.
         """
-        for ahead in (_COARSE, len(s) - 1)[: 1 + (len(s) - 1 > _COARSE)]:
-            if (X := self._along(path(s), x, ahead, check)) is not None:
+        # first few stations one by one, which is fast; if this fails, all of them
+        counts = [_COARSE]
+        if len(s) - 1 > _COARSE:
+            counts.append(len(s) - 1)
+        for count in counts:
+            X = self._along(path(s), x, count, check)
+            if X is not None:
                 return X
         return None
 
     def _along(self, q: Array, x: Array, ahead: int, check: Callable[[], None]) -> Array | None:
         """Return the result of `along` for q (k, n) at the stations; about `ahead` stations are solved one by one."""
         X = np.tile(x, (len(q), 1))
-        done = np.unique(np.linspace(0, len(q) - 1, min(ahead, len(q) - 1) + 1).astype(int))
+        last = len(q) - 1
+        count = min(ahead, last) + 1
+        done = np.unique(np.linspace(0, last, count).astype(int))
         for i, j in pairwise(done.tolist()):
             check()
-            guess = self._tree.step(X[[i]], (self.rates(X[[i]]) @ (q[j] - q[i])))
+            tangent = self.rates(X[[i]]) @ (q[j] - q[i])
+            guess = self._tree.step(X[[i]], tangent)
             X[[j]], ok = self.near(guess, q[[j]])
             if not ok[0]:
                 return None
+        # then the stations in the middle between solved ones, all at once
         while len(done) < len(q):
             check()
             gap = np.diff(done) > 1
-            left, right = done[:-1][gap], done[1:][gap]
+            left = done[:-1][gap]
+            right = done[1:][gap]
             middle = (left + right) // 2
-            guess = self.between(X[left], X[right], (middle - left) / (right - left))
+            part = (middle - left) / (right - left)
+            guess = self.between(X[left], X[right], part)
             X[middle], ok = self.near(guess, q[middle])
             if not ok.all():
                 return None
             done = np.sort(np.concatenate([done, middle]))
-        same = self.signs(X) == self.signs(x[None])
-        return X if same.all() and (self.change(X[:-1], X[1:]) <= _JUMP).all() else None
+        same_mode = (self.signs(X) == self.signs(x[None])).all()
+        if same_mode and (self.change(X[:-1], X[1:]) <= _JUMP).all():
+            return X
+        return None
 
     def each(self, a: Array, b: Array, stations: int) -> tuple[Array, np.ndarray]:
         """Return configurations (m, stations, nq) of straight paths from a to b (m, n), and (m,) bool: whether closed.
@@ -296,23 +382,30 @@ class Closing:
         This is a fast test for searches: the loops are closed approximately, and the assembly modes at both ends are
         those of the nearest known states.
         """
-        m, part = len(a), np.linspace(0.0, 1.0, stations)
-        X, closed = self.states(np.concatenate([a, b]), thorough=False)
+        m = len(a)
+        part = np.linspace(0.0, 1.0, stations)
+        ends, closed = self.states(np.concatenate([a, b]), thorough=False)
         ok = closed[:m] & closed[m:]
-        first, last = (np.repeat(x[ok], stations, axis=0) for x in (X[:m], X[m:]))
+        # one row for each station of each path whose ends are closed
         parts = np.tile(part, int(ok.sum()))
-        q = np.repeat(a[ok], stations, axis=0) + parts[:, None] * np.repeat((b - a)[ok], stations, axis=0)
+        first = np.repeat(ends[:m][ok], stations, axis=0)
+        last = np.repeat(ends[m:][ok], stations, axis=0)
+        start = np.repeat(a[ok], stations, axis=0)
+        change = np.repeat((b - a)[ok], stations, axis=0)
+        q = start + parts[:, None] * change
         found, closed = self.near(self.between(first, last, parts), q, _ENOUGH)
         jumps = self.change(found[:-1], found[1:]) > _JUMP
         jumps[stations - 1 :: stations] = False  # not on a path: from the end of one path to the start of the next
+        jumps = np.append(jumps, False)
         good = closed.reshape(-1, stations).all(axis=1)
-        good &= ~np.append(jumps, False).reshape(-1, stations).any(axis=1)
-        out = np.zeros((m, stations, X.shape[1]))
-        out[ok] = found.reshape(-1, stations, X.shape[1])
+        good &= ~jumps.reshape(-1, stations).any(axis=1)
+        X = np.zeros((m, stations, ends.shape[1]))
+        X[ok] = found.reshape(-1, stations, ends.shape[1])
         ok[ok] = good
-        return out, ok
+        return X, ok
 
 
 def _keys(q: Array) -> list[bytes]:
     """Return a key for each row of joint values q (k, n); rows that differ by rounding only have equal keys."""
-    return [row.tobytes() for row in np.rint(q / ROUNDING).astype(np.int64)]
+    rounded = np.rint(q / ROUNDING).astype(np.int64)
+    return [row.tobytes() for row in rounded]

@@ -66,8 +66,10 @@ def joint_range(model: ReferenceModel, count: int = STATES) -> JointRange:
     low, high = _ends(mechanism, home.q)
     closing = Closing(model, np.ones(len(low)))
     targets = _targets(low, high, count)
-    states = closing.placed(targets) if closing.linear is not None else np.zeros((0, len(home.x)))
-    states = states[within_limits(model, states)] if len(states) else states
+    states = np.zeros((0, len(home.x)))
+    if closing.linear is not None:
+        states = closing.placed(targets)
+        states = states[within_limits(model, states)]
     if len(states) < _ENOUGH * len(targets):
         states = _along_lines(model, closing, home.x, targets[: count // 2])
     return JointRange(model.collect(states), low, high)
@@ -77,7 +79,9 @@ def _ends(mechanism: Mechanism, rest: Array) -> tuple[Array, Array]:
     """Return the lower and the upper end (n,) of the range of each driven joint."""
     half = np.array([_UNLIMITED[j.is_angle] for j in mechanism.active])
     low, high = mechanism.limits.T
-    return np.where(np.isfinite(low), low, rest - half), np.where(np.isfinite(high), high, rest + half)
+    low = np.where(np.isfinite(low), low, rest - half)
+    high = np.where(np.isfinite(high), high, rest + half)
+    return low, high
 
 
 def _targets(low: Array, high: Array, count: int) -> Array:
@@ -114,8 +118,9 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
     active = model.mechanism.active
     q0 = model.collect(home[None]).q[0]
     stride = np.array([_STRIDE[j.is_angle] for j in active])
-    steps = max(1, int(np.ceil(np.max(np.abs(targets - q0) / stride))))
-    ahead = (targets - q0) / steps
+    change = targets - q0
+    steps = max(1, int(np.ceil(np.max(np.abs(change) / stride))))
+    ahead = change / steps
     X = np.tile(home, (len(targets), 1))
     sign = closing.signs(home[None])
     moving = np.arange(len(targets))
@@ -132,8 +137,11 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
         if not len(moving):
             break
     rng = np.random.default_rng(1)
-    last = [line[-1] for line in passed]
-    between = [line[rng.integers(len(line))] for line in passed]
+    last = []
+    between = []
+    for line in passed:
+        last.append(line[-1])
+        between.append(line[rng.integers(len(line))])
     return np.array(last + between)
 
 

@@ -47,7 +47,8 @@ def minimise(
     `iterations` counts as not converged. `integrate` replaces `tree.integrate`. The iteration of a sample ends when the
     sum of squares of its residual is below `enough`.
     """
-    integrate = integrate or tree.integrate
+    if integrate is None:
+        integrate = tree.integrate
     X = X.copy()
     todo = np.arange(len(X))
     done = np.zeros(len(X), bool)
@@ -64,23 +65,32 @@ def minimise(
         size = np.trace(normal, axis1=1, axis2=2) / len(columns)
         steps = np.zeros((len(todo), tree.model.nv))
         # If no column affects the residual, `size` is 0, and the step must be 0.
-        weight = np.maximum(damping[todo] + _FLOOR * size, np.finfo(float).tiny)[:, None, None]
-        steps[:, columns] = -np.linalg.solve(normal + weight * eye, At @ r[..., None])[..., 0]
+        floor = damping[todo] + _FLOOR * size
+        weight = np.maximum(floor, np.finfo(float).tiny)[:, None, None]
+        gradient = At @ r[..., None]
+        steps[:, columns] = -np.linalg.solve(normal + weight * eye, gradient)[..., 0]
         new = integrate(X[todo], steps)
         # A small step proves convergence only if damping does not shorten it.
         free = damping[todo] <= _FLOOR_REACHED * size
-        last = (np.abs(steps).max(axis=1) < _STEP_LAST) & free
-        X[todo[last]], done[todo[last]] = new[last], True
-        todo, new, size = todo[~last], new[~last], size[~last]
+        small = np.abs(steps).max(axis=1) < _STEP_LAST
+        last = small & free
+        X[todo[last]] = new[last]
+        done[todo[last]] = True
+        todo = todo[~last]
+        new = new[~last]
+        size = size[~last]
         if not len(todo):
             break
         new_r, new_A = residual(new, todo)
         new_cost = np.sum(new_r**2, axis=1)
-        worse = (new_cost > cost[todo] * (1 + 1e-9)) & (new_cost > _COST_DONE)
+        # A higher cost is no reason to damp if it is a rounding error.
+        higher = new_cost > cost[todo] * (1 + 1e-9)
+        worse = higher & (new_cost > _COST_DONE)
         damping[todo[worse]] = np.maximum(10 * damping[todo[worse]], 1e-6 * size[worse])
         better = todo[~worse]
         damping[better] /= 10
-        X[better], cost[better] = new[~worse], new_cost[~worse]
+        X[better] = new[~worse]
+        cost[better] = new_cost[~worse]
         finished = ~worse & (new_cost < enough)
         done[todo[finished]] = True
         todo = todo[~finished]
@@ -89,5 +99,6 @@ def minimise(
         if worse.any():  # these samples return to their old states: evaluate the residual there again
             r, A = residual(X[todo], todo)
         else:
-            r, A = new_r[~finished], new_A[~finished]
+            r = new_r[~finished]
+            A = new_A[~finished]
     return X, done

@@ -35,15 +35,23 @@ def obstacles(
     groups = [(p.name, mechanisms[p.name], p.T_world_base) for p in others]
     if props is not None:
         groups.append((props.name, props, spatial.pose()))
-    T_base_world, out = spatial.inverse(T_world_base), []
+    T_base_world = spatial.inverse(T_world_base)
+    obstacles = []
     for name, mechanism, T_world in groups:
         links = poses.get(name)
         if links is None:
             home = ReferenceModel(mechanism).home().link_poses
             links = {body: T_world @ T for body, T in home.items()}
         for body in mechanism.bodies:
-            full = f"{name}/{body.name}"
-            met = [n.split("/", 1) for pair in scene.touching if full in pair for n in pair - {full}]
-            touches = {f"{own[owner]}{inner}" for owner, inner in met if owner in own}
-            out.append(Still(full, body, T_base_world @ links[body.name], frozenset(touches)))
-    return out
+            full_name = f"{name}/{body.name}"
+            touches = set()
+            for pair in scene.touching:
+                if full_name not in pair:
+                    continue
+                for partner in pair - {full_name}:
+                    owner, inner = partner.split("/", 1)
+                    if owner in own:
+                        touches.add(f"{own[owner]}{inner}")
+            T_base_body = T_base_world @ links[body.name]
+            obstacles.append(Still(full_name, body, T_base_body, frozenset(touches)))
+    return obstacles

@@ -21,18 +21,26 @@ def posed(tree: Tree, Ts: Array, directions: np.ndarray = ALL, p_tool: Array | N
     the axes of base. `p_tool` (3,) in m is the compared point in the tool frame; None: the origin of the tool.
     """
     Rt = np.swapaxes(Ts[:, :3, :3], 1, 2)
-    lever = np.zeros(3) if p_tool is None else p_tool
+    lever = p_tool
+    if lever is None:
+        lever = np.zeros(3)
     goal = Ts[:, :3, 3] + Ts[:, :3, :3] @ lever
 
     def residual(X: Array, rows: Index) -> tuple[Array, Array]:
         poses, J = tree.update(X, closing_only=True)
         r, A = tree.loops.evaluate(X, poses, J)
-        T, J_tool = tree.tool(poses), tree.tool_jacobian(poses, J)
-        sine, turn = sine_of_rotation(T[:, :3, :3] @ Rt[rows])
-        arm = T[:, :3, :3] @ lever
-        J_point = J_tool[:, :3] - spatial.hat(arm) @ J_tool[:, 3:]
-        off = np.concatenate([T[:, :3, 3] + arm - goal[rows], LENGTH_SCALE * sine], axis=1)
-        rate = np.concatenate([J_point, LENGTH_SCALE * turn @ J_tool[:, 3:]], axis=1)
-        return np.concatenate([r, off[:, directions]], axis=1), np.concatenate([A, rate[:, directions]], axis=1)
+        T = tree.tool(poses)
+        R = T[:, :3, :3]
+        J_tool = tree.tool_jacobian(poses, J)
+        angular = J_tool[:, 3:]
+        sine, turn = sine_of_rotation(R @ Rt[rows])
+        arm = R @ lever
+        shift = T[:, :3, 3] + arm - goal[rows]
+        J_point = J_tool[:, :3] - spatial.hat(arm) @ angular
+        off = np.concatenate([shift, LENGTH_SCALE * sine], axis=1)
+        rate = np.concatenate([J_point, LENGTH_SCALE * turn @ angular], axis=1)
+        r = np.concatenate([r, off[:, directions]], axis=1)
+        A = np.concatenate([A, rate[:, directions]], axis=1)
+        return r, A
 
     return residual

@@ -34,19 +34,27 @@ class Stations:
     def at(self, s: Array) -> Array | None:
         """Return configurations (k, nq) of the path at s (k,); None if the loops do not close."""
         q = self.path(s)
-        if self.closing.linear is not None:
-            return self.closing.placed(q)
+        closing = self.closing
+        if closing.linear is not None:
+            return closing.placed(q)
         i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         part = (s - self.s[i]) / (self.s[i + 1] - self.s[i])
-        X, closed = self.closing.near(self.closing.between(self.X[i], self.X[i + 1], part), q)
-        return X if closed.all() else None
+        guess = closing.between(self.X[i], self.X[i + 1], part)
+        X, closed = closing.near(guess, q)
+        if not closed.all():
+            return None
+        return X
 
     def ahead(self, s: Array, width: float) -> Array:
         """Return upper bounds (k, nv) of each coordinate's motion from s (k,), within width / 2 on either side of s."""
-        low, middle, high = (self._moved_until(s + part * width) for part in (-0.5, 0.0, 0.5))
+        low = self._moved_until(s - 0.5 * width)
+        middle = self._moved_until(s)
+        high = self._moved_until(s + 0.5 * width)
         return np.maximum(high - middle, middle - low)
 
     def _moved_until(self, s: Array) -> Array:
+        """Return `moved` (k, nv) at s (k,), interpolated between the values of `fine`."""
         i = np.clip(np.searchsorted(self.fine, s, side="right") - 1, 0, len(self.fine) - 2)
         part = (s - self.fine[i]) / (self.fine[i + 1] - self.fine[i])
-        return self.moved[i] + part[:, None] * (self.moved[i + 1] - self.moved[i])
+        increase = self.moved[i + 1] - self.moved[i]
+        return self.moved[i] + part[:, None] * increase

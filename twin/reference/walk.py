@@ -18,13 +18,17 @@ def knots(targets: Array) -> Index:
     """Return the indices of the knots (samples that are solved in order): the first, the last, and some between."""
     if len(targets) < 2:
         return np.zeros(len(targets), np.intp)
-    moved = np.abs(np.diff(targets, axis=0)).reshape(len(targets) - 1, -1).max(axis=1, initial=0.0)
-    way = np.concatenate([[0.0], np.cumsum(moved)])
-    at, last = [0], len(targets) - 1
+    change = np.abs(np.diff(targets, axis=0))
+    largest = change.reshape(len(targets) - 1, -1).max(axis=1, initial=0.0)
+    travel = np.concatenate([[0.0], np.cumsum(largest)])
+    last = len(targets) - 1
+    at = [0]
     while at[-1] < last:
         k = at[-1]
-        far = int(np.searchsorted(way, way[k] + _TRAVEL, side="right")) - 1
-        at.append(min(k + _EVERY, max(far, k + 1), last))
+        farthest = int(np.searchsorted(travel, travel[k] + _TRAVEL, side="right")) - 1
+        # at least the next sample, even if the target jumps
+        farthest = max(farthest, k + 1)
+        at.append(min(k + _EVERY, farthest, last))
     return np.array(at)
 
 
@@ -37,7 +41,8 @@ def distance(a: Array, b: Array) -> float:
     if a.ndim == 1:
         return float(np.abs(a - b).max(initial=0.0))
     turn = float(spatial.rotation_angle(a[:3, :3].T @ b[:3, :3]))
-    return max(float(np.linalg.norm(a[:3, 3] - b[:3, 3])), turn)
+    shift = float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
+    return max(shift, turn)
 
 
 def between(a: Array, b: Array, s: float) -> Array:
@@ -46,16 +51,20 @@ def between(a: Array, b: Array, s: float) -> Array:
         return b
     if a.ndim == 1:
         return a + s * (b - a)
-    turn = spatial.log_so3(b[:3, :3] @ a[:3, :3].T)
-    return spatial.pose(spatial.exp_so3(s * turn) @ a[:3, :3], a[:3, 3] + s * (b[:3, 3] - a[:3, 3]))
+    R_a = a[:3, :3]
+    p_a = a[:3, 3]
+    turn = spatial.log_so3(b[:3, :3] @ R_a.T)
+    R = spatial.exp_so3(s * turn) @ R_a
+    p = p_a + s * (b[:3, 3] - p_a)
+    return spatial.pose(R, p)
 
 
 def interpolate(at: Index, knots: Array, slopes: Array, count: int) -> Array:
     """Interpolate rows 0 to count - 1 by cubic Hermite polynomials through `knots` at rows `at` with `slopes`."""
     if len(at) < 2:
         return np.tile(knots, (count, 1))
-    where = np.arange(count)
-    i = np.clip(np.searchsorted(at, where, side="right") - 1, 0, len(at) - 2)
+    row = np.arange(count)
+    i = np.clip(np.searchsorted(at, row, side="right") - 1, 0, len(at) - 2)
     width = (at[i + 1] - at[i])[:, None].astype(float)
-    s = (where - at[i])[:, None] / width
+    s = (row - at[i])[:, None] / width
     return spatial.cubic(s, knots[i], knots[i + 1], slopes[i] * width, slopes[i + 1] * width)
