@@ -60,11 +60,14 @@ class Tree:
                 own = pin.Inertia(inertia.mass, inertia.p_body_com, inertia.I_com)
                 self.model.appendBodyToJoint(number, own, pin.SE3.Identity())
         self.data = self.model.createData()
-        self.coordinate = {
-            j.name: self.model.joints[self.joint_id[j.name]].idx_v for j in mechanism.tree if len(j.free_axes) == 1
-        }
-        # Configuration and velocity indices differ after a spherical joint (4 numbers, 3 rates).
-        self.configuration = {n: self.model.joints[self.joint_id[n]].idx_q for n in self.coordinate}
+        self.coordinate: dict[str, int] = {}
+        self.configuration: dict[str, int] = {}
+        for joint in mechanism.tree:
+            if len(joint.free_axes) == 1:
+                joint_model = self.model.joints[self.joint_id[joint.name]]
+                self.coordinate[joint.name] = joint_model.idx_v
+                # This index differs from the velocity index after a spherical joint (4 numbers, 3 rates).
+                self.configuration[joint.name] = joint_model.idx_q
         self.active = np.array([self.coordinate[j.name] for j in mechanism.active], int)
         self.passive = np.setdiff1d(np.arange(self.model.nv), self.active)
         self._mask = self._support_masks()
@@ -72,22 +75,33 @@ class Tree:
         self.tool_joint, T_joint_body = self._body[tool.body]
         self.T_joint_tool = T_joint_body @ tool.T_body_frame
         self.loops = Loops(mechanism.loops, self._body, self._mask, self._coupled())
-        self._all = sorted({number for number, _ in self._body.values()} - {0})
-        with_points = {self._body[p.body][0] for p in mechanism.points}
-        self._closing = sorted({*self.loops.joint_numbers, *with_points, self.tool_joint} - {0})
-        self._views = self._look()
-        joints = [(n, self.model.joints[n]) for n in range(1, self.model.njoints)]
-        self._chain = [(n, j.shortname(), j.idx_q, j.idx_v) for n, j in joints]
+        carriers = {number for number, _ in self._body.values()}
+        self._all = sorted(carriers - {0})
+        closing = {*self.loops.joint_numbers, self.tool_joint}
+        for point in mechanism.points:
+            number, _ = self._body[point.body]
+            closing.add(number)
+        self._closing = sorted(closing - {0})
+        self._views = self._memory_views()
         self._placements = [T.homogeneous for T in self.model.jointPlacements]
-        lead = {"JointModelSpherical": 0, "JointModelFreeFlyer": 3}
-        self.quaternions = [place + lead[kind] for _, kind, place, _ in self._chain if kind in lead]
+        self._chain: list[tuple[int, str, int, int]] = []  # number, kind, configuration index, velocity index
+        self.quaternions: list[int] = []
+        for number in range(1, self.model.njoints):
+            joint_model = self.model.joints[number]
+            kind = joint_model.shortname()
+            place = joint_model.idx_q
+            self._chain.append((number, kind, place, joint_model.idx_v))
+            if kind == "JointModelSpherical":
+                self.quaternions.append(place)
+            elif kind == "JointModelFreeFlyer":
+                self.quaternions.append(place + 3)  # after the position
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "_views"}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__ |= state
-        self._views = self._look()  # a copied view would no longer show the poses
+        self._views = self._memory_views()  # a copied view would no longer show the poses
 
     def _add(self, joint: Joint) -> None:
         parent_id, T_id_parent = self._body[joint.parent]
@@ -108,15 +122,21 @@ class Tree:
         self.joint_id[joint.name] = number
         self._body[joint.child] = (number, T_joint_child)
 
-    def _look(self) -> dict[bool, list[Array]]:
+    def _memory_views(self) -> dict[bool, list[Array]]:
         """Return views of Pinocchio's memory: rotation (3, 3) and position (3, 1) of joint 1, then of joint 2, ...
 
         The key is the argument `closing_only` of `update`. Copying all views at once takes half the time of copying the
         poses one by one.
         """
-        found = {True: self._closing, False: self._all}
-        poses = {key: [self.data.oMi[i] for i in numbers] for key, numbers in found.items()}
-        return {key: [part for T in Ts for part in (T.rotation, T.translation[:, None])] for key, Ts in poses.items()}
+        out = {}
+        for closing_only, numbers in ((True, self._closing), (False, self._all)):
+            views = []
+            for number in numbers:
+                T = self.data.oMi[number]
+                views.append(T.rotation)
+                views.append(T.translation[:, None])
+            out[closing_only] = views
+        return out
 
     def _coupled(self) -> tuple[Coupled, ...]:
         out = []
@@ -129,8 +149,9 @@ class Tree:
                     )
             columns = np.array([self.coordinate[n] for n in coupling.joints], int)
             places = np.array([self.configuration[n] for n in coupling.joints], int)
+            ratios = np.array(coupling.ratios)
             angle = self.mechanism.joint(coupling.joints[0]).is_angle
-            out.append(Coupled(coupling.name, places, columns, np.array(coupling.ratios), coupling.total, angle))
+            out.append(Coupled(coupling.name, places, columns, ratios, coupling.total, angle))
         return tuple(out)
 
     def _support_masks(self) -> Array:
@@ -138,8 +159,10 @@ class Tree:
         mask = np.zeros((self.model.njoints, self.model.nv))
         for number in range(1, self.model.njoints):
             joint = self.model.joints[number]
-            mask[number] = mask[self.model.parents[number]]
-            mask[number, joint.idx_v : joint.idx_v + joint.nv] = 1
+            parent = self.model.parents[number]
+            columns = slice(joint.idx_v, joint.idx_v + joint.nv)
+            mask[number] = mask[parent]
+            mask[number, columns] = 1
         return mask
 
     def body(self, name: str) -> tuple[int, Array]:
@@ -159,16 +182,23 @@ class Tree:
             Poses (k, joints, 4, 4) of the moving joint frames in base, and Jacobians (k, 6, nv). Each column of a
             Jacobian is the twist of one velocity in base at the base origin, linear part first.
         """
-        poses = np.broadcast_to(np.eye(4), (len(X), self.model.njoints, 4, 4)).copy()
-        J = np.zeros((len(X), 6, self.model.nv))
-        model, data = self.model, self.data
-        moved = self._closing if closing_only else self._all
-        views, found = self._views[closing_only], np.zeros((len(X), 3, 4 * len(moved)))
+        model = self.model
+        data = self.data
+        count = len(X)
+        numbers = self._all
+        if closing_only:
+            numbers = self._closing
+        views = self._views[closing_only]
+        poses = np.broadcast_to(np.eye(4), (count, model.njoints, 4, 4)).copy()
+        J = np.zeros((count, 6, model.nv))
+        # rotations and positions of all joints, side by side
+        columns = np.zeros((count, 3, 4 * len(numbers)))
         for k, x in enumerate(X):
-            J[k] = pin.computeJointJacobians(model, data, x).reshape(J.shape[1:])  # for one joint: (6,)
+            jacobian = pin.computeJointJacobians(model, data, x)
+            J[k] = jacobian.reshape(J.shape[1:])  # for one joint: (6,)
             if views:
-                np.concatenate(views, axis=1, out=found[k])
-        poses[:, moved, :3] = found.reshape(len(X), 3, len(moved), 4).swapaxes(1, 2)
+                np.concatenate(views, axis=1, out=columns[k])
+        poses[:, numbers, :3] = columns.reshape(count, 3, len(numbers), 4).swapaxes(1, 2)
         return poses, J
 
     def place(self, X: Array) -> Array:
@@ -178,35 +208,50 @@ class Tree:
         """
         poses = np.zeros((len(X), self.model.njoints, 4, 4))
         poses[:, 0] = np.eye(4)
-        for n, kind, first, _ in self._chain:
-            x, T = X[:, first, None], poses[:, n]
-            np.matmul(poses[:, self.model.parents[n]], self._placements[n], out=T)
+        for number, kind, first, _ in self._chain:
+            parent = self.model.parents[number]
+            T = poses[:, number]
+            np.matmul(poses[:, parent], self._placements[number], out=T)
+            x = X[:, first, None]
             if kind == "JointModelPZ":
                 T[:, :, 3] += x * T[:, :, 2]
-            elif kind == "JointModelRZ":
-                c, s = np.cos(x), np.sin(x)
-                T[:, :, 0], T[:, :, 1] = c * T[:, :, 0] + s * T[:, :, 1], c * T[:, :, 1] - s * T[:, :, 0]
-            else:
-                turn = first + 3 * (kind == "JointModelFreeFlyer")
-                if kind == "JointModelFreeFlyer":
-                    T[:, :3, 3] += np.einsum("kij,kj->ki", T[:, :3, :3], X[:, first:turn])
-                T[:, :3, :3] = T[:, :3, :3] @ spatial.matrix_from_quat_wxyz(X[:, [turn + 3, turn, turn + 1, turn + 2]])
+                continue
+            if kind == "JointModelRZ":
+                c = np.cos(x)
+                s = np.sin(x)
+                x_axis = c * T[:, :, 0] + s * T[:, :, 1]
+                y_axis = c * T[:, :, 1] - s * T[:, :, 0]
+                T[:, :, 0] = x_axis
+                T[:, :, 1] = y_axis
+                continue
+            i = first  # of the quaternion
+            if kind == "JointModelFreeFlyer":
+                i = first + 3
+                T[:, :3, 3] += np.einsum("kij,kj->ki", T[:, :3, :3], X[:, first:i])
+            q_wxyz = X[:, [i + 3, i, i + 1, i + 2]]  # in Pinocchio, the scalar is the last component
+            T[:, :3, :3] = T[:, :3, :3] @ spatial.matrix_from_quat_wxyz(q_wxyz)
         return poses
 
     def columns(self, poses: Array) -> Array:
         """Return the Jacobians (k, 6, nv) that `update` would return, for poses (k, joints, 4, 4) from `place`."""
         J = np.zeros((len(poses), 6, self.model.nv))
-        for n, kind, _, first in self._chain:
-            R, p = poses[:, n, :3, :3], poses[:, n, :3, 3]
+        for number, kind, _, first in self._chain:
+            R = poses[:, number, :3, :3]
+            p = poses[:, number, :3, 3]
             if kind == "JointModelPZ":
                 J[:, :3, first] = R[:, :, 2]
                 continue
-            if kind == "JointModelFreeFlyer":
+            column = first
+            axes = R
+            if kind == "JointModelRZ":
+                axes = R[:, :, 2:]
+            elif kind == "JointModelFreeFlyer":
+                # translations first, then rotations about all axes
                 J[:, :3, first : first + 3] = R
-                first += 3
-            axes = R[:, :, 2:] if kind == "JointModelRZ" else R
-            last = first + axes.shape[2]
-            J[:, :3, first:last], J[:, 3:, first:last] = spatial.hat(p) @ axes, axes
+                column = first + 3
+            turns = slice(column, column + axes.shape[2])
+            J[:, :3, turns] = spatial.hat(p) @ axes
+            J[:, 3:, turns] = axes
         return J
 
     def step(self, X: Array, steps: Array) -> Array:
@@ -219,10 +264,16 @@ class Tree:
             if kind == "JointModelFreeFlyer":
                 out[:, place : place + 7] = self.integrate(X, steps)[:, place : place + 7]
                 continue
-            w, v, r = X[:, place + 3, None], X[:, place : place + 3], steps[:, column : column + 3] / 2
+            three = slice(place, place + 3)
+            w = X[:, place + 3, None]
+            v = X[:, three]
+            # product of quaternions: (w, v) times (c, u), the rotation of the step
+            r = steps[:, column : column + 3] / 2
             half = np.linalg.norm(r, axis=1, keepdims=True)
-            c, u = np.cos(half), r * np.sinc(half / np.pi)
-            out[:, place : place + 3] = w * u + c * v + (spatial.hat(v) @ u[..., None])[..., 0]
+            c = np.cos(half)
+            u = r * np.sinc(half / np.pi)
+            cross = (spatial.hat(v) @ u[..., None])[..., 0]
+            out[:, three] = w * u + c * v + cross
             out[:, place + 3] = (w * c)[:, 0] - (v * u).sum(axis=1)
         return self.unit(out)
 
@@ -230,7 +281,8 @@ class Tree:
         """Return configurations (k, nq) with normalised quaternions; faster than `normalise` for large k."""
         X = X.copy()
         for place in self.quaternions:
-            X[:, place : place + 4] /= np.linalg.norm(X[:, place : place + 4], axis=1, keepdims=True)
+            four = slice(place, place + 4)
+            X[:, four] /= np.linalg.norm(X[:, four], axis=1, keepdims=True)
         return X
 
     def drift(self, X: Array, V: Array) -> tuple[Array, Array]:
@@ -240,19 +292,24 @@ class Tree:
             (k, m) second derivatives of the loop residuals, dA/dt V, valid for closed loops; and (k, 6) acceleration of
             the tool in base at its origin, dJ/dt V, linear part first.
         """
-        k, n = len(X), self.model.njoints
+        k = len(X)
+        n = self.model.njoints
         poses = np.broadcast_to(np.eye(4), (k, n, 4, 4)).copy()
-        twists, biases = np.zeros((k, n, 6)), np.zeros((k, n, 6))
+        twists = np.zeros((k, n, 6))
+        biases = np.zeros((k, n, 6))
         zero = np.zeros(self.model.nv)
         for row, (x, v) in enumerate(zip(X, V, strict=True)):
             pin.forwardKinematics(self.model, self.data, x, v, zero)
             for i in self._closing:
-                place = self.data.oMi[i]
-                poses[row, i] = place.homogeneous
-                twists[row, i], biases[row, i] = place.act(self.data.v[i]).vector, place.act(self.data.a[i]).vector
+                T = self.data.oMi[i]
+                poses[row, i] = T.homogeneous
+                twists[row, i] = T.act(self.data.v[i]).vector
+                biases[row, i] = T.act(self.data.a[i]).vector
         tool = self.tool_joint
-        linear = point_acceleration(twists[:, tool], biases[:, tool], self.tool(poses)[:, :3, 3])
-        return self.loops.drift(poses, twists, biases), np.concatenate([linear, biases[:, tool, 3:]], axis=1)
+        p_tool = self.tool(poses)[:, :3, 3]
+        linear = point_acceleration(twists[:, tool], biases[:, tool], p_tool)
+        acceleration = np.concatenate([linear, biases[:, tool, 3:]], axis=1)
+        return self.loops.drift(poses, twists, biases), acceleration
 
     def integrate(self, X: Array, steps: Array) -> Array:
         """Return configurations (k, nq) after tangent steps (k, nv)."""
@@ -268,9 +325,11 @@ class Tree:
 
     def tool_jacobian(self, poses: Array, J: Array) -> Array:
         """Return the tool Jacobians (k, 6, nv) in base at the tool's origin, linear part first."""
-        own = J * self._mask[self.tool_joint]
+        twist = J * self._mask[self.tool_joint]
+        angular = twist[:, 3:]
         p = self.tool(poses)[:, :3, 3]
-        return np.concatenate([own[:, :3] - spatial.hat(p) @ own[:, 3:], own[:, 3:]], axis=1)
+        linear = twist[:, :3] - spatial.hat(p) @ angular
+        return np.concatenate([linear, angular], axis=1)
 
     def start(self, rest: Mapping[str, Array]) -> Array:
         """Return the configuration (nq,) nearest to the rest poses `rest`: {name of the body: T_base_body (4, 4)}."""
@@ -286,11 +345,13 @@ class Tree:
             elif joint.type == "prismatic":
                 x[i] = T[2, 3]
             elif joint.type == "cylindrical":
-                x[i - 1], x[i] = T[2, 3], angle
+                x[i - 1] = T[2, 3]  # the slide is a joint of its own, before the rotation
+                x[i] = angle
             else:
                 q_wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
                 q_xyzw = np.roll(q_wxyz, -1)  # in Pinocchio, the scalar is the last component
-                x[i : i + 4 + 3 * (joint.type == "free")] = (
-                    q_xyzw if joint.type == "spherical" else np.concatenate([T[:3, 3], q_xyzw])
-                )
+                if joint.type == "free":
+                    x[i : i + 3] = T[:3, 3]
+                    i += 3
+                x[i : i + 4] = q_xyzw
         return x
