@@ -46,17 +46,25 @@ class Shape:
     """
 
     def __init__(self, name: str, body: str, meshes: Sequence[Mesh]) -> None:
-        self.name, self.body = name, body
-        self._vertices = vertices = np.concatenate([m.vertices for m in meshes])
-        offsets = np.cumsum([0, *(len(m.vertices) for m in meshes)])
-        triangles = np.concatenate([m.triangles + o for m, o in zip(meshes, offsets, strict=False)])
+        self.name = name
+        self.body = body
+        corners = []
+        rows = []
+        count = 0
+        for mesh in meshes:
+            corners.append(mesh.vertices)
+            rows.append(mesh.triangles + count)
+            count += len(mesh.vertices)
+        self._vertices = vertices = np.concatenate(corners)
+        triangles = np.concatenate(rows)
         self.triangles = vertices[triangles]
         self.model = coal.BVHModelOBBRSS()
         self.model.beginModel(len(triangles), len(vertices))
         self.model.addVertices(vertices)
         self.model.addTriangles(triangles.astype(np.int64))
         self.model.endModel()
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        low = vertices.min(axis=0)
+        high = vertices.max(axis=0)
         self.corners = np.array(list(product(*zip(low, high, strict=True))))
 
     @cached_property
@@ -71,7 +79,9 @@ class Shape:
 
     def corners_in(self, Ts_base_body: Array) -> Array:
         """Return the corners (k, 8, 3) of the bounding box in base, for body poses (k, 4, 4)."""
-        return np.einsum("kij,nj->kni", Ts_base_body[:, :3, :3], self.corners) + Ts_base_body[:, None, :3, 3]
+        R = Ts_base_body[:, :3, :3]
+        p = Ts_base_body[:, None, :3, 3]
+        return np.einsum("kij,nj->kni", R, self.corners) + p
 
 
 def _hull(vertices: Array) -> coal.Convex:
@@ -79,13 +89,16 @@ def _hull(vertices: Array) -> coal.Convex:
 
     hull = ConvexHull(vertices)
     place = {int(k): i for i, k in enumerate(hull.vertices)}
-    points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points = coal.StdVec_Vec3s()
     for k in hull.vertices:
         points.append(vertices[k])
-    p, q, r = np.moveaxis(vertices[hull.simplices], 1, 0)
-    inwards = np.einsum("ki,ki->k", np.cross(q - p, r - p), hull.equations[:, :3]) <= 0
+    # coal requires triangles with outward normals; in scipy, only `equations` has these normals
     simplices = hull.simplices.copy()
+    p, q, r = np.moveaxis(vertices[hull.simplices], 1, 0)
+    normals = np.cross(q - p, r - p)
+    inwards = np.einsum("ki,ki->k", normals, hull.equations[:, :3]) <= 0
     simplices[inwards, 1:] = simplices[inwards, :0:-1]
+    triangles = coal.StdVec_Triangle()
     for a, b, c in simplices.tolist():
         triangles.append(coal.Triangle(place[a], place[b], place[c]))
     return coal.Convex(points, triangles)
@@ -105,14 +118,19 @@ def clearance(
         progress: called with the fraction done.
     """
     distance, pair = _track(apart(mechanism), link_poses, progress)
-    return Clearance(distance, pair, _contacts(mechanism, _jointed(mechanism), link_poses))
+    contacts = _contacts(mechanism, _jointed(mechanism), link_poses)
+    return Clearance(distance, pair, contacts)
 
 
 def apart(mechanism: Mechanism) -> list[tuple[Shape, Shape]]:
     """Return all pairs of shapes whose bodies no joint connects, directly or over bodies without shape."""
-    whole = [Shape(b.name, b.name, b.meshes) for b in mechanism.bodies if b.meshes]
+    shapes = [Shape(b.name, b.name, b.meshes) for b in mechanism.bodies if b.meshes]
     jointed = _jointed(mechanism)
-    return [(a, b) for a, b in combinations(whole, 2) if frozenset((a.body, b.body)) not in jointed]
+    pairs = []
+    for a, b in combinations(shapes, 2):
+        if frozenset((a.body, b.body)) not in jointed:
+            pairs.append((a, b))
+    return pairs
 
 
 def _jointed(mechanism: Mechanism) -> set[frozenset[str]]:
@@ -123,11 +141,13 @@ def _jointed(mechanism: Mechanism) -> set[frozenset[str]]:
     """
     direct = [frozenset((j.parent, j.child)) for j in mechanism.joints if j.type != "free"]
     for body in mechanism.bodies:
-        at = [pair for pair in direct if body.name in pair]
-        if body.meshes or body.name == mechanism.base or len(at) != 2:
+        if body.meshes or body.name == mechanism.base:
             continue
-        beyond = (at[0] | at[1]) - {body.name}
-        direct = [pair for pair in direct if pair not in at]
+        own = [pair for pair in direct if body.name in pair]
+        if len(own) != 2:
+            continue
+        beyond = (own[0] | own[1]) - {body.name}
+        direct = [pair for pair in direct if pair not in own]
         if len(beyond) == 2:
             direct.append(beyond)
     return set(direct)
@@ -145,64 +165,89 @@ def between(
         link_poses: T_world_body (k, 4, 4) by owner and body.
         touching: pairs of "owner/body" that touch intentionally.
     """
-    shapes = {
-        n: [Shape(f"{n}/{b.name}", f"{n}/{b.name}", b.meshes) for b in m.bodies if b.meshes]
-        for n, m in mechanisms.items()
-    }
-    poses = {f"{n}/{b}": T for n, links in link_poses.items() for b, T in links.items()}
-    out = {}
+    shapes: dict[str, list[Shape]] = {}
+    for owner, mechanism in mechanisms.items():
+        shapes[owner] = []
+        for body in mechanism.bodies:
+            if body.meshes:
+                name = f"{owner}/{body.name}"
+                shapes[owner].append(Shape(name, name, body.meshes))
+    poses = {}
+    for owner, links in link_poses.items():
+        for body, T in links.items():
+            poses[f"{owner}/{body}"] = T
+    clearances = {}
     for m, n in combinations(mechanisms, 2):
-        pairs = [(a, b) for a, b in product(shapes[m], shapes[n]) if frozenset((a.name, b.name)) not in touching]
-        out[m, n] = Clearance(*_track(pairs, poses, None), ())
-    return out
+        pairs = []
+        for a, b in product(shapes[m], shapes[n]):
+            if frozenset((a.name, b.name)) not in touching:
+                pairs.append((a, b))
+        distance, pair = _track(pairs, poses, None)
+        clearances[m, n] = Clearance(distance, pair, ())
+    return clearances
 
 
 def _contacts(
     mechanism: Mechanism, jointed: set[frozenset[str]], link_poses: Mapping[str, Array]
 ) -> tuple[tuple[int, str, str], ...]:
     """Return (sample, part, part) of collisions of jointed bodies; parts that mate or touch in the CAD are skipped."""
-    mating = {frozenset(p) for j in mechanism.joints for p in combinations(j.mating, 2)}
-    found = []
-    for a, b in (tuple(sorted(p)) for p in sorted(jointed, key=sorted)):
+    mating = set()
+    for joint in mechanism.joints:
+        mating.update(frozenset(pair) for pair in combinations(joint.mating, 2))
+    contacts = []
+    for pair in sorted(jointed, key=sorted):
+        a, b = sorted(pair)
         # All poses are relative to a, so only b moves.
         T_a_b = (spatial.inverse(link_poses[a]) @ link_poses[b])[::_EVERY]
-        T_drawn = spatial.inverse(mechanism.rest.get(a, link_poses[a][0])) @ mechanism.rest.get(b, link_poses[b][0])
-        here = [Shape(m.name, a, [m]) for m in mechanism.body(a).meshes]
-        there = [Shape(m.name, b, [m]) for m in mechanism.body(b).meshes]
-        for q in there:
-            corners, drawn = q.corners_in(T_a_b), q.corners_in(T_drawn[None])
-            way = np.linalg.norm(corners - drawn, axis=-1).max(axis=-1)
-            for p in here:
+        rest_a = mechanism.rest.get(a, link_poses[a][0])
+        rest_b = mechanism.rest.get(b, link_poses[b][0])
+        T_drawn = spatial.inverse(rest_a) @ rest_b
+        parts_a = [Shape(mesh.name, a, [mesh]) for mesh in mechanism.body(a).meshes]
+        parts_b = [Shape(mesh.name, b, [mesh]) for mesh in mechanism.body(b).meshes]
+        for q in parts_b:
+            corners = q.corners_in(T_a_b)
+            drawn = q.corners_in(T_drawn[None])
+            drawn_low = drawn[0].min(axis=0)
+            drawn_high = drawn[0].max(axis=0)
+            travel = _largest_shift(corners, drawn)
+            for p in parts_a:
                 own = p.corners_in(np.eye(4)[None])[0]
-                apart = box_gap(own.min(axis=0), own.max(axis=0), drawn[0].min(axis=0), drawn[0].max(axis=0))
-                if way.max() < apart or frozenset((p.name, q.name)) in mating:
+                gap = box_gap(own.min(axis=0), own.max(axis=0), drawn_low, drawn_high)
+                if travel.max() < gap or frozenset((p.name, q.name)) in mating:
                     continue
-                apart = distance_between(p, q, np.eye(4), T_drawn)
-                if apart <= TOUCHING:
+                gap = distance_between(p, q, np.eye(4), T_drawn)
+                if gap <= TOUCHING:
                     continue
                 k = 0
-                while way[k:].max() >= apart > 0:
-                    k += int(np.argmax(way[k:] >= apart))  # before this sample, b has moved too little to touch a
-                    apart = distance_between(p, q, np.eye(4), T_a_b[k])
-                    way = np.linalg.norm(corners - corners[k], axis=-1).max(axis=-1)
-                if apart <= 0:
-                    found.append((k * _EVERY, p.name, q.name))
-    return tuple(found)
+                while travel[k:].max() >= gap > 0:
+                    k += int(np.argmax(travel[k:] >= gap))  # before this sample, b has moved too little to touch a
+                    gap = distance_between(p, q, np.eye(4), T_a_b[k])
+                    travel = _largest_shift(corners, corners[k])
+                if gap <= 0:
+                    contacts.append((k * _EVERY, p.name, q.name))
+    return tuple(contacts)
+
+
+def _largest_shift(corners: Array, before: Array) -> Array:
+    """Return the largest shift (k,) in m of a corner of (k, 8, 3) from the corners `before`: no point moves farther."""
+    return np.linalg.norm(corners - before, axis=-1).max(axis=-1)
 
 
 _EVERY = 5
 """Interval in samples between tests of the parts of jointed bodies, whose relative motion is slow."""
 
 
-def _way(a: Shape, b: Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:
+def _travel(a: Shape, b: Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:
     """Return an upper bound (k,) in m of the motion of b relative to a after sample `since`."""
-    corners = b.corners_in(spatial.inverse(link_poses[a.body]) @ link_poses[b.body])
-    return np.linalg.norm(corners - corners[since], axis=-1).max(axis=-1)
+    Ts_a_b = spatial.inverse(link_poses[a.body]) @ link_poses[b.body]
+    corners = b.corners_in(Ts_a_b)
+    return _largest_shift(corners, corners[since])
 
 
 def box_gap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> Array:
     """Return the distance (...) in m between boxes with corners (..., 3): a lower bound for shapes inside the boxes."""
-    return np.linalg.norm(np.maximum(np.maximum(low_a - high_b, low_b - high_a), 0), axis=-1)
+    along_axes = np.maximum(low_a - high_b, low_b - high_a)  # negative where the boxes overlap
+    return np.linalg.norm(np.maximum(along_axes, 0), axis=-1)
 
 
 def _track(
@@ -210,34 +255,42 @@ def _track(
     link_poses: Mapping[str, Array],
     progress: Callable[[float], None] | None,
 ) -> tuple[Array, tuple[tuple[str, str], ...]]:
+    """Return the smallest distance (k,) in m of any pair, and the names of the two nearest bodies, at each sample."""
     count = len(next(iter(link_poses.values())))
     if not pairs:
         return np.full(count, np.inf), (("", ""),) * count
-    first = np.array([_first_bound(a, b, link_poses) for a, b in pairs])
     # Lower bound of each pair's distance at all samples: the last measured distance minus the relative motion after it.
-    bounds = np.array([d - _way(a, b, link_poses) for d, (a, b) in zip(first, pairs, strict=True)])
-    distance, nearest = np.zeros(count), []
+    bounds = np.zeros((len(pairs), count))
+    for i, (a, b) in enumerate(pairs):
+        bounds[i] = _first_bound(a, b, link_poses) - _travel(a, b, link_poses)
+    distance = np.zeros(count)
+    names = []
     for k in range(count):
-        best, best_pair = np.inf, pairs[0]
+        smallest = np.inf
+        nearest = pairs[0]
         for i in np.argsort(bounds[:, k]):
-            if bounds[i, k] >= best:
+            if bounds[i, k] >= smallest:
                 break
             a, b = pairs[i]
-            found = distance_between(a, b, link_poses[a.body][k], link_poses[b.body][k])
-            bounds[i] = found - _way(a, b, link_poses, since=k)
-            if found < best:
-                best, best_pair = found, (a, b)
-        distance[k] = best
-        nearest.append((best_pair[0].name, best_pair[1].name))
+            measured = distance_between(a, b, link_poses[a.body][k], link_poses[b.body][k])
+            bounds[i] = measured - _travel(a, b, link_poses, since=k)
+            if measured < smallest:
+                smallest = measured
+                nearest = pairs[i]
+        distance[k] = smallest
+        a, b = nearest
+        names.append((a.name, b.name))
         if progress is not None:
             progress((k + 1) / count)
-    return distance, tuple(nearest)
+    return distance, tuple(names)
 
 
 def _first_bound(a: Shape, b: Shape, link_poses: Mapping[str, Array]) -> float:
     """Return the distance in m between the bounding boxes at the first sample."""
-    ca, cb = a.corners_in(link_poses[a.body][:1])[0], b.corners_in(link_poses[b.body][:1])[0]
-    return float(box_gap(ca.min(axis=0), ca.max(axis=0), cb.min(axis=0), cb.max(axis=0)))
+    corners_a = a.corners_in(link_poses[a.body][:1])[0]
+    corners_b = b.corners_in(link_poses[b.body][:1])[0]
+    gap = box_gap(corners_a.min(axis=0), corners_a.max(axis=0), corners_b.min(axis=0), corners_b.max(axis=0))
+    return float(gap)
 
 
 def distance_between(a: Shape, b: Shape, Ta: Array, Tb: Array, most: float = np.inf) -> float:
@@ -247,7 +300,8 @@ def distance_between(a: Shape, b: Shape, Ta: Array, Tb: Array, most: float = np.
     a small `most`, the computation is faster than coal's collision test with a margin: that test is slow for meshes
     that are close everywhere.
     """
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    request = coal.DistanceRequest()
+    result = coal.DistanceResult()
     result.min_distance = min(most, result.min_distance)
     coal.distance(a.model, placed(Ta), b.model, placed(Tb), request, result)
     return max(0.0, float(result.min_distance))
@@ -255,4 +309,5 @@ def distance_between(a: Shape, b: Shape, Ta: Array, Tb: Array, most: float = np.
 
 def placed(T: Array) -> coal.Transform3s:
     """Return a pose (4, 4) as a transform of the package coal."""
-    return coal.Transform3s(np.ascontiguousarray(T[:3, :3]), T[:3, 3])
+    R = np.ascontiguousarray(T[:3, :3])
+    return coal.Transform3s(R, T[:3, 3])

@@ -71,20 +71,26 @@ class Dynamics:
         Raises:
             MechanismError: rotor or friction does not have n finite numbers of at least 0.
         """
-        self.model = mechanism if isinstance(mechanism, ReferenceModel) else ReferenceModel(mechanism)
-        self.mechanism = m = self.model.mechanism
-        self._tree = self.model.tree
+        if not isinstance(mechanism, ReferenceModel):
+            mechanism = ReferenceModel(mechanism)
+        if gravity is None:
+            gravity = mechanism.mechanism.gravity
+        self.model = mechanism
+        self.mechanism = m = mechanism.mechanism
+        self._tree = mechanism.tree
         self._pin = pin.Model(self._tree.model)
-        self._pin.gravity.linear = np.asarray(m.gravity if gravity is None else gravity, float)
+        self._pin.gravity.linear = np.asarray(gravity, float)
         self._data = self._pin.createData()
         self._places = np.array([self._tree.configuration[j.name] for j in m.active], int)
-        self._upper = np.triu(np.ones((self._pin.nv, self._pin.nv)), 1) + 0.5 * np.eye(self._pin.nv)
+        nv = self._pin.nv
+        self._upper = np.triu(np.ones((nv, nv)), 1) + 0.5 * np.eye(nv)  # half of the diagonal; see `_tree_mass`
         self._tied = bool(m.loops)  # couplings alone are linear: their gain is constant
         self.friction = self._given("friction", friction)
-        known = {a.name: a.rotor_inertia or 0.0 for a in m.actuators}
-        motors = np.array([known.get(name, 0.0) for name in m.motor_names])
-        inward = m.motors(np.eye(self.n)).T
-        self.rotor = inward.T @ (motors[:, None] * inward) + np.diag(self._given("rotor", rotor))
+        rotor_inertia = {a.name: a.rotor_inertia or 0.0 for a in m.actuators}
+        motors = np.array([rotor_inertia.get(name, 0.0) for name in m.motor_names])
+        T_inverse = m.motors(np.eye(self.n)).T
+        rotors = T_inverse.T @ (motors[:, None] * T_inverse)
+        self.rotor = rotors + np.diag(self._given("rotor", rotor))
 
     @property
     def n(self) -> int:
@@ -92,10 +98,12 @@ class Dynamics:
         return len(self.mechanism.active)
 
     def _given(self, name: str, values: ArrayLike) -> Array:
+        """Return one value of a parameter for each active joint, (n,)."""
         values = np.asarray(values, float)
         if values.ndim == 0:
             values = np.full(self.n, float(values))
-        if values.shape != (self.n,) or not (np.isfinite(values) & (values >= 0)).all():
+        possible = np.isfinite(values) & (values >= 0)
+        if values.shape != (self.n,) or not possible.all():
             raise MechanismError(f"{name}: {self.n} finite numbers of at least 0 are needed, not {values}")
         return values
 
@@ -122,7 +130,10 @@ class Dynamics:
         """Return the state at q (n,); loops are closed starting from the assembly `before`, if given, or from home."""
         if not self._tied:
             return np.asarray(q, float)
-        return self.model.solve(np.asarray(q, float), before if isinstance(before, Assembly) else None)
+        seed = None
+        if isinstance(before, Assembly):
+            seed = before
+        return self.model.solve(np.asarray(q, float), seed)
 
     def tools(self, q: ArrayLike) -> Array:
         """Return T_base_tool (k, 4, 4) for joint values q (k, n) along a motion."""
@@ -130,9 +141,11 @@ class Dynamics:
         if self._tied:
             return self.model.run(q).Ts_base_tool
         X = np.tile(self._home, (len(q), 1))
-        X[:, self._followers] += (q - X[:, self._places]) @ self._follow.T
+        change = q - X[:, self._places]
+        X[:, self._followers] += change @ self._follow.T
         X[:, self._places] = q
-        return self._tree.tool(self._tree.update(X, closing_only=True)[0])
+        poses, _ = self._tree.update(X, closing_only=True)
+        return self._tree.tool(poses)
 
     def mass_matrix(self, at: State) -> Array:
         """Return the mass matrix M (n, n) at a state, including the rotors.
@@ -146,7 +159,8 @@ class Dynamics:
     def gravity(self, at: State) -> Array:
         """Return g (n,): the efforts that keep a state at rest; a joint without drive or loop counts as fixed."""
         x = self.configuration(at)
-        return self._gain(x).T @ np.array(pin.computeGeneralizedGravity(self._pin, self._data, x))
+        tree_efforts = np.array(pin.computeGeneralizedGravity(self._pin, self._data, x))
+        return self._gain(x).T @ tree_efforts
 
     def coriolis(self, at: State, qd: ArrayLike) -> Array:
         """Return C(q, qd) qd (n,): Coriolis and centrifugal efforts at rates qd (n,)."""
@@ -154,12 +168,15 @@ class Dynamics:
 
     def bias(self, at: State, qd: ArrayLike) -> Array:
         """Return C(q, qd) qd + g(q) (n,): the efforts without the terms of acceleration and friction."""
-        return self._newton_euler(self._determined(at), np.asarray(qd, float), np.zeros(self.n))
+        x = self._determined(at)
+        return self._newton_euler(x, np.asarray(qd, float), np.zeros(self.n))
 
     def inverse(self, at: State, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Return the joint efforts (n,) for accelerations qdd (n,) at a state and rates qd (n,)."""
-        qd, qdd = np.asarray(qd, float), np.asarray(qdd, float)
-        return self._newton_euler(self._determined(at), qd, qdd) + self.rotor @ qdd + self.friction * qd
+        qd = np.asarray(qd, float)
+        qdd = np.asarray(qdd, float)
+        efforts = self._newton_euler(self._determined(at), qd, qdd)
+        return efforts + self.rotor @ qdd + self.friction * qd
 
     def motor_efforts(self, at: State, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Return the motor efforts (n,), in the order of `mechanism.motor_names`, for qdd (n,); see `inverse`."""
@@ -167,38 +184,56 @@ class Dynamics:
 
     def forward(self, at: State, qd: ArrayLike, efforts: ArrayLike) -> Array:
         """Return the joint accelerations (n,) caused by joint efforts (n,) at a state and rates qd (n,)."""
-        x, qd = self._determined(at), np.asarray(qd, float)
-        free = np.asarray(efforts, float) - self._newton_euler(x, qd, np.zeros(self.n)) - self.friction * qd
-        return np.asarray(np.linalg.solve(self._mass(x), free), float)
+        x = self._determined(at)
+        qd = np.asarray(qd, float)
+        bias = self._newton_euler(x, qd, np.zeros(self.n))
+        free = np.asarray(efforts, float) - bias - self.friction * qd
+        qdd = np.linalg.solve(self._mass(x), free)
+        return np.asarray(qdd, float)
 
     def energy(self, at: State, qd: ArrayLike) -> tuple[float, float]:
         """Return (kinetic, potential) energy in J, including rotors; the potential of mass at the base origin is 0."""
-        x, qd = self.configuration(at), np.asarray(qd, float)
+        x = self.configuration(at)
+        qd = np.asarray(qd, float)
         V = qd @ self._gain(x).T
-        kinetic = float(pin.computeKineticEnergy(self._pin, self._data, x, V)) + 0.5 * float(qd @ self.rotor @ qd)
-        return kinetic, float(pin.computePotentialEnergy(self._pin, self._data, x))
+        bodies = float(pin.computeKineticEnergy(self._pin, self._data, x, V))
+        rotors = 0.5 * float(qd @ self.rotor @ qd)
+        potential = float(pin.computePotentialEnergy(self._pin, self._data, x))
+        return bodies + rotors, potential
 
     # -- internals ---------------------------------------------------------------------------------------
 
     def _gain(self, x: Array) -> Array:
         """Return G (nv, n): velocities of the tree per rate of each active joint."""
-        return self.model.gains(x[None])[0] if self._tied else self._scatter
+        if not self._tied:
+            return self._scatter
+        return self.model.gains(x[None])[0]
 
     def _mass(self, x: Array) -> Array:
-        M, G = self._tree_mass(x), self._gain(x)
+        """Return the mass matrix (n, n) in the active joints, with the rotors."""
+        M = self._tree_mass(x)
+        G = self._gain(x)
         return G.T @ M @ G + self.rotor
 
     def _tree_mass(self, x: Array) -> Array:
         """Return the full mass matrix (nv, nv) of the tree; Pinocchio computes its upper half only."""
-        upper = self._upper * np.asarray(pin.crba(self._pin, self._data, x), float).reshape(self._upper.shape)
+        M = np.asarray(pin.crba(self._pin, self._data, x), float)
+        upper = self._upper * M.reshape(self._upper.shape)
         return upper + upper.T
 
     def _newton_euler(self, x: Array, qd: Array, qdd: Array) -> Array:
+        """Return the efforts (n,) at rates qd (n,) and accelerations qdd (n,), without rotors and friction."""
         if not self._tied:
-            V, change = self._scatter @ qd, self._scatter @ qdd
-            return self._scatter.T @ np.array(pin.rnea(self._pin, self._data, x, V, change))
-        V, change, G = (rows[0] for rows in self.model.motion(x[None], qd[None], qdd[None]))
-        return G.T @ np.array(pin.rnea(self._pin, self._data, x, V, change))
+            G = self._scatter
+            V = G @ qd
+            change = G @ qdd
+        else:
+            Vs, changes, Gs = self.model.motion(x[None], qd[None], qdd[None])
+            V = Vs[0]
+            change = changes[0]
+            G = Gs[0]
+        tree_efforts = np.array(pin.rnea(self._pin, self._data, x, V, change))
+        return G.T @ tree_efforts
 
     def _determined(self, at: State) -> Array:
         """Return the configuration of a state; raise an error if a passive joint outside the loops moves a mass."""
@@ -223,13 +258,18 @@ class Dynamics:
     @cached_property
     def _followers(self) -> Index:
         """Configuration indices of the passive joints that couplings move."""
-        return np.unique([i for c in self._tree.loops.couplings for i in c.places if i not in self._places]).astype(int)
+        followers = []
+        for coupling in self._tree.loops.couplings:
+            followers += [place for place in coupling.places if place not in self._places]
+        return np.unique(followers).astype(int)
 
     @cached_property
     def _follow(self) -> Array:
         """Matrix (followers, n): change of each joint in `_followers` per change of each active joint."""
-        columns = {i: k for c in self._tree.loops.couplings for i, k in zip(c.places, c.columns, strict=True)}
-        return self._scatter[[columns[i] for i in self._followers]]
+        column: dict[int, int] = {}
+        for coupling in self._tree.loops.couplings:
+            column |= zip(coupling.places, coupling.columns, strict=True)
+        return self._scatter[[column[place] for place in self._followers]]
 
     @cached_property
     def _idle(self) -> str:
@@ -238,10 +278,15 @@ class Dynamics:
         if not len(passive):
             return ""
         A = self.model.loop_jacobian(self._home)[:, passive]
-        N = null_space(A, rcond=_FLAT) if len(A) else np.eye(len(passive))
+        # motions of the passive joints alone, in the columns of N
+        N = np.eye(len(passive))
+        if len(A):
+            N = null_space(A, rcond=_FLAT)
         M = self._tree_mass(self._home)[np.ix_(passive, passive)]
         if np.trace(N.T @ M @ N) <= _IDLE:
             return ""
-        most = passive[int(np.argmax(np.abs(N).sum(axis=1) * np.diag(M)))]
-        ids = (j for j in range(1, self._pin.njoints) if self._pin.joints[j].idx_v <= most)
-        return f"joint '{self._pin.names[max(ids)]}'"
+        contribution = np.abs(N).sum(axis=1) * np.diag(M)
+        column = passive[int(np.argmax(contribution))]
+        # the joint of this velocity index is the last one that begins at or before the index
+        number = max(j for j in range(1, self._pin.njoints) if self._pin.joints[j].idx_v <= column)
+        return f"joint '{self._pin.names[number]}'"

@@ -34,16 +34,23 @@ class Reach:
         self._tree = tree
         model = tree.model
         self._fixed = np.zeros((len(pairs), model.nv))
-        self._slides: list[tuple[int, Array]] = []  # (configuration index of a slide, mask (pairs, nv) of affected rho)
-        sliding = [n for n in range(1, model.njoints) if model.joints[n].nq == 1 and _slides(model, n)]
-        adds = {n: np.zeros_like(self._fixed) for n in sliding}
+        # (configuration index of a slide, mask (pairs, nv) of affected rho)
+        self._slides: list[tuple[int, Array]] = []
+        adds: dict[int, Array] = {}
+        for number in range(1, model.njoints):
+            if _slides(model, number) and model.joints[number].nq == 1:
+                adds[number] = np.zeros_like(self._fixed)
         for row, (a, b) in enumerate(pairs):
-            for (number, vertices), other in ((a, b[0]), (b, a[0])):
+            for body, partner in ((a, b), (b, a)):
+                number, vertices = body
+                partner_number, _ = partner
                 for j in self._above(number):
-                    if tree.moves(other)[model.joints[j].idx_v] if other else False:
+                    if partner_number and self._tree.moves(partner_number)[model.joints[j].idx_v]:
                         continue  # the joint moves both bodies
                     self._fill(row, j, number, vertices, adds)
-        self._slides = [(model.joints[n].idx_q, where) for n, where in adds.items() if where.any()]
+        for number, affected in adds.items():
+            if affected.any():
+                self._slides.append((model.joints[number].idx_q, affected))
 
     def _above(self, number: int) -> list[int]:
         """Return the joint `number` and all joints between this joint and the base."""
@@ -54,24 +61,33 @@ class Reach:
         return out
 
     def _fill(self, row: int, j: int, number: int, vertices: Array, adds: dict[int, Array]) -> None:
+        """Add the rho of joint `j` for the body of joint `number`, with its `vertices`, to row `row`.
+
+        `adds` holds, by the number of each slide, the mask (pairs, nv) of the rho that its extension increases.
+        """
         model = self._tree.model
         joint = model.joints[j]
         columns = slice(joint.idx_v, joint.idx_v + joint.nv)
         if _slides(model, j) and joint.nv == 1:
             self._fixed[row, columns] += 1.0
             return
-        between = self._above(number)
-        between = between[: between.index(j)][::-1]  # in outward order from j
+        above = self._above(number)
+        between = above[: above.index(j)][::-1]  # in outward order from j
         if not between:
-            across = np.linalg.norm(vertices[:, :2] if joint.nv == 1 else vertices, axis=1).max(initial=0.0)
+            if joint.nv == 1:
+                vertices = vertices[:, :2]  # the distance from an axis; else, from a point
+            rho = np.linalg.norm(vertices, axis=1).max(initial=0.0)
         else:
             first = model.jointPlacements[between[0]].translation
-            across = np.linalg.norm(first[:2] if joint.nv == 1 else first)
-            across += sum(np.linalg.norm(model.jointPlacements[k].translation) for k in between[1:])
-            across += np.linalg.norm(vertices, axis=1).max(initial=0.0)
-        size = np.full(joint.nv, across)
+            if joint.nv == 1:
+                first = first[:2]
+            offsets = [np.linalg.norm(model.jointPlacements[k].translation) for k in between[1:]]
+            rho = np.linalg.norm(first)
+            rho += sum(offsets)
+            rho += np.linalg.norm(vertices, axis=1).max(initial=0.0)
+        size = np.full(joint.nv, rho)
         if joint.nv == 6:
-            size[:3] = 1.0
+            size[:3] = 1.0  # translations of a free joint
         self._fixed[row, columns] += size
         for k in between:
             if k in adds:
@@ -84,11 +100,14 @@ class Reach:
             X: (k, nq) configurations along the motion.
             ahead: (nv,) in m or rad, how far each coordinate may move beyond its range in X.
         """
-        out = self._fixed.copy()
-        for place, where in self._slides:
-            column = int(np.flatnonzero([j.idx_q == place for j in self._tree.model.joints])[-1])
-            out += where * (np.abs(X[:, place]).max() + ahead[self._tree.model.joints[column].idx_v])
-        return out
+        joints = self._tree.model.joints
+        bounds = self._fixed.copy()
+        for place, affected in self._slides:
+            # the last joint with this index: the base, joint 0, may have the index of joint 1
+            number = int(np.flatnonzero([j.idx_q == place for j in joints])[-1])
+            extension = np.abs(X[:, place]).max() + ahead[joints[number].idx_v]
+            bounds += affected * extension
+        return bounds
 
 
 class Levers:
@@ -110,18 +129,25 @@ class Levers:
         """
         model = tree.model
         above = np.zeros((len(numbers), model.njoints), bool)
-        for row, number in enumerate(int(n) for n in numbers):
-            while number:
-                above[row, number] = True
-                number = model.parents[number]
+        for row, number in enumerate(numbers.tolist()):
+            joint = number
+            while joint:
+                above[row, joint] = True
+                joint = model.parents[joint]
         shared = above[pairs[:, 0]] & above[pairs[:, 1]]
-        highest = np.where(shared.any(axis=1), model.njoints - 1 - np.argmax(shared[:, ::-1], axis=1), 0)
-        self._pairs = [np.flatnonzero(highest == n) for n in range(model.njoints)]
+        last_shared = model.njoints - 1 - np.argmax(shared[:, ::-1], axis=1)
+        highest = np.where(shared.any(axis=1), last_shared, 0)
         self._joints, self._bodies = np.nonzero(above.T)
-        self._moved = [np.flatnonzero(self._joints == n) for n in range(model.njoints)]
         self._columns = np.array([j.idx_v for j in model.joints])
         self._balls = np.array([j.shortname() == _BALL for j in model.joints])
-        self._turn = [n > 0 and not _slides(model, n) for n in range(model.njoints)]
+        # by joint: the pairs whose last common joint it is, its rows in `_joints`, and whether it rotates
+        self._pairs: list[np.ndarray] = []
+        self._moved: list[np.ndarray] = []
+        self._turn: list[bool] = []
+        for number in range(model.njoints):
+            self._pairs.append(np.flatnonzero(highest == number))
+            self._moved.append(np.flatnonzero(self._joints == number))
+            self._turn.append(number > 0 and not _slides(model, number))
         self._rows = pairs
 
     @staticmethod
@@ -140,25 +166,35 @@ class Levers:
             moved: (k, nv) in m or rad, largest motion of each coordinate.
         """
         # the states last: numpy is fast along the last axis
-        steps, place = moved.T[self._columns], np.ascontiguousarray(np.moveaxis(joints[:, :, :3, 2:], 0, -1))
+        steps = moved.T[self._columns]
+        place = np.ascontiguousarray(np.moveaxis(joints[:, :, :3, 2:], 0, -1))
+        axis = place[self._joints, :, 0]
         off = centres[self._bodies] - place[self._joints, :, 1]
-        along = (off * place[self._joints, :, 0]).sum(axis=1)
-        for n in np.flatnonzero(self._balls):
+        along = (off * axis).sum(axis=1)
+        for number in np.flatnonzero(self._balls):
             # the sum, not the norm: the body may rotate about each of the three axes in turn
-            steps[n] = moved[:, self._columns[n] : self._columns[n] + 3].sum(axis=1)
-            along[self._joints == n] = 0.0
-        rho = np.sqrt(np.maximum((off * off).sum(axis=1) - along**2, 0.0)) + radii[self._bodies, None]
-        total, out = np.zeros((len(radii), len(joints))), np.zeros((len(self._rows), len(joints)))
-        for n in range(len(self._columns) - 1, -1, -1):
-            if len(here := self._pairs[n]):
-                a, b = self._rows[here].T
-                out[here] = total[a] + total[b]
-            which = self._moved[n]
-            if n:
-                total[self._bodies[which]] += steps[n] * (
-                    rho[which] + total[self._bodies[which]] if self._turn[n] else 1.0
-                )
-        return out
+            column = self._columns[number]
+            steps[number] = moved[:, column : column + 3].sum(axis=1)
+            along[self._joints == number] = 0.0
+        across = np.maximum((off * off).sum(axis=1) - along**2, 0.0)
+        rho = np.sqrt(across) + radii[self._bodies, None]
+        total = np.zeros((len(radii), len(joints)))  # S of each body
+        bounds = np.zeros((len(self._rows), len(joints)))
+        # from the bodies to the base; 0 is the base, which does not move
+        for number in range(len(self._columns) - 1, -1, -1):
+            pairs = self._pairs[number]
+            if len(pairs):
+                a, b = self._rows[pairs].T
+                bounds[pairs] = total[a] + total[b]
+            if not number:
+                break
+            which = self._moved[number]
+            bodies = self._bodies[which]
+            lever = 1.0
+            if self._turn[number]:
+                lever = rho[which] + total[bodies]
+            total[bodies] += steps[number] * lever
+        return bounds
 
 
 def _slides(model: pin.Model, number: int) -> bool:
