@@ -59,28 +59,39 @@ def divided(triangles: Array, edge: float) -> Array:
         long = sides.max(axis=1) > edge
         done.append(triangles[~long])
         total += len(done[-1])
-        triangles, sides = triangles[long], sides[long]
+        triangles = triangles[long]
+        sides = sides[long]
         if total + 2 * len(triangles) > _PIECES:
             done.append(triangles)
             break
-        i, rows = np.argmax(sides, axis=1), np.arange(len(triangles))
-        a, b, c = (triangles[rows, (i + n) % 3] for n in range(3))
+        # the longest edge is that from a to b
+        i = np.argmax(sides, axis=1)
+        rows = np.arange(len(triangles))
+        a = triangles[rows, i]
+        b = triangles[rows, (i + 1) % 3]
+        c = triangles[rows, (i + 2) % 3]
         middle = (a + b) / 2
-        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        first = np.stack([a, middle, c], axis=1)
+        second = np.stack([middle, b, c], axis=1)
+        triangles = np.concatenate([first, second])
     return np.concatenate(done)
 
 
 def _radius(triangles: Array) -> float:
     """Return the approximate radius in m of the smallest balls of the surface of triangles (k, 3, 3)."""
     sides = triangles[:, 1:] - triangles[:, :1]
-    area = float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    area = float(np.linalg.norm(normals, axis=1).sum()) / 2
+    # each of the smallest balls has a share of the area
     return float(np.sqrt(area / 2**_DEPTH))
 
 
 def _cell(triangles: Array) -> float:
     """Return the edge length in m of the grid cells for the surface of triangles (k, 3, 3)."""
-    size = np.ptp(triangles.reshape(-1, 3), axis=0) + _CELL[0]
-    return float(np.clip((np.prod(size) / _NODES) ** (1 / 3), *_CELL))
+    smallest, largest = _CELL
+    size = np.ptp(triangles.reshape(-1, 3), axis=0) + smallest
+    cell = (np.prod(size) / _NODES) ** (1 / 3)
+    return float(np.clip(cell, smallest, largest))
 
 
 def balls(triangles: Array) -> Array:
@@ -93,29 +104,56 @@ def balls(triangles: Array) -> Array:
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     small = max(extent * _SMALL, 0.1 * MM)
     pieces = divided(triangles, max(2 * small, _radius(triangles)))  # smaller pieces would have no effect
-    number, made = np.ones(len(pieces), np.int64), {}
+    # The ball `number` has the halves `2 number` and `2 number + 1`; `number` (pieces,) is that of each piece's ball.
+    number = np.ones(len(pieces), np.int64)
+    made: dict[int, tuple[float, ...]] = {}
     for depth in range(_DEPTH + 1):
         order = np.argsort(number, kind="stable")
-        pieces, number = pieces[order], number[order]
+        pieces = pieces[order]
+        number = number[order]
         parts, first, sizes = np.unique(number, return_index=True, return_counts=True)
-        low, high = np.minimum.reduceat(pieces.min(axis=1), first), np.maximum.reduceat(pieces.max(axis=1), first)
-        middle, of = (low + high) / 2, np.repeat(np.arange(len(parts)), sizes)
+        of = np.repeat(np.arange(len(parts)), sizes)  # the row in `parts` of each piece
+        low = np.minimum.reduceat(pieces.min(axis=1), first)
+        high = np.maximum.reduceat(pieces.max(axis=1), first)
+        middle = (low + high) / 2
         off = np.linalg.norm(pieces - middle[of][:, None], axis=2).max(axis=1)
         radii = np.maximum.reduceat(off, first)
         for part, centre, radius in zip(parts.tolist(), middle, radii, strict=True):
             made[part] = (*centre, radius * (1 + 1e-9))
-        open_ = ((radii > small) & (sizes > 1))[of] if depth < _DEPTH else np.zeros(len(pieces), bool)
-        if not open_.any():
+        if depth == _DEPTH:
             break
-        axis = np.argmax(high - low, axis=1)
-        places = np.take_along_axis(pieces.mean(axis=1), axis[of][:, None], axis=1)[:, 0]
-        least, most = np.minimum.reduceat(places, first), np.maximum.reduceat(places, first)
-        side = places > ((least + most) / 2)[of]
-        even = (least == most)[of]  # all centres in one place: halved by index
-        side[even] = (np.arange(len(pieces)) - first[of] >= (sizes[of] + 1) // 2)[even]
-        pieces, number = pieces[open_], (2 * number + side)[open_]
+        halved = ((radii > small) & (sizes > 1))[of]
+        if not halved.any():
+            break
+        side = _halves(pieces, first, sizes, of, np.argmax(high - low, axis=1))
+        pieces = pieces[halved]
+        number = (2 * number + side)[halved]
+    return _depth_first(made)
+
+
+def _halves(pieces: Array, first: np.ndarray, sizes: np.ndarray, of: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return (k,) bool: the half of its part for each of the pieces (k, 3, 3), along the part's longest axis.
+
+    Part i has `sizes[i]` pieces, from `first[i]`, and the longest axis `axis[i]`; `of` (k,) is the part of each piece.
+    """
+    centres = pieces.mean(axis=1)
+    places = np.take_along_axis(centres, axis[of][:, None], axis=1)[:, 0]
+    least = np.minimum.reduceat(places, first)
+    most = np.maximum.reduceat(places, first)
+    side = places > ((least + most) / 2)[of]
+    even = (least == most)[of]  # all centres in one place: halved by index
+    index = np.arange(len(pieces)) - first[of]
+    later = index >= (sizes[of] + 1) // 2
+    side[even] = later[even]
+    return side
+
+
+def _depth_first(made: dict[int, tuple[float, ...]]) -> Array:
+    """Return the rows (n, 5) of balls, {number: centre and radius}, in depth-first order; see `balls`."""
     rows: list[tuple[float, ...]] = []
-    after, waiting = [], [(1, -1)]
+    after: list[int] = []
+    # a number of a ball, or the row whose subtree ends here
+    waiting = [(1, -1)]
     while waiting:
         part, closes = waiting.pop()
         if closes >= 0:
@@ -124,7 +162,8 @@ def balls(triangles: Array) -> Array:
         waiting.append((0, len(rows)))
         rows.append(made[part])
         after.append(0)
-        waiting += [(child, -1) for child in (2 * part + 1, 2 * part) if child in made]
+        halves = (2 * part + 1, 2 * part)
+        waiting += [(half, -1) for half in halves if half in made]
     return np.column_stack([np.array(rows), after])
 
 
@@ -160,26 +199,31 @@ class Grid:
         from scipy.spatial import cKDTree
 
         points = triangles.reshape(-1, 3)
-        low, high = points.min(axis=0), points.max(axis=0)
+        low = points.min(axis=0)
+        high = points.max(axis=0)
         cell = _cell(triangles)
         pieces = divided(triangles, cell)
         middles = pieces.mean(axis=1)
         spread = float(np.linalg.norm(pieces - middles[:, None], axis=2).max())
         start = low - (_BAND + 1) * cell
         shape = np.ceil((high - low) / cell).astype(int) + 2 * _BAND + 3
-        marked = np.ones(shape, bool)
-        marked[tuple(np.rint((middles - start) / cell).astype(np.intp).T)] = False
-        steps = np.asarray(distance_transform_edt(marked), float)
+        node = np.rint((middles - start) / cell).astype(np.intp)
+        free = np.ones(shape, bool)
+        free[tuple(node.T)] = False
+        steps = np.asarray(distance_transform_edt(free), float)
         # a piece's centre is within half a cell's diagonal of its node; its points are within `spread` of its centre
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         # near the surface: distance from the nearest centre minus `spread`; the centre is a point of the surface
         near = np.argwhere(steps <= _BAND)
         tree = cKDTree(middles, balanced_tree=False, compact_nodes=False)
-        values[tuple(near.T)] = np.maximum(tree.query(start + near * cell, workers=1)[0] - spread, 0.0)
+        distance, _ = tree.query(start + near * cell, workers=1)
+        values[tuple(near.T)] = np.maximum(distance - spread, 0.0)
         # values of nodes beyond the band are at least `known`
         known = max(_BAND * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         far = np.sqrt(3) * cell + spread + 1e-6
-        return Grid(values.astype(np.float32) * np.float32(1 - 1e-6), start, cell, low, high, spread + 1e-6, known, far)
+        # a lower bound must remain one after rounding to float32
+        rounded = values.astype(np.float32) * np.float32(1 - 1e-6)
+        return Grid(rounded, start, cell, low, high, spread + 1e-6, known, far)
 
 
 def grid_of(triangles: Array) -> Grid:
@@ -187,17 +231,28 @@ def grid_of(triangles: Array) -> Grid:
 
     def make() -> dict[str, np.ndarray]:
         grid = Grid.of(triangles)
-        rest = np.concatenate([grid.start, [grid.cell], grid.low, grid.high, [grid.error, grid.known, grid.far]])
+        bounds = [grid.error, grid.known, grid.far]
+        rest = np.concatenate([grid.start, [grid.cell], grid.low, grid.high, bounds])
         return {"values": grid.values, "rest": rest}
 
-    found = _kept("grid", triangles, make)
-    rest = found["rest"]
-    return Grid(found["values"], rest[:3], rest[3], rest[4:7], rest[7:10], rest[10], rest[11], rest[12])
+    arrays = _kept("grid", triangles, make)
+    rest = arrays["rest"]
+    return Grid(
+        arrays["values"],
+        start=rest[:3],
+        cell=rest[3],
+        low=rest[4:7],
+        high=rest[7:10],
+        error=rest[10],
+        known=rest[11],
+        far=rest[12],
+    )
 
 
 def balls_of(triangles: Array) -> Array:
     """Return `balls(triangles)`, from the cache if they are there."""
-    return _kept("balls", triangles, lambda: {"balls": balls(triangles)})["balls"]
+    arrays = _kept("balls", triangles, lambda: {"balls": balls(triangles)})
+    return arrays["balls"]
 
 
 def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
@@ -208,22 +263,33 @@ def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]
     """
     digest = hashlib.sha256(f"{kind} {_VERSION} {triangles.shape}\n".encode())
     digest.update(np.ascontiguousarray(triangles, np.float64).data)
-    folder, name = cache_folder("distances"), f"{digest.hexdigest()}.npz"
+    folder = cache_folder("distances")
+    name = f"{digest.hexdigest()}.npz"
     with contextlib.suppress(OSError, ValueError, KeyError, EOFError, BadZipFile):
         # numpy would not close a damaged file
-        with np.load(BytesIO((folder / name).read_bytes()), allow_pickle=False) as file:
-            out = dict(file)
-        if hashlib.sha256(b"".join(out[k].tobytes() for k in sorted(out) if k != "sum")).digest() == bytes(out["sum"]):
-            return out
-    out = make()
-    total = hashlib.sha256(b"".join(out[k].tobytes() for k in sorted(out))).digest()
+        content = BytesIO((folder / name).read_bytes())
+        with np.load(content, allow_pickle=False) as file:
+            arrays = dict(file)
+        stored_sum = bytes(arrays["sum"])
+        if _checksum({key: arrays[key] for key in arrays if key != "sum"}) == stored_sum:
+            return arrays
+    arrays = make()
+    checksum = np.frombuffer(_checksum(arrays), np.uint8)
     with contextlib.suppress(OSError, OutputError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for old in sorted(folder.glob("*.npz"), key=lambda p: p.stat().st_mtime)[:-_KEPT]:
+        # one file is added: the oldest ones go
+        oldest_first = sorted(folder.glob("*.npz"), key=lambda p: p.stat().st_mtime)
+        for old in oldest_first[:-_KEPT]:
             old.unlink()
         with atomic_folder(folder) as work:
-            np.savez(work / name, allow_pickle=False, **out, sum=np.frombuffer(total, np.uint8))
-    return out
+            np.savez(work / name, allow_pickle=False, **arrays, sum=checksum)
+    return arrays
+
+
+def _checksum(arrays: dict[str, np.ndarray]) -> bytes:
+    """Return the SHA-256 of the bytes of all arrays, in the order of their names."""
+    content = b"".join(arrays[key].tobytes() for key in sorted(arrays))
+    return hashlib.sha256(content).digest()
 
 
 class Bounds:
@@ -239,42 +305,74 @@ class Bounds:
             triangles: (k, 3, 3) of each shape, in its own frame.
             pairs: (pairs, 2) indices of two shapes.
         """
-        cells, radii = np.array([(_cell(t), _radius(t)) for t in triangles]).reshape(-1, 2).T
+        cells = np.array([_cell(t) for t in triangles])
+        radii = np.array([_radius(t) for t in triangles])
         a, b = pairs.T
         swapped = cells[a] / 2 + radii[b] > cells[b] / 2 + radii[a]
         self._pairs = np.where(swapped[:, None], pairs[:, ::-1], pairs)
-        self._triangles, self._ready = triangles, np.zeros(len(pairs), bool)
+        self._triangles = triangles
+        self._ready = np.zeros(len(pairs), bool)
+        # by index of the shape: the row of its grid; the first row of its balls, and the row after the last
         self._grid: dict[int, int] = {}
         self._cover: dict[int, tuple[int, int]] = {}
-        self._grids, self._balls = np.zeros((0, GRID)), np.zeros((0, BALL))
+        # the numbers that the machine code reads; see `lookup`
+        self._grids = np.zeros((0, GRID))
+        self._balls = np.zeros((0, BALL))
         self._values = np.zeros(0, np.float32)
         self._table = np.zeros((len(pairs), PAIR), np.int64)
 
     def load(self, pairs: np.ndarray) -> None:
         """Load the grids and balls of `pairs` (n,) from the cache, or make them, before `at` requires them."""
         new = np.unique(pairs[~self._ready[pairs]])
-        grids, values, size = [self._grids], [self._values], len(self._values)
-        for n in (int(n) for n in np.unique(self._pairs[new, 0]) if int(n) not in self._grid):
+        with_grid = np.unique(self._pairs[new, 0])
+        with_balls = np.unique(self._pairs[new, 1])
+        self._load_grids(with_grid.tolist())
+        self._load_balls(with_balls.tolist())
+        for pair in new:
+            a, b = self._pairs[pair].tolist()
+            first, last = self._cover[b]
+            self._table[pair] = (len(self._triangles), a, b, self._grid[a], first, last)
+        self._ready[new] = True
+
+    def _load_grids(self, shapes: list[int]) -> None:
+        """Append the grids of `shapes` that are not loaded to the arrays of the machine code."""
+        grids = [self._grids]
+        values = [self._values]
+        size = len(self._values)
+        for n in shapes:
+            if n in self._grid:
+                continue
             grid = grid_of(self._triangles[n])
-            self._grid[n], shape = len(self._grid), np.array(grid.values.shape)
-            parts = (
-                *(grid.start, [grid.cell, 1 / grid.cell], shape - 1),
-                *([shape[1] * shape[2], shape[2], size], grid.low, grid.high, [grid.error, grid.known, grid.far]),
-            )
-            grids.append(np.concatenate(parts)[None])
+            self._grid[n] = len(self._grid)
+            shape = np.array(grid.values.shape)
+            numbers = [
+                grid.start,
+                [grid.cell, 1 / grid.cell],
+                shape - 1,
+                [shape[1] * shape[2], shape[2], size],
+                grid.low,
+                grid.high,
+                [grid.error, grid.known, grid.far],
+            ]
+            grids.append(np.concatenate(numbers)[None])
             values.append(grid.values.ravel())
             size += grid.values.size
-        balls, count = [self._balls], len(self._balls)
-        for n in (int(n) for n in np.unique(self._pairs[new, 1]) if int(n) not in self._cover):
+        self._grids = np.concatenate(grids)
+        self._values = np.concatenate(values)
+
+    def _load_balls(self, shapes: list[int]) -> None:
+        """Append the balls of `shapes` that are not loaded to the array of the machine code."""
+        covers = [self._balls]
+        count = len(self._balls)
+        for n in shapes:
+            if n in self._cover:
+                continue
             cover = balls_of(self._triangles[n])
-            self._cover[n] = count, count + len(cover)
-            balls.append(cover + np.array([0, 0, 0, 0, count]))
+            self._cover[n] = (count, count + len(cover))
+            # the index of the ball after the subtree counts all balls before
+            covers.append(cover + np.array([0, 0, 0, 0, count]))
             count += len(cover)
-        self._grids, self._values, self._balls = np.concatenate(grids), np.concatenate(values), np.concatenate(balls)
-        for pair in new:
-            a, b = (int(n) for n in self._pairs[pair])
-            self._table[pair] = len(self._triangles), a, b, self._grid[a], *self._cover[b]
-        self._ready[new] = True
+        self._balls = np.concatenate(covers)
 
     def at(
         self,
@@ -298,9 +396,15 @@ class Bounds:
         """
         if not self._ready[pairs].all():
             self.load(pairs)
-        none = np.zeros(len(states))
+        if reject is None:
+            reject = np.zeros(len(states))
         return look_up(
-            *(poses, states, pairs, enough, none if reject is None else reject, none + fine),
+            poses,
+            states,
+            pairs,
+            enough,
+            reject,
+            np.full(len(states), fine),
             table=self._table,
             grids=self._grids,
             values=self._values,

@@ -32,7 +32,10 @@ balls, grid, first ball, last ball + 1."""
 _ROUGH = 0.75
 """In a search, a lower bound is sufficient if it is at least this fraction of the upper bound."""
 
-_DOUBLE, _FLOAT, _INT, _POINTER = ir.DoubleType(), ir.FloatType(), ir.IntType(64), ir.PointerType()
+_DOUBLE = ir.DoubleType()
+_FLOAT = ir.FloatType()
+_INT = ir.IntType(64)
+_POINTER = ir.PointerType()
 
 
 class _Writer:
@@ -44,8 +47,10 @@ class _Writer:
 
     def intrinsic(self, name: str, *values: ir.Value) -> ir.Value:
         kind = ir.FunctionType(_DOUBLE, [_DOUBLE] * len(values))
-        full = f"llvm.{name}.f64"
-        function = self._module.globals.get(full) or ir.Function(self._module, kind, full)
+        full_name = f"llvm.{name}.f64"
+        function = self._module.globals.get(full_name)
+        if function is None:
+            function = ir.Function(self._module, kind, full_name)
         return self.b.call(function, values)
 
     def least(self, a: ir.Value, b: ir.Value) -> ir.Value:
@@ -55,11 +60,17 @@ class _Writer:
         return self.intrinsic("maxnum", a, b)
 
     def at(self, pointer: ir.Value, index: ir.Value | int, kind: ir.Type = _DOUBLE) -> ir.Value:
-        place = ir.Constant(_INT, index) if isinstance(index, int) else index
-        return self.b.load(self.b.gep(pointer, [place], source_etype=kind), typ=kind)
+        if isinstance(index, int):
+            index = ir.Constant(_INT, index)
+        place = self.b.gep(pointer, [index], source_etype=kind)
+        return self.b.load(place, typ=kind)
+
+    def numbers(self, pointer: ir.Value, count: int, kind: ir.Type = _DOUBLE) -> list[ir.Value]:
+        return [self.at(pointer, k, kind) for k in range(count)]
 
     def shifted(self, pointer: ir.Value, index: ir.Value, size: int, kind: ir.Type = _DOUBLE) -> ir.Value:
-        return self.b.gep(pointer, [self.b.mul(index, ir.Constant(_INT, size))], source_etype=kind)
+        offset = self.b.mul(index, ir.Constant(_INT, size))
+        return self.b.gep(pointer, [offset], source_etype=kind)
 
     def dot(self, a: list[ir.Value], b: list[ir.Value]) -> ir.Value:
         out = self.b.fmul(a[0], b[0])

@@ -6,7 +6,7 @@ The tests, from cheap to expensive, use boxes along the axes of base; bounds fro
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -75,61 +75,107 @@ class Pairs:
             arms: name of the arm of each body, for a mechanism made by `twin.model.joined`. Two bodies of different
                 arms must have the full clearance, even if they are nearer in the rest poses.
         """
-        self._tree, self._clearance = model.tree, clearance
-        own: dict[str, Shape] = {}
+        self._tree = model.tree
+        self._clearance = clearance
         neighbours = apart(model.mechanism)
-        for pair in neighbours:
-            own |= {s.name: s for s in pair}
         stills = [s for s in stills if s.body.meshes]
-        if stills:
-            own |= {
-                b.name: Shape(b.name, b.name, b.meshes)
-                for b in model.mechanism.bodies
-                if b.meshes and b.name not in own
-            }
+        own = self._own_shapes(model, neighbours, bool(stills))
         places = [self._tree.body(name) for name in own]
-        self.shapes = [*own.values(), *(Shape(s.name, s.name, s.body.meshes) for s in stills)]
-        self._numbers = np.array([n for n, _ in places] + [0] * len(stills), int)
-        self._Ts = np.array([T for _, T in places] + [s.T_base_body for s in stills]).reshape(-1, 4, 4)
-        row = {s.name: i for i, s in enumerate(self.shapes)}
-        home, found = model.home().link_poses, []
-        for a, b in neighbours:
-            if arms.get(a.name) != arms.get(b.name):
-                found.append((row[a.name], row[b.name], clearance))
-                continue
-            drawn = distance_between(a, b, home[a.body], home[b.body])
-            if drawn > TOUCHING:
-                found.append((row[a.name], row[b.name], min(clearance, drawn / 2)))
+        self.shapes = list(own.values())
+        numbers = [number for number, _ in places]
+        Ts = [T_joint_body for _, T_joint_body in places]
         for still in stills:
-            found += [
-                (i, row[still.name], clearance)
-                for i in range(len(own))
-                if self._numbers[i] and self.shapes[i].name not in still.touches
-            ]
+            self.shapes.append(Shape(still.name, still.name, still.body.meshes))
+            numbers.append(0)
+            Ts.append(still.T_base_body)
+        self._numbers = np.array(numbers, int)
+        self._Ts = np.array(Ts).reshape(-1, 4, 4)
+
         moves = [self._tree.moves(n) for n in self._numbers]
-        found = [(a, b, c) for a, b, c in found if (moves[a] != moves[b]).any()]
-        self.rows = np.array([f[:2] for f in found], int).reshape(-1, 2)
-        self.required = np.array([f[2] for f in found])
-        at = [
-            (int(n), s.corners @ T[:3, :3].T + T[:3, 3])
-            for s, n, T in zip(self.shapes, self._numbers, self._Ts, strict=True)
-        ]  # a body is inside its bounding box, so the corners' distance from an axis is an upper bound
-        self.reach = Reach(self._tree, [(at[a], at[b]) for a, b in self.rows])
-        self._half = np.array([s.corners[-1] - s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
-        self._middle = np.array([s.corners[-1] + s.corners[0] for s in self.shapes]).reshape(-1, 3) / 2
+        rows: list[tuple[int, int]] = []
+        required: list[float] = []
+        for a, b, distance in self._possible_pairs(model, neighbours, stills, arms, len(own)):
+            # two bodies that the same coordinates move are at rest relative to each other
+            if (moves[a] != moves[b]).any():
+                rows.append((a, b))
+                required.append(distance)
+        self.rows = np.array(rows, int).reshape(-1, 2)
+        self.required = np.array(required)
+
+        placed_boxes = []
+        for shape, number, T in zip(self.shapes, self._numbers, self._Ts, strict=True):
+            # a body is inside its bounding box, so the corners' distance from an axis is an upper bound
+            corners = shape.corners @ T[:3, :3].T + T[:3, 3]
+            placed_boxes.append((int(number), corners))
+        self.reach = Reach(self._tree, [(placed_boxes[a], placed_boxes[b]) for a, b in self.rows])
+        diagonals = np.array([s.corners[-1] - s.corners[0] for s in self.shapes])
+        sums = np.array([s.corners[-1] + s.corners[0] for s in self.shapes])
+        self._half = diagonals.reshape(-1, 3) / 2
+        self._middle = sums.reshape(-1, 3) / 2
         self._radii = np.linalg.norm(self._half, axis=1)
         self.bounds = Bounds([s.triangles for s in self.shapes], self.rows)
-        # pairs whose relative pose depends on few rotations: (velocity indices, edges of a cell in rad)
-        self._turns: dict[int, tuple[np.ndarray, Array]] = {}
         self._cells: dict[tuple[int, ...], bool] = {}
+        self._turns = self._few_turns(moves)
+
+    @staticmethod
+    def _own_shapes(model: ReferenceModel, neighbours: Sequence[tuple[Shape, Shape]], all_: bool) -> dict[str, Shape]:
+        """Return the shapes of the mechanism that are in `neighbours`, by name; with `all_`, of all its bodies."""
+        own: dict[str, Shape] = {}
+        for a, b in neighbours:
+            own[a.name] = a
+            own[b.name] = b
+        if all_:
+            for body in model.mechanism.bodies:
+                if body.meshes and body.name not in own:
+                    own[body.name] = Shape(body.name, body.name, body.meshes)
+        return own
+
+    def _possible_pairs(
+        self,
+        model: ReferenceModel,
+        neighbours: Sequence[tuple[Shape, Shape]],
+        stills: Sequence[Still],
+        arms: Mapping[str, str],
+        count: int,
+    ) -> Iterator[tuple[int, int, float]]:
+        """Yield (shape, shape, required distance in m) of the pairs, whether they can move or not.
+
+        `count` is the number of the mechanism's own shapes; the arguments are those of the class.
+        """
+        row = {s.name: i for i, s in enumerate(self.shapes)}
+        home = model.home().link_poses
+        for a, b in neighbours:
+            required = self._clearance
+            if arms.get(a.name) == arms.get(b.name):
+                drawn = distance_between(a, b, home[a.body], home[b.body])
+                if drawn <= TOUCHING:
+                    continue
+                required = min(required, drawn / 2)
+            yield row[a.name], row[b.name], required
+        for still in stills:
+            for i in range(count):
+                # bodies at rest cannot approach an obstacle
+                if self._numbers[i] and self.shapes[i].name not in still.touches:
+                    yield i, row[still.name], self._clearance
+
+    def _few_turns(self, moves: Sequence[Array]) -> dict[int, tuple[np.ndarray, Array]]:
+        """Return the pairs whose relative pose depends on few rotations: (velocity indices, edges of a cell in rad)."""
+        nq = self._tree.model.nq
         nv = self._tree.model.nv
-        bounds, more = (self.reach.bounds(np.full((1, self._tree.model.nq), x), np.zeros(nv)) for x in (0.0, 1.0))
+        if nq != nv:
+            return {}
+        at_rest = np.zeros(nv)
+        bounds = self.reach.bounds(np.full((1, nq), 0.0), at_rest)
+        extended = self.reach.bounds(np.full((1, nq), 1.0), at_rest)
+        turns = {}
         for pair, (a, b) in enumerate(self.rows):
             moving = np.flatnonzero(moves[a] != moves[b])
-            size = bounds[pair, moving]
-            turns = np.array_equal(bounds[pair], more[pair]) and bool((size > 0).all())
-            if self._tree.model.nq == nv and len(moving) <= _FEW and turns:
-                self._turns[pair] = moving, self.required[pair] / (len(moving) * size)
+            lever = bounds[pair, moving]
+            # the bound of a pair that a slide moves grows with the extension of the slide
+            rotates = np.array_equal(bounds[pair], extended[pair]) and bool((lever > 0).all())
+            if rotates and len(moving) <= _FEW:
+                turns[pair] = (moving, self.required[pair] / (len(moving) * lever))
+        return turns
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -137,17 +183,20 @@ class Pairs:
     def load(self) -> None:
         """Make the grids, balls and hulls of all shapes now; otherwise the first tests make them and are slow."""
         self.bounds.load(np.arange(len(self)))
-        for shape in {*self.rows.ravel().tolist()}:
+        for shape in set(self.rows.ravel().tolist()):
             _ = self.shapes[shape].hull
 
     def poses(self, X: Array) -> Array:
         """Return T_base_shape (k, shapes, 4, 4) at configurations (k, nq)."""
-        return self._tree.place(X)[:, self._numbers] @ self._Ts
+        joints = self._tree.place(X)
+        return joints[:, self._numbers] @ self._Ts
 
     @cached_property
     def levers(self) -> Levers | None:
         """Bounds of motion around a state; None if a joint of the tree is neither revolute, prismatic nor spherical."""
-        return Levers(self._tree, self._numbers, self.rows) if Levers.possible(self._tree) else None
+        if not Levers.possible(self._tree):
+            return None
+        return Levers(self._tree, self._numbers, self.rows)
 
     def around(self, X: Array, moved: Array) -> tuple[Array, Array]:
         """Return (`poses(X)`, bounds (k, pairs) in m of the relative motion of each pair) around X (k, nq).
@@ -159,37 +208,48 @@ class Pairs:
         joints = self._tree.place(X)
         poses = joints[:, self._numbers] @ self._Ts
         if self.levers is None:
-            return poses, np.einsum("kj,pj->kp", moved, self.reach.bounds(X, moved.max(axis=0)))
-        return poses, self.levers.bounds(joints, self._boxes(poses)[0], self._radii, moved).T
+            bounds = self.reach.bounds(X, moved.max(axis=0))
+            return poses, np.einsum("kj,pj->kp", moved, bounds)
+        centres, _ = self._boxes(poses)
+        return poses, self.levers.bounds(joints, centres, self._radii, moved).T
 
     def _boxes(self, poses: Array) -> tuple[Array, Array]:
         """Return centres and half edges (shapes, 3, k) in m of boxes along the axes of base around the shapes."""
         T = np.ascontiguousarray(np.moveaxis(poses[:, :, :3], 0, -1))  # numpy is fast along the last axis
-        m, h = self._middle[:, None, :, None], self._half[:, None, :, None]
-        c = T[:, :, 0] * m[:, :, 0] + T[:, :, 1] * m[:, :, 1] + T[:, :, 2] * m[:, :, 2] + T[:, :, 3]
+        m = self._middle[:, None, :, None]
+        h = self._half[:, None, :, None]
+        centres = T[:, :, 0] * m[:, :, 0] + T[:, :, 1] * m[:, :, 1] + T[:, :, 2] * m[:, :, 2] + T[:, :, 3]
         R = np.abs(T[:, :, :3])
-        return c, R[:, :, 0] * h[:, :, 0] + R[:, :, 1] * h[:, :, 1] + R[:, :, 2] * h[:, :, 2]
+        half_edges = R[:, :, 0] * h[:, :, 0] + R[:, :, 1] * h[:, :, 1] + R[:, :, 2] * h[:, :, 2]
+        return centres, half_edges
 
     def gaps(self, poses: Array, states: np.ndarray, pairs: np.ndarray) -> Array:
         """Return lower bounds (n,) in m of the distances of `pairs` (n,) at rows `states` (n,) of poses.
 
         The bounds are the distances of boxes along the axes of base.
         """
-        c, h = self._boxes(poses)
+        centres, half_edges = self._boxes(poses)
         a, b = self.rows[pairs].T
-        way = np.maximum(np.abs(c[a, :, states] - c[b, :, states]) - h[a, :, states] - h[b, :, states], 0.0)
-        return np.sqrt((way * way).sum(axis=1))
+        between_centres = np.abs(centres[a, :, states] - centres[b, :, states])
+        gap = np.maximum(between_centres - half_edges[a, :, states] - half_edges[b, :, states], 0.0)
+        return np.sqrt((gap * gap).sum(axis=1))
 
     def hulls_apart(self, pair: int, poses: Array) -> float:
         """Return a lower bound in m of a pair's distance at shape poses (shapes, 4, 4), from the convex hulls."""
         a, b = self.rows[pair]
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
-        at, bt = placed(poses[a]), placed(poses[b])
-        return float(coal.distance(self.shapes[a].hull, at, self.shapes[b].hull, bt, request, result)) - _GJK
+        hull_a = self.shapes[a].hull
+        hull_b = self.shapes[b].hull
+        request = coal.DistanceRequest()
+        result = coal.DistanceResult()
+        distance = coal.distance(hull_a, placed(poses[a]), hull_b, placed(poses[b]), request, result)
+        return float(distance) - _GJK
 
     def nearer(self, pair: int, poses: Array, margin: float) -> bool:
         """Return whether the distance of a pair is below `margin` in m at shape poses (shapes, 4, 4)."""
-        return self.hulls_apart(pair, poses) < margin and self.distance(pair, poses, margin) < margin
+        # the hulls first: they are convex, and much faster
+        if self.hulls_apart(pair, poses) < margin:
+            return self.distance(pair, poses, margin) < margin
+        return False
 
     def distance(self, pair: int, poses: Array, most: float = np.inf) -> float:
         """Return the distance in m of a pair's meshes at shape poses (shapes, 4, 4), at most `most`; 0: they collide.
@@ -211,26 +271,33 @@ class Pairs:
         one result is stored for each cell. Between the middle and any other point of a cell, the relative motion of the
         two bodies is at most half of the required distance.
         """
-        required, left = float(self.required[pair]), np.ones(len(X), bool)
+        required = float(self.required[pair])
+        undecided = np.ones(len(X), bool)
         if pair in self._turns:
             moving, edges = self._turns[pair]
-            cells, row = np.unique(np.rint(X[:, moving] / edges).astype(int), axis=0, return_inverse=True)
+            numbers = np.rint(X[:, moving] / edges).astype(int)
+            cells, row = np.unique(numbers, axis=0, return_inverse=True)
             free = [self._free_cell(pair, tuple(cell), X[0]) for cell in cells.tolist()]
-            left = ~np.array(free, bool)[row.ravel()]
+            undecided = ~np.array(free, bool)[row.ravel()]
         out = np.zeros(len(X), bool)
-        out[left] = [self.nearer(pair, T, required) for T in poses[left]]
+        for k in np.flatnonzero(undecided):
+            out[k] = self.nearer(pair, poses[k], required)
         return out
 
     def _free_cell(self, pair: int, cell: tuple[int, ...], x: Array) -> bool:
         """Return whether a pair has its required distance in a whole cell; x (nq,) contains the other coordinates."""
         key = (pair, *cell)
-        if key not in self._cells:
-            moving, edges = self._turns[pair]
-            middle = x.copy()
-            middle[moving] = np.array(cell) * edges
-            poses = self.poses(middle[None])[0]
-            self._cells[key] = not self.nearer(pair, poses, 1.5 * float(self.required[pair]))
-        return self._cells[key]
+        if key in self._cells:
+            return self._cells[key]
+        moving, edges = self._turns[pair]
+        middle = x.copy()
+        middle[moving] = np.array(cell) * edges
+        poses = self.poses(middle[None])[0]
+        # one required distance in the cell, and half of one for the motion from its middle
+        margin = 1.5 * float(self.required[pair])
+        free = not self.nearer(pair, poses, margin)
+        self._cells[key] = free
+        return free
 
     def seem_near(
         self, X: Array, poses: Array, states: np.ndarray, pairs: np.ndarray, low: Array, high: Array, matter: np.ndarray
@@ -245,12 +312,15 @@ class Pairs:
         required = self.required[pairs]
         out = (low + high) / 2 < required
         wide = ~out & (low <= 0) & (required >= self._clearance)
-        left = matter.copy()
-        left[states[out]] = False
+        possible = matter.copy()
+        possible[states[out]] = False
         for i in np.flatnonzero(wide):
             k = int(states[i])
-            out[i] = left[k] and self.closer(int(pairs[i]), X[[k]], poses[[k]])[0]
-            left[k] &= not out[i]
+            if not possible[k]:
+                continue
+            near = self.closer(int(pairs[i]), X[[k]], poses[[k]])
+            out[i] = near[0]
+            possible[k] = not out[i]
         return out
 
     def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
@@ -264,16 +334,21 @@ class Pairs:
         poses = self.poses(X)
         states, pairs = np.divmod(np.arange(len(X) * len(self)), len(self))
         close = self.gaps(poses, states, pairs) < self.required[pairs]
-        states, pairs = states[close], pairs[close]
+        states = states[close]
+        pairs = pairs[close]
         required = self.required[pairs]
-        low, high = self.bounds.at(poses, states, pairs, required, required, 0.0 if exact else SEARCHED)
+        fine = 0.0
+        if not exact:
+            fine = SEARCHED
+        low, high = self.bounds.at(poses, states, pairs, required, required, fine)
         out[states[high < required]] = True
         if not exact:
-            out[states[self.seem_near(X, poses, states, pairs, low, high, ~out)]] = True
+            near = self.seem_near(X, poses, states, pairs, low, high, ~out)
+            out[states[near]] = True
             return out
         unknown = low < required
         for pair in np.unique(pairs[unknown]):
             k = states[unknown & (pairs == pair)]
-            k = k[~out[k]]
+            k = k[~out[k]]  # one near pair is enough
             out[k] = self.closer(int(pair), X[k], poses[k])
         return out

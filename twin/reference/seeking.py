@@ -85,35 +85,46 @@ def seek(
     """
     rng = np.random.default_rng(seed)
     X = starts.copy()
-    w, nv = np.arange(len(X)), motions.model.tree.model.nv
-    m, unit = values(X)[w, row], size[row]
-    first = np.array([i == 0 or r != row[i - 1] for i, r in enumerate(row)])
-    weight = np.where(first[:, None], 1.0, 10 ** rng.uniform(-1.5, 1.5, (len(X), nv)))
-    stride, slope = np.full(len(X), _STRIDE), np.full(len(X), np.nan)
-    ended = np.full(len(X), "far", dtype="<U5")
+    count = len(X)
+    nv = motions.model.tree.model.nv
+    unit = size[row]
+    m = values(X)[np.arange(count), row]
+    # the first walk of each function has the usual metric
+    first = np.ones(count, bool)
+    first[1:] = row[1:] != row[:-1]
+    random_weight = 10 ** rng.uniform(-1.5, 1.5, (count, nv))
+    weight = np.where(first[:, None], 1.0, random_weight)
+    stride = np.full(count, _STRIDE)
+    slope = np.full(count, np.nan)
+    ended = np.full(count, "far", dtype="<U5")
     ended[np.abs(m) <= _ZERO * unit] = "zero"
     todo = np.flatnonzero((ended == "far") & np.isfinite(m))
-    ways = np.zeros((len(X), nv))  # tangent step to the predicted zero of the function
-    fresh = np.ones(len(X), bool)
+    newton = np.zeros((count, nv))  # tangent step to the predicted zero of the function
+    fresh = np.ones(count, bool)  # whether `newton` is missing at the state
     for _ in range(_ITERATIONS):
         if not len(todo):
             break
         new = todo[fresh[todo]]
         if len(new):
-            ways[new], slope[new] = _newton(motions, values, X[new], row[new], m[new], weight[new], aside[new])
+            newton[new], slope[new] = _newton(motions, values, X[new], row[new], m[new], weight[new], aside[new])
             fresh[new] = False
-        step = ways[todo].copy()
-        long = np.linalg.norm(step / motions.scale, axis=1)
-        step *= (np.minimum(long, stride[todo]) / np.maximum(long, 1e-300))[:, None]
-        there, closed = motions.moved(X[todo], step)
-        found = values(there)[np.arange(len(todo)), row[todo]]
+        step = newton[todo].copy()
+        length = np.linalg.norm(step / motions.scale, axis=1)
+        shortening = np.minimum(length, stride[todo]) / np.maximum(length, 1e-300)
+        step *= shortening[:, None]
+        ends, closed = motions.moved(X[todo], step)
+        found = values(ends)[np.arange(len(todo)), row[todo]]
         better = closed & (np.abs(found) < np.abs(m[todo]) * (1 - 1e-6))
-        asked = better & ~(np.abs(found) < 1e-3 * unit[todo])
-        better[asked] = valid(there[asked])
-        good, bad = todo[better], todo[~better]
-        X[good], m[good], fresh[good] = there[better], found[better], True
+        # near a zero, a state need not be valid: there, the function itself may be singular
+        tested = better & ~(np.abs(found) < 1e-3 * unit[todo])
+        better[tested] = valid(ends[tested])
+        good = todo[better]
+        bad = todo[~better]
+        X[good] = ends[better]
+        m[good] = found[better]
+        fresh[good] = True
         stride[good] = np.minimum(2 * stride[good], _STRIDE_LONGEST)
-        stride[bad] = np.minimum(stride[bad], long[~better]) / 3
+        stride[bad] = np.minimum(stride[bad], length[~better]) / 3
         zero = np.abs(m[todo]) <= _ZERO * unit[todo]
         short = stride[todo] < _SHORTEST
         ended[todo[short]] = "least"
@@ -134,9 +145,13 @@ def _newton(
     g = np.nan_to_num(gradient(motions, values, X, N, row))
     metric = np.swapaxes(N, 1, 2) @ (weight[:, :, None] * N)
     d = np.linalg.solve(metric, g[..., None])[..., 0]
-    d *= (-m / np.maximum(np.sum(g * d, axis=1), 1e-300))[:, None]
-    d *= np.minimum(1, _STRIDE_LONGEST / np.maximum(np.linalg.norm(d, axis=1), 1e-300))[:, None]
-    d[aside] = _around(motions, X[aside], N[aside], g[aside] / m[aside][:, None], d[aside])
+    # along d, to where the linear function vanishes; but no farther than the longest stride
+    slope = np.maximum(np.sum(g * d, axis=1), 1e-300)
+    d *= (-m / slope)[:, None]
+    length = np.maximum(np.linalg.norm(d, axis=1), 1e-300)
+    d *= np.minimum(1, _STRIDE_LONGEST / length)[:, None]
+    logarithmic = g[aside] / m[aside][:, None]
+    d[aside] = _around(motions, X[aside], N[aside], logarithmic, d[aside])
     return np.einsum("kij,kj->ki", N, d), np.linalg.norm(g, axis=1)
 
 
@@ -150,15 +165,19 @@ def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array
     if not len(near):
         return steps
 
-    def least(Y: Array) -> Array:
-        return np.log(np.maximum(motions.of(Y).min(axis=1), 1e-12))[:, None]
+    def distance(Y: Array) -> Array:
+        smallest = motions.of(Y).min(axis=1)
+        return np.log(np.maximum(smallest, 1e-12))[:, None]
 
-    h = gradient(motions, least, X[near], N[near], np.zeros(len(near), np.intp))
-    away = h / np.maximum(np.linalg.norm(h, axis=1), 1e-300)[:, None]
-    other = np.linalg.norm(h, axis=1) > 3 * np.linalg.norm(slopes[near], axis=1)
+    h = gradient(motions, distance, X[near], N[near], np.zeros(len(near), np.intp))
+    steepness = np.linalg.norm(h, axis=1)
+    away = h / np.maximum(steepness, 1e-300)[:, None]
+    # if the function vanishes at the singularity, both logarithms have about the same slope
+    other = steepness > 3 * np.linalg.norm(slopes[near], axis=1)
     c = steps[near]
     into = np.sum(c * away, axis=1)
-    push = np.where(other, 0.2 * np.linalg.norm(c, axis=1) - np.minimum(into, 0), 0.0)
+    outwards = 0.2 * np.linalg.norm(c, axis=1) - np.minimum(into, 0)
+    push = np.where(other, outwards, 0.0)
     out = steps.copy()
     out[near] = c + push[:, None] * away
     return out
@@ -168,11 +187,16 @@ def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index
     """Return gradients (w, freedom) of functions `row` (w,) along motions N (w, nv, freedom) at states X (w, nq)."""
     tree = motions.model.tree
     w, nv, f = N.shape
-    steps = np.swapaxes(N, 1, 2).reshape(w * f, nv) * _DIFFERENCE
-    around = np.repeat(X, f, axis=0)
-    both = np.concatenate([tree.integrate(around, steps), tree.integrate(around, -steps)])
-    found = values(both)[np.arange(2 * w * f), np.tile(np.repeat(row, f), 2)]
-    return ((found[: w * f] - found[w * f :]) / (2 * _DIFFERENCE)).reshape(w, f)
+    count = w * f
+    steps = np.swapaxes(N, 1, 2).reshape(count, nv) * _DIFFERENCE
+    centres = np.repeat(X, f, axis=0)
+    ahead = tree.integrate(centres, steps)
+    behind = tree.integrate(centres, -steps)
+    both = np.concatenate([ahead, behind])
+    rows = np.tile(np.repeat(row, f), 2)
+    found = values(both)[np.arange(2 * count), rows]
+    slopes = (found[:count] - found[count:]) / (2 * _DIFFERENCE)
+    return slopes.reshape(w, f)
 
 
 def wander(motions: Degeneracy, valid: Valid, starts: Array) -> Array:
@@ -183,15 +207,20 @@ def wander(motions: Degeneracy, valid: Valid, starts: Array) -> Array:
     rng = np.random.default_rng(0)
     X = starts.copy()
     nv = motions.model.tree.model.nv
-    ahead = rng.standard_normal((len(X), nv)) * motions.scale
-    out = []
+    scale = motions.scale
+    ahead = rng.standard_normal((len(X), nv)) * scale
+    visited = []
     for _ in range(10):
         N = motions.motions(X)
-        along = np.einsum("kij,klj,kl->ki", N, N / motions.scale[:, None] ** 2, ahead)
-        along *= (_STRIDE_LONGEST / 2 / np.maximum(np.linalg.norm(along / motions.scale, axis=1), 1e-300))[:, None]
-        there, closed = motions.moved(X, along)
-        good = closed & valid(there)
-        X[good], ahead[good] = there[good], along[good]
-        ahead[~good] = rng.standard_normal((int(np.sum(~good)), nv)) * motions.scale
-        out.append(there[good])
-    return np.concatenate(out)
+        # the part of the direction that the mechanism can follow
+        along = np.einsum("kij,klj,kl->ki", N, N / scale[:, None] ** 2, ahead)
+        length = np.maximum(np.linalg.norm(along / scale, axis=1), 1e-300)
+        along *= (_STRIDE_LONGEST / 2 / length)[:, None]
+        ends, closed = motions.moved(X, along)
+        good = closed & valid(ends)
+        X[good] = ends[good]
+        ahead[good] = along[good]
+        blocked = int(np.sum(~good))
+        ahead[~good] = rng.standard_normal((blocked, nv)) * scale
+        visited.append(ends[good])
+    return np.concatenate(visited)
