@@ -65,6 +65,14 @@ class _Writer:
         place = self.b.gep(pointer, [index], source_etype=kind)
         return self.b.load(place, typ=kind)
 
+    def difference(self, a: list[ir.Value], b: list[ir.Value]) -> list[ir.Value]:
+        return [self.b.fsub(x, y) for x, y in zip(a, b, strict=True)]
+
+    def matrix(self, pointer: ir.Value) -> list[list[ir.Value]]:
+        """Return the first three rows of the pose (4, 4) at `pointer`."""
+        numbers = self.numbers(pointer, 12)
+        return [numbers[:4], numbers[4:8], numbers[8:]]
+
     def numbers(self, pointer: ir.Value, count: int, kind: ir.Type = _DOUBLE) -> list[ir.Value]:
         return [self.at(pointer, k, kind) for k in range(count)]
 
@@ -82,6 +90,10 @@ class _Writer:
         return self.intrinsic("sqrt", self.dot(v, v))
 
 
+def _column(rows: list[list[ir.Value]], c: int) -> list[ir.Value]:
+    return [row[c] for row in rows]
+
+
 def _number(value: float) -> ir.Constant:
     return ir.Constant(_DOUBLE, value)
 
@@ -92,15 +104,22 @@ def _text() -> str:
     kind = ir.FunctionType(ir.VoidType(), [_INT, _INT, _POINTER, _POINTER, _POINTER])
     function = ir.Function(module, kind, "kernel")
     begin, end, given, results, _ = function.args
-    entry, item, body, ball, opened, skipped, leaf, inner, stored, done = (
-        function.append_basic_block(n)
-        for n in ("entry", "item", "body", "ball", "opened", "skipped", "leaf", "inner", "stored", "done")
-    )
+    entry = function.append_basic_block("entry")
+    item = function.append_basic_block("item")
+    body = function.append_basic_block("body")
+    ball = function.append_basic_block("ball")
+    opened = function.append_basic_block("opened")
+    skipped = function.append_basic_block("skipped")
+    leaf = function.append_basic_block("leaf")
+    inner = function.append_basic_block("inner")
+    stored = function.append_basic_block("stored")
+    done = function.append_basic_block("done")
     w = _Writer(ir.IRBuilder(entry), module)
     b = w.b
     names = ("poses", "states", "pairs", "enough", "reject", "fine", "table", "grids", "values", "balls")
     data = {name: w.at(given, i, _POINTER) for i, name in enumerate(names)}
-    lows, highs = w.at(results, 0, _POINTER), w.at(results, 1, _POINTER)
+    lows = w.at(results, 0, _POINTER)
+    highs = w.at(results, 1, _POINTER)
     b.branch(item)
 
     b.position_at_end(item)
@@ -110,29 +129,44 @@ def _text() -> str:
 
     b.position_at_end(body)
     row = w.shifted(data["table"], w.at(data["pairs"], i, _INT), PAIR, _INT)
-    count, with_grid, with_balls, grid, first, last = (w.at(row, k, _INT) for k in range(PAIR))
+    count, with_grid, with_balls, grid, first, last = w.numbers(row, PAIR, _INT)
     state = b.mul(w.at(data["states"], i, _INT), count)
-    T_g, T_b = (w.shifted(data["poses"], b.add(state, n), 16) for n in (with_grid, with_balls))
-    G, B = ([[w.at(T, 4 * r + c) for c in range(4)] for r in range(3)] for T in (T_g, T_b))
-    off = [b.fsub(B[r][3], G[r][3]) for r in range(3)]
-    R = [[w.dot([G[k][r] for k in range(3)], [B[k][c] for k in range(3)]) for c in range(3)] for r in range(3)]
-    t = [w.dot([G[k][r] for k in range(3)], off) for r in range(3)]
+    T_base_grid = w.shifted(data["poses"], b.add(state, with_grid), 16)
+    T_base_balls = w.shifted(data["poses"], b.add(state, with_balls), 16)
+    G = w.matrix(T_base_grid)
+    B = w.matrix(T_base_balls)
+    # T_grid_balls: rotation R, translation t
+    off = w.difference(_column(B, 3), _column(G, 3))
+    R = []
+    for r in range(3):
+        axis = _column(G, r)
+        R.append([w.dot(axis, _column(B, c)) for c in range(3)])
+    t = [w.dot(_column(G, r), off) for r in range(3)]
     record = w.shifted(data["grids"], grid, GRID)
-    numbers = [w.at(record, k) for k in range(GRID)]
-    start, cell, per, ends = numbers[:3], numbers[3], numbers[4], numbers[5:8]
-    strides, values = [b.fptosi(x, _INT) for x in numbers[8:10]], numbers[10]
-    values = w.shifted(data["values"], b.fptosi(values, _INT), 1, _FLOAT)
-    box_low, box_high = numbers[11:14], numbers[14:17]
+    numbers = w.numbers(record, GRID)
+    start = numbers[:3]
+    cell = numbers[3]
+    cells_per_length = numbers[4]
+    ends = numbers[5:8]
+    strides = [b.fptosi(x, _INT) for x in numbers[8:10]]
+    values = w.shifted(data["values"], b.fptosi(numbers[10], _INT), 1, _FLOAT)
+    box_low = numbers[11:14]
+    box_high = numbers[14:17]
     error, known, far = numbers[17:20]
+    enough = w.at(data["enough"], i)
+    reject = w.at(data["reject"], i)
+    small = w.at(data["fine"], i)
     # with `fine`, bounds are coarse anyway: a lower bound close to the upper bound is sufficient
-    enough, reject, small = (w.at(data[name], i) for name in ("enough", "reject", "fine"))
     kept_part = b.select(b.fcmp_ordered(">", small, _number(0.0)), _number(_ROUGH), _number(1.0))
     b.branch(ball)
 
     b.position_at_end(ball)
-    n, low, high = b.phi(_INT), b.phi(_DOUBLE), b.phi(_DOUBLE)
-    for phi, value in ((n, first), (low, _number(np.inf)), (high, _number(np.inf))):
-        phi.add_incoming(value, body)
+    n = b.phi(_INT)
+    low = b.phi(_DOUBLE)
+    high = b.phi(_DOUBLE)
+    n.add_incoming(first, body)
+    low.add_incoming(_number(np.inf), body)
+    high.add_incoming(_number(np.inf), body)
     # the search ends if the upper bound is below `reject`
     going = b.and_(b.icmp_signed("<", n, last), b.fcmp_ordered(">=", high, reject))
     b.cbranch(going, opened, stored)
@@ -142,20 +176,32 @@ def _text() -> str:
         whole = [b.fptosi(x, _INT) for x in node]
         place = b.add(b.add(b.mul(whole[0], strides[0]), b.mul(whole[1], strides[1])), whole[2])
         value = b.fpext(w.at(values, place, _FLOAT), _DOUBLE)
-        way = w.size([b.fsub(p[k], b.fadd(start[k], b.fmul(node[k], cell))) for k in range(3)])
-        return value, way
+        offsets = [b.fsub(p[k], b.fadd(start[k], b.fmul(node[k], cell))) for k in range(3)]
+        return value, w.size(offsets)
 
-    def clipped(x: ir.Value, most: ir.Value) -> ir.Value:
-        return w.least(w.most(x, _number(0.0)), most)
+    def nodes(rounding: str) -> list[ir.Value]:
+        """Return the coordinates of the node nearest to `steps`, in the grid, rounded by an intrinsic of LLVM."""
+        rounded = []
+        for x, most in zip(steps, ends, strict=True):
+            clipped = w.least(w.most(x, _number(0.0)), most)
+            rounded.append(w.intrinsic(rounding, clipped))
+        return rounded
 
     b.position_at_end(opened)
     own = w.shifted(data["balls"], n, BALL)
-    centre, radius, after = [w.at(own, k) for k in range(3)], w.at(own, 3), b.fptosi(w.at(own, 4), _INT)
+    centre = w.numbers(own, 3)
+    radius = w.at(own, 3)
+    after = b.fptosi(w.at(own, 4), _INT)
     p = [b.fadd(w.dot(R[r], centre), t[r]) for r in range(3)]
-    steps = [b.fmul(b.fsub(p[k], start[k]), per) for k in range(3)]
-    value, way = bound([w.intrinsic("rint", clipped(x, e)) for x, e in zip(steps, ends, strict=True)], p)
+    steps = [b.fmul(b.fsub(p[k], start[k]), cells_per_length) for k in range(3)]
+    value, way = bound(nodes("rint"), p)
     zero = _number(0.0)
-    beyond = w.size([w.most(w.most(b.fsub(box_low[k], p[k]), b.fsub(p[k], box_high[k])), zero) for k in range(3)])
+    outside = []
+    for k in range(3):
+        below = b.fsub(box_low[k], p[k])
+        above = b.fsub(p[k], box_high[k])
+        outside.append(w.most(w.most(below, above), zero))
+    beyond = w.size(outside)
     proven = w.most(b.fsub(value, way), beyond)
     next_ball = b.add(n, ir.Constant(_INT, 1))
     low_here = b.fsub(proven, radius)
@@ -180,26 +226,35 @@ def _text() -> str:
     b.cbranch(b.or_(b.icmp_signed("==", after, next_ball), b.fcmp_ordered("<=", radius, small)), fine, inner)
 
     b.position_at_end(fine)
-    floors = [w.intrinsic("floor", clipped(x, e)) for x, e in zip(steps, ends, strict=True)]
-    corners = [w.least(x, b.fsub(e, _number(1.0))) for x, e in zip(floors, ends, strict=True)]
-    sharp, over = proven, high_here
+    corners = []
+    for x, end_node in zip(nodes("floor"), ends, strict=True):
+        # a cell begins at most one node before the last one
+        last_start = b.fsub(end_node, _number(1.0))
+        corners.append(w.least(x, last_start))
+    sharp = proven
+    over = high_here
     for shift in product((0.0, 1.0), repeat=3):
-        v, d = bound([b.fadd(c, _number(s)) for c, s in zip(corners, shift, strict=True)], p)
-        sharp = w.most(sharp, b.fsub(v, d))
-        over = w.least(over, upper(v, d))
-    low_fine, high_fine = w.least(low, b.fsub(sharp, radius)), w.least(high, over)
+        node = [b.fadd(corner, _number(s)) for corner, s in zip(corners, shift, strict=True)]
+        value_of_node, distance = bound(node, p)
+        sharp = w.most(sharp, b.fsub(value_of_node, distance))
+        over = w.least(over, upper(value_of_node, distance))
+    low_fine = w.least(low, b.fsub(sharp, radius))
+    high_fine = w.least(high, over)
     b.branch(ball)
 
     b.position_at_end(inner)
     b.branch(ball)
 
-    for phi, ways in (
-        (n, ((after, skipped), (after, fine), (next_ball, inner))),
-        (low, ((low_skipped, skipped), (low_fine, fine), (low, inner))),
-        (high, ((high, skipped), (high_fine, fine), (high_here, inner))),
-    ):
-        for value, block in ways:
-            phi.add_incoming(value, block)
+    # the next ball, and the bounds so far, after each of the three ends of `ball`
+    n.add_incoming(after, skipped)
+    n.add_incoming(after, fine)
+    n.add_incoming(next_ball, inner)
+    low.add_incoming(low_skipped, skipped)
+    low.add_incoming(low_fine, fine)
+    low.add_incoming(low, inner)
+    high.add_incoming(high, skipped)
+    high.add_incoming(high_fine, fine)
+    high.add_incoming(high_here, inner)
 
     b.position_at_end(stored)
     rejected = b.fcmp_ordered("<", high, reject)
@@ -212,7 +267,9 @@ def _text() -> str:
 
     b.position_at_end(done)
     b.ret_void()
-    return "\n".join(line for line in str(module).splitlines() if not line.startswith("target "))
+    # the target is that of the machine, chosen by the compiler
+    lines = [line for line in str(module).splitlines() if not line.startswith("target ")]
+    return "\n".join(lines)
 
 
 @cache
@@ -247,7 +304,8 @@ def look_up(
         values: float32, the values of all grids.
         balls: (balls, BALL) float64, the balls of all shapes.
     """
-    low, high = np.zeros(len(states)), np.zeros(len(states))
+    low = np.zeros(len(states))
+    high = np.zeros(len(states))
     given = [
         np.ascontiguousarray(poses, np.float64),
         np.ascontiguousarray(states, np.int64),
@@ -260,6 +318,14 @@ def look_up(
         values,
         balls,
     ]
-    ins, outs = ((ctypes.c_void_p * len(a))(*(x.ctypes.data for x in a)) for a in (given, (low, high)))
-    _kernel()[0](0, len(states), ins, outs, None)
+    inputs = _addresses(given)
+    outputs = _addresses([low, high])
+    kernel, _ = _kernel()
+    kernel(0, len(states), inputs, outputs, None)
     return low, high
+
+
+def _addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
+    """Return the addresses of the memory of arrays, as the kernel takes them."""
+    pointers = [array.ctypes.data for array in arrays]
+    return (ctypes.c_void_p * len(pointers))(*pointers)
