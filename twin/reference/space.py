@@ -98,8 +98,11 @@ class JointSpace:
             around: function that returns the obstacles, called at first use; None: there are none.
             arms: name of the arm of each body, for a mechanism made by `twin.model.joined`; see `joined.owners`.
         """
+        self._make = make
+        self.clearance = clearance
+        self._keep = keep
+        self._around = around
         self._arms = arms
-        self._make, self.clearance, self._keep, self._around = make, clearance, keep, around
         self._check: Callable[[], None] = _nothing
 
     def load(self) -> JointSpace:
@@ -130,7 +133,10 @@ class JointSpace:
 
     @cached_property
     def _pairs(self) -> Pairs:
-        return Pairs(self._model, self._around() if self._around else (), self.clearance, self._arms)
+        obstacles: Sequence[Still] = ()
+        if self._around is not None:
+            obstacles = self._around()
+        return Pairs(self._model, obstacles, self.clearance, self._arms)
 
     @cached_property
     def _closing(self) -> Closing:
@@ -149,12 +155,14 @@ class JointSpace:
         Raises:
             MechanismError: a joint has no limits, so that its values cannot be sampled.
         """
-        return self._scales[0]
+        limits, _ = self._scales
+        return limits
 
     @property
     def weights(self) -> Array:
         """Lengths (n,) in m that are equivalent to 1 rad or 1 m of each driven joint."""
-        return self._scales[1]
+        _, weights = self._scales
+        return weights
 
     @property
     def leads(self) -> np.ndarray:
@@ -164,14 +172,21 @@ class JointSpace:
 
     @cached_property
     def _scales(self) -> tuple[Array, Array]:
-        active, limits = self._model.mechanism.active, self._model.mechanism.limits
+        """(Limits, weights) of the driven joints."""
+        mechanism = self._model.mechanism
+        active = mechanism.active
+        limits = mechanism.limits
         for joint, (low, high) in zip(active, limits, strict=True):
             if not np.isfinite(high - low):
                 raise MechanismError(
                     f"joint '{joint.name}' has no limits, so a path around obstacles cannot be searched: add limits "
                     "to the robot's description"
                 )
-        return limits, np.array([_ANGLE if j.is_angle else 1.0 for j in active])
+        weights = np.ones(len(active))
+        for i, joint in enumerate(active):
+            if joint.is_angle:
+                weights[i] = _ANGLE
+        return limits, weights
 
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether joint values q (k, n) are free.
@@ -195,17 +210,23 @@ class JointSpace:
         Where loops do not close, the value is 0.
         """
         q = np.asarray(q, float).reshape(-1, len(self.weights))
-        out, pairs = np.full(len(q), most), np.flatnonzero(self._pairs.required >= self.clearance)
-        for k in range(0, len(q), _BLOCK):
+        included = np.flatnonzero(self._pairs.required >= self.clearance)
+        out = np.full(len(q), most)
+        for first in range(0, len(q), _BLOCK):
             self._check()
-            X, closed = self._closing.states(q[k : k + _BLOCK], thorough=False)
+            block = slice(first, first + _BLOCK)
+            X, closed = self._closing.states(q[block], thorough=False)
             poses = self._pairs.poses(X)
-            states, pair = np.repeat(np.arange(len(X)), len(pairs)), np.tile(pairs, len(X))
+            # all included pairs in all states of the block
+            states = np.repeat(np.arange(len(X)), len(included))
+            pair = np.tile(included, len(X))
             near = self._pairs.gaps(poses, states, pair) < most
-            states, pair = states[near], pair[near]
-            low, _ = self._pairs.bounds.at(poses, states, pair, np.full(len(pair), most), fine=SEARCHED)
-            np.minimum.at(out, k + states, low)
-            out[k : k + _BLOCK][~closed] = 0.0
+            states = states[near]
+            pair = pair[near]
+            enough = np.full(len(pair), most)
+            low, _ = self._pairs.bounds.at(poses, states, pair, enough, fine=SEARCHED)
+            np.minimum.at(out, first + states, low)
+            out[block][~closed] = 0.0
         return out
 
     def steer(self, a: Array, b: Array) -> Callable[..., Array]:
@@ -214,7 +235,12 @@ class JointSpace:
 
         def path(s: Array, order: int = 0) -> Array:
             s = np.asarray(s, float)[:, None]
-            return a + s * step if order == 0 else np.broadcast_to(step if order == 1 else 0 * step, (len(s), len(a)))
+            if order == 0:
+                return a + s * step
+            rate = step
+            if order != 1:
+                rate = 0 * step
+            return np.broadcast_to(rate, (len(s), len(a)))
 
         return path
 
@@ -225,7 +251,9 @@ class JointSpace:
     def free_along(self, path: Callable[..., Array]) -> bool:
         """Return whether a path q(s), s from 0 to 1, is free of collisions; see `twin.planning.path.Path`."""
         seen = self._stations(path)
-        return seen is not None and self._clear(seen)
+        if seen is None:
+            return False
+        return self._clear(seen)
 
     def why(self, q: Array) -> str:
         """Return why joint values q (n,) are not free, with numbers; "" if they are free."""
@@ -247,17 +275,23 @@ class JointSpace:
             if over > ROUNDING:
                 unit, factor = display_unit(joint.is_angle or joint.cone is not None)
                 return f"passive joint {joint.name} is {over / factor:.4g} {unit} beyond its limits"
-        poses = self._pairs.poses(x[None])
-        worst, most = "", 0.0
-        every = np.arange(len(self._pairs))
-        for pair in np.flatnonzero(self._pairs.gaps(poses, 0 * every, every) < self._pairs.required):
-            distance, required = self._pairs.distance(int(pair), poses[0]), float(self._pairs.required[pair])
-            names = " and ".join(self._pairs.shapes[i].name for i in self._pairs.rows[pair])
-            if required - distance > most:
-                most = required - distance
-                worst = f"{names} are {distance / MM:.2f} mm apart (required: {required / MM:.3g} mm)"
-                if distance <= 0:
-                    worst = f"{names} collide (required: {required / MM:.3g} mm apart)"
+        pairs = self._pairs
+        poses = pairs.poses(x[None])
+        every = np.arange(len(pairs))
+        near = pairs.gaps(poses, 0 * every, every) < pairs.required
+        worst = ""
+        most = 0.0
+        for pair in np.flatnonzero(near):
+            distance = pairs.distance(int(pair), poses[0])
+            required = float(pairs.required[pair])
+            lacking = required - distance
+            if lacking <= most:
+                continue
+            most = lacking
+            names = " and ".join(pairs.shapes[i].name for i in pairs.rows[pair])
+            worst = f"{names} are {distance / MM:.2f} mm apart (required: {required / MM:.3g} mm)"
+            if distance <= 0:
+                worst = f"{names} collide (required: {required / MM:.3g} mm apart)"
         return worst
 
     def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
@@ -268,32 +302,47 @@ class JointSpace:
         Raises:
             MechanismError: the loops of the mechanism do not close.
         """
-        if (x := self._state(np.asarray(q, float))) is None:
+        x = self._state(np.asarray(q, float))
+        if x is None:
             raise MechanismError("the loops of the mechanism do not close")
         pairs = self._pairs
-        which, poses = np.flatnonzero(pairs.required >= self.clearance), pairs.poses(x[None])
-        gaps, least, names = pairs.gaps(poses, 0 * which, which), np.inf, ("", "")
+        poses = pairs.poses(x[None])
+        included = np.flatnonzero(pairs.required >= self.clearance)
+        gaps = pairs.gaps(poses, 0 * included, included)
+        smallest = np.inf
+        names = ("", "")
+        # the gaps are lower bounds: the first one that is too large ends the search
         for k in np.argsort(gaps, kind="stable"):
-            pair = int(which[k])
-            if gaps[k] >= least:
+            if gaps[k] >= smallest:
                 break
-            if pairs.hulls_apart(pair, poses[0]) < least and (found := pairs.distance(pair, poses[0], least)) < least:
-                a, b = (pairs.shapes[i].name for i in pairs.rows[pair])
-                least, names = found, (a, b)
-        return least, names
+            pair = int(included[k])
+            if not pairs.hulls_apart(pair, poses[0]) < smallest:
+                continue
+            distance = pairs.distance(pair, poses[0], smallest)
+            if distance < smallest:
+                smallest = distance
+                a, b = pairs.rows[pair]
+                names = (pairs.shapes[a].name, pairs.shapes[b].name)
+        return smallest, names
 
     def named(self, q: Array) -> str:
         """Return joint values q (n,) as text, with names and units as in a waypoint of a protocol."""
-        names = [
-            f"{j.name}_deg = {x / DEG:.4g}" if j.is_angle else f"{j.name}_mm = {x / MM:.4g}"
-            for j, x in zip(self._model.mechanism.active, q, strict=True)
-        ]
-        return ", ".join(names)
+        values = []
+        for joint, x in zip(self._model.mechanism.active, q, strict=True):
+            if joint.is_angle:
+                values.append(f"{joint.name}_deg = {x / DEG:.4g}")
+            else:
+                values.append(f"{joint.name}_mm = {x / MM:.4g}")
+        return ", ".join(values)
 
     # -- states ---------------------------------------------------------------------------------------
 
     def _within(self, q: Array) -> np.ndarray:
-        return np.all((q >= self.limits[:, 0] - ROUNDING) & (q <= self.limits[:, 1] + ROUNDING), axis=1)
+        """Return (k,) bool: whether joint values q (k, n) are within limits."""
+        low, high = self.limits.T
+        above = q >= low - ROUNDING
+        below = q <= high + ROUNDING
+        return np.all(above & below, axis=1)
 
     def _allowed(self, X: Array, q: Array) -> np.ndarray:
         """Return (k,) bool: whether limits of passive joints and `keep` allow configurations (k, nq) at q (k, n)."""
@@ -301,12 +350,15 @@ class JointSpace:
         if self._keep is None:
             return ok
         tree = self._model.tree
-        return ok & self._keep(tree.tool(tree.place(X)), q)
+        Ts_base_tool = tree.tool(tree.place(X))
+        return ok & self._keep(Ts_base_tool, q)
 
     def _state(self, q: Array) -> Array | None:
         """Return the configuration (nq,) at q (n,); None if the loops do not close."""
-        X, ok = self._closing.states(q[None])
-        return X[0] if ok[0] else None
+        X, closed = self._closing.states(q[None])
+        if not closed[0]:
+            return None
+        return X[0]
 
     def _placed(self, q: Array) -> Array:
         """Return configurations (k, nq) at joint values q (k, n) of a mechanism without loops."""
@@ -315,10 +367,14 @@ class JointSpace:
     def _count(self, path: Callable[..., Array]) -> int:
         """Return the number of stations of a path; from one to the next, no driven joint moves more than `_STATION`."""
         coarse = path(np.linspace(0.0, 1.0, 65))
-        return max(int(np.ceil(64 * (np.abs(np.diff(coarse, axis=0)) / self._steps).max(initial=0.0))) + 1, 2)
+        strides = np.abs(np.diff(coarse, axis=0)) / self._steps
+        # 64 times the longest stride is at least the length of the path
+        intervals = int(np.ceil(64 * strides.max(initial=0.0)))
+        return max(intervals + 1, 2)
 
     @property
     def _steps(self) -> Array:
+        """`_STATION` (n,) of each driven joint."""
         return np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
 
     def _stations(self, path: Callable[..., Array]) -> Stations | None:
@@ -329,23 +385,30 @@ class JointSpace:
             return None
         rates = np.abs(path(fine, 1))
         if not self._loops:
-            every = max(1, int(1 / max((rates / self._steps).max(), 1.0) * _FINE))
-            s, X = fine[::every], self._placed(q[::every])
-            speeds, factor, speeds_at = rates @ np.abs(self._gain).T, _BETWEEN, fine
+            fastest = (rates / self._steps).max()
+            every = max(1, int(1 / max(fastest, 1.0) * _FINE))
+            s = fine[::every]
+            X = self._placed(q[::every])
+            speeds = rates @ np.abs(self._gain).T
+            speeds_at = fine
+            factor = _BETWEEN
         else:
             x = self._state(q[0])
             if x is None:
                 return None
             s = np.linspace(0.0, 1.0, self._count(path))
-            found = self._closing.along(path, x, s, self._check)
-            if found is None or not self._same(found[-1], q[-1]):
+            X = self._closing.along(path, x, s, self._check)
+            if X is None or not self._same(X[-1], q[-1]):
                 return None
-            X, factor, speeds_at = found, _BETWEEN_LOOPS, s
             speeds = np.abs(np.einsum("kij,kj->ki", self._closing.rates(X), path(s, 1)))
+            speeds_at = s
+            factor = _BETWEEN_LOOPS
         if not self._allowed(X, path(s)).all():
             return None
-        cells = factor * np.maximum(speeds[1:], speeds[:-1]) * np.diff(speeds_at)[:, None]
-        moved = np.concatenate([np.zeros((1, cells.shape[1])), np.cumsum(cells, axis=0)])
+        fastest = np.maximum(speeds[1:], speeds[:-1])
+        cells = factor * fastest * np.diff(speeds_at)[:, None]
+        start = np.zeros((1, cells.shape[1]))
+        moved = np.concatenate([start, np.cumsum(cells, axis=0)])
         return Stations(path, self._closing, s, X, speeds_at, moved)
 
     def _same(self, x: Array, q: Array) -> bool:
@@ -355,7 +418,8 @@ class JointSpace:
             self._closing.keep(q[None], x[None])
             return True
         a, b = self._pairs.poses(np.array([x, known]))
-        return float(np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1).max(initial=0.0)) < _SAME
+        shifts = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1)
+        return float(shifts.max(initial=0.0)) < _SAME
 
     # -- distances ------------------------------------------------------------------------------------
 
@@ -364,8 +428,14 @@ class JointSpace:
         if len(self._pairs) and self._pairs.near(seen.X).any():
             return False
 
-        ok = self._clear_each(1, lambda path, s: seen.at(s), lambda path, s, width: seen.ahead(s, width))
-        return bool(ok[0])
+        def at(path: np.ndarray, s: Array) -> Array | None:
+            return seen.at(s)
+
+        def ahead(path: np.ndarray, s: Array, width: float) -> Array:
+            return seen.ahead(s, width)
+
+        (clear,) = self._clear_each(1, at, ahead)
+        return bool(clear)
 
     def _clear_each(
         self,
@@ -386,46 +456,60 @@ class JointSpace:
                 ends of an interval of this width around s.
             exact: whether exact distances decide where bounds do not.
         """
-        pairs, ok = self._pairs, np.ones(count, bool)
-        # items: one pair in one interval of one path
+        pairs = self._pairs
+        ok = np.ones(count, bool)
+        fine = 0.0
+        if not exact:
+            fine = SEARCHED
+        halves = 2**_LEVELS
+        # items: one pair in one interval of one path; `place` is the number of the interval, of 2**level
         path, pair = np.divmod(np.arange(count * len(pairs)), max(len(pairs), 1))
-        place, level = np.zeros(len(path), int), 0
+        place = np.zeros(len(path), int)
+        level = 0
         while len(path):
             self._check()
             width = 0.5**level
             keys, row = np.unique(path * 2**level + place, return_inverse=True)
-            paths, s = keys >> level, ((keys & (2**level - 1)) + 0.5) * width
-            X = at(paths, s)
+            paths = keys >> level
+            places = keys & (2**level - 1)
+            middles = (places + 0.5) * width
+            X = at(paths, middles)
             if X is None:
                 return np.zeros(count, bool)
-            poses, ways = pairs.around(X, ahead(paths, s, width))
-            required, way = pairs.required[pair], ways[row, pair]
-            margin = np.maximum(required, required / 2 + way)
+            poses, approaches = pairs.around(X, ahead(paths, middles, width))
+            required = pairs.required[pair]
+            approach = approaches[row, pair]
+            margin = np.maximum(required, required / 2 + approach)
             left = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
-            least, most = pairs.bounds.at(
-                *(poses, row[left], pair[left], margin[left], required[left]),
-                0.0 if exact else SEARCHED,
-            )
+            low, high = pairs.bounds.at(poses, row[left], pair[left], margin[left], required[left], fine)
             if exact:
-                near = most < required[left]
+                near = high < required[left]
             else:
-                near = pairs.seem_near(X, poses, row[left], pair[left], least, most, ok[paths])
+                near = pairs.seem_near(X, poses, row[left], pair[left], low, high, ok[paths])
             ok[path[left[near]]] = False
-            left = left[(least < margin[left]) & ok[path[left]]]
-            # where the bounds do not decide and the interval is short, exact distances do
-            split = [] if exact else left[way[left] > _SEARCH]
-            for i in left if exact else ():
-                self._check()
-                if not ok[path[i]]:
-                    continue
-                p, T = int(pair[i]), poses[row[i]]
-                if margin[i] <= required[i]:
-                    ok[path[i]] = not pairs.closer(p, X[row[i]][None], T[None])[0]
-                elif margin[i] > _NARROW * required[i] or pairs.celled(p) or pairs.nearer(p, T, float(margin[i])):
-                    split.append(i)
+            left = left[(low < margin[left]) & ok[path[left]]]
+            if not exact:
+                split = left[approach[left] > _SEARCH].tolist()
+            else:
+                split = []
+                # where the bounds do not decide and the interval is short, exact distances do
+                for i in left:
+                    self._check()
+                    if not ok[path[i]]:
+                        continue
+                    p = int(pair[i])
+                    T = poses[row[i]]
+                    if margin[i] <= required[i]:
+                        x = X[row[i]]
+                        ok[path[i]] = not pairs.closer(p, x[None], T[None])[0]
+                        continue
+                    undecided = margin[i] > _NARROW * required[i] or pairs.celled(p)
+                    if undecided or pairs.nearer(p, T, float(margin[i])):
+                        split.append(i)
             left = np.array([i for i in split if ok[path[i]]], int)
-            path, pair = np.repeat(path[left], 2**_LEVELS), np.repeat(pair[left], 2**_LEVELS)
-            place = (place[left, None] * 2**_LEVELS + np.arange(2**_LEVELS)).ravel()
+            path = np.repeat(path[left], halves)
+            pair = np.repeat(pair[left], halves)
+            place = (place[left, None] * halves + np.arange(halves)).ravel()
             level += _LEVELS
         return ok
 
@@ -435,76 +519,95 @@ class JointSpace:
         All paths are tested at once, for a search: bounds decide most distances, and loops are closed approximately.
         `free_between` tests a path exactly.
         """
-        a, b = np.asarray(a, float), np.asarray(b, float)
+        a = np.asarray(a, float)
+        b = np.asarray(b, float)
         if not len(a):
             return np.zeros(0, bool)
         if self._loops:
             return self._free_each_closed(a, b)
         ok = self._within(a) & self._within(b)
         ok[ok] = self._allowed_between(a[ok], b[ok])
-        first, step = a[ok], (b - a)[ok]
+        first = a[ok]
+        step = (b - a)[ok]
         if not len(self._pairs) or not len(first):
             return ok
         moved = np.abs(step @ self._gain.T)
-        ok[ok] = self._clear_each(
-            len(first),
-            lambda path, s: self._placed(first[path] + s[:, None] * step[path]),
-            lambda path, s, width: width / 2 * moved[path],
-            exact=False,
-        )
+
+        def at(path: np.ndarray, s: Array) -> Array:
+            return self._placed(first[path] + s[:, None] * step[path])
+
+        def ahead(path: np.ndarray, s: Array, width: float) -> Array:
+            return width / 2 * moved[path]
+
+        ok[ok] = self._clear_each(len(first), at, ahead, exact=False)
         return ok
 
     def _allowed_between(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether all stations of the straight paths from a (m, n) to b (m, n) are allowed."""
-        if (self._keep is None and not self._model.mechanism.limited) or not len(a):
-            return np.ones(len(a), bool)
-        counts = np.ceil((np.abs(b - a) / self._steps).max(axis=1)).astype(int) + 1
+        untested = self._keep is None and not self._model.mechanism.limited
+        out = np.ones(len(a), bool)
+        if untested or not len(a):
+            return out
+        strides = np.abs(b - a) / self._steps
+        counts = np.ceil(strides.max(axis=1)).astype(int) + 1
         path = np.repeat(np.arange(len(a)), counts + 1)
         s = np.concatenate([np.linspace(0.0, 1.0, n + 1) for n in counts])
         q = a[path] + s[:, None] * (b - a)[path]
-        out = np.ones(len(a), bool)
-        out[path[~self._allowed(self._placed(q), q)]] = False
+        allowed = self._allowed(self._placed(q), q)
+        out[path[~allowed]] = False
         return out
 
     def _free_each_closed(self, a: Array, b: Array) -> np.ndarray:
         """Return the result of `free_each`, (m,) bool, for straight paths of a mechanism with loops."""
-        count = max(int(np.ceil((np.abs(b - a) / self._steps).max())) + 1, 2)  # 2 also if all have no length
+        strides = np.abs(b - a) / self._steps
+        count = max(int(np.ceil(strides.max())) + 1, 2)  # 2 also if all have no length
+        intervals = count - 1
         stations, ok = self._closing.each(a, b, count)
         ok &= self._within(a) & self._within(b)
-        tree, rows = self._model.tree, np.flatnonzero(ok)
+        rows = np.flatnonzero(ok)
         if not len(rows):
             return ok
-        X = stations[rows].reshape(-1, tree.model.nq)
-        part, step = np.linspace(0.0, 1.0, count), (b - a)[rows]
+        nq = self._model.tree.model.nq
+        nv = self._model.tree.model.nv
+        X = stations[rows].reshape(-1, nq)
+        part = np.linspace(0.0, 1.0, count)
+        step = (b - a)[rows]
         q = (a[rows, None] + part[:, None] * step[:, None]).reshape(len(X), -1)
         allowed = self._allowed(X, q).reshape(-1, count).all(axis=1)
-        speeds = np.abs(np.einsum("kij,kj->ki", self._closing.rates(X), np.repeat(step, count, axis=0)))
-        speeds = speeds.reshape(-1, count, tree.model.nv)
-        cells = _BETWEEN_LOOPS / (count - 1) * np.maximum(speeds[:, 1:], speeds[:, :-1])
+        rates = np.repeat(step, count, axis=0)
+        speeds = np.abs(np.einsum("kij,kj->ki", self._closing.rates(X), rates))
+        speeds = speeds.reshape(-1, count, nv)
+        fastest = np.maximum(speeds[:, 1:], speeds[:, :-1])
+        cells = _BETWEEN_LOOPS / intervals * fastest
         moved = np.concatenate([np.zeros_like(cells[:, :1]), np.cumsum(cells, axis=1)], axis=1)
 
         def until(path: np.ndarray, s: Array) -> Array:
-            i = np.minimum((s * (count - 1)).astype(int), count - 2)
-            rest = (s * (count - 1) - i)[:, None]
+            i = np.minimum((s * intervals).astype(int), count - 2)
+            rest = (s * intervals - i)[:, None]
             return (1 - rest) * moved[path, i] + rest * moved[path, i + 1]
 
         def at(path: np.ndarray, s: Array) -> Array:
-            i = np.minimum((s * (count - 1)).astype(int), count - 2)
-            row, rest = path * count + i, s * (count - 1) - i
-            return self._closing.between(X[row], X[row + 1], rest)
+            i = np.minimum((s * intervals).astype(int), count - 2)
+            row = path * count + i
+            return self._closing.between(X[row], X[row + 1], s * intervals - i)
 
         def ahead(path: np.ndarray, s: Array, width: float) -> Array:
-            low, middle, high = (until(path, s + part * width) for part in (-0.5, 0.0, 0.5))
+            low = until(path, s - 0.5 * width)
+            middle = until(path, s)
+            high = until(path, s + 0.5 * width)
             return np.maximum(high - middle, middle - low)
 
-        ok[rows] = allowed & (not len(self._pairs) or self._clear_each(len(rows), at, ahead, exact=False))
+        if len(self._pairs):
+            allowed = allowed & self._clear_each(len(rows), at, ahead, exact=False)
+        ok[rows] = allowed
         return ok
 
     @property
     def _gain(self) -> Array:
         """Rates (nv, n) of the tree joints per rate of each driven joint, for a mechanism without loops."""
         assert self._closing.linear is not None
-        return self._closing.linear[0]
+        G, _ = self._closing.linear
+        return G
 
     # -- the certificate ------------------------------------------------------------------------------
 
@@ -521,7 +624,8 @@ class JointSpace:
         Raises:
             MechanismError: the path exceeds joint limits, `keep` excludes a state, or the loops open.
         """
-        return nearest(self.certify_each(path, lambda a, b: "", within).values())
+        certificates = self.certify_each(path, lambda a, b: "", within)
+        return nearest(certificates.values())
 
     def certify_each(
         self, path: Callable[..., Array], group: Callable[[str, str], str], within: float = 0.5 * MM
@@ -537,8 +641,13 @@ class JointSpace:
                 "the path exceeds joint limits, has states that the additional test excludes, "
                 "or the loops of the mechanism do not close along it"
             )
-        pairs, groups = self._pairs, {}
+        pairs = self._pairs
+        groups: dict[str, list[int]] = {}
         for k in np.flatnonzero(pairs.required >= self.clearance):
-            a, b = (pairs.shapes[i].name for i in pairs.rows[k])
-            groups.setdefault(group(a, b), []).append(k)
-        return {name: certify(seen, pairs, np.array(which), within, self._check) for name, which in groups.items()}
+            a, b = pairs.rows[k]
+            name = group(pairs.shapes[a].name, pairs.shapes[b].name)
+            groups.setdefault(name, []).append(int(k))
+        certificates = {}
+        for name, which in groups.items():
+            certificates[name] = certify(seen, pairs, np.array(which), within, self._check)
+        return certificates
