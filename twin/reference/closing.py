@@ -257,7 +257,7 @@ class Closing:
         for place in self._tree.quaternions:
             four = slice(place, place + 4)
             cosine = (X0[:, four] * X1[:, four]).sum(axis=1)
-            # the rotation angle in place of the four differences; q and -q are the same rotation
+            # one rotation angle instead of four differences; q and -q are the same rotation
             changes[:, four] = 0.0
             changes[:, place] = 2 * np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
         return changes.max(axis=1, initial=0.0)
