@@ -14,6 +14,7 @@ from PIL import Image
 
 import twin
 from made.headset_page import BLIND, WAIT, until
+from made.lanes import nightly
 from twin.core import spatial
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
@@ -541,7 +542,7 @@ def test_another_site_in_the_same_browser_stays_outside(browser, sils):
 
 
 @pytest.mark.usefixtures("aside")
-@pytest.mark.parametrize("query", ["?websocket={ws}", "?playbackPath={http}/scene.viser"])
+@pytest.mark.parametrize("query", nightly(["?websocket={ws}", "?playbackPath={http}/scene.viser"], every=2))
 def test_a_link_to_our_page_lets_no_other_server_write_into_it(browser, query, monkeypatch):
     """viser's page connects with any server that its address names; without our policy it does."""
     from twin.ui.viewer import server as servers
