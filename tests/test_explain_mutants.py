@@ -97,6 +97,17 @@ def test_a_missing_square_or_term_is_found(name, right, wrong, tmp_path):
     assert seeds.outcome(case, case.load(path), tmp_path, 4.0) in ("rank 1", "tie")
 
 
+def test_a_wrong_name_in_a_return_statement_is_found(tmp_path):
+    """The returned symbol has a row of its own above, so that the cured return is right for every value."""
+    case = seeds.built_in("sils")
+    text = case.path.read_text(encoding="utf-8")
+    right = "return X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3"
+    assert text.count(right) == 1
+    path = tmp_path / "formula.py"
+    path.write_text(text.replace(right, right.replace("Z_S1", "Z_S2")), encoding="utf-8")
+    assert seeds.outcome(case, case.load(path), tmp_path, 4.0) == "rank 1"
+
+
 @pytest.mark.parametrize("name", ["pa10", "sher", "hibou", "davinci_psm"])
 def test_right_equations_hold_for_other_values_of_equal_and_assumed_parameters(name):
     case = seeds.built_in(name)

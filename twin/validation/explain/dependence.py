@@ -56,11 +56,33 @@ class Dependence:
         after = self._answers(c.step, c.edits, rows)
         before = {k: self.reads(c.step, k, rows) for k in rows}
         for k in rows:
+            if self._returns_own(c, k):
+                after[k].add(self._symbol[k])
             dropped |= before[k] - after[k]
         c.dropped = tuple(sorted(dropped))
         # A symbol that is still in the text but has no effect was multiplied by zero or cancelled. A single edit may
         # correctly restore a zero that was misprinted; for two edits this is not credible.
         c.hollow = any(before[k] and not after[k] for k in rows) or (len(c.edits) > 1 and bool(dropped - _touched(c)))
+
+    def _returns_own(self, c: Candidate, row: Key) -> bool:
+        """Return whether an edited return statement gives a symbol that another row computes and that is judged there.
+
+        Such a row always agrees, because the symbol has the mechanism's value; it is not trivial.
+        """
+        equation, index, position = row
+        symbol = self._symbol[row]
+        statement = c.step.source.statements[index]
+        if equation != c.step.equation.name or not statement.returns:
+            return False
+        edits = [e for e in c.edits if e.function == c.step.source.name and e.statement == index]
+        if not edits:
+            return False
+        text = c.step.source.edited(statement, edits)
+        value = ast.parse(f"({text.removeprefix('return').strip()}\n)", mode="eval").body
+        returned = value.elts[position] if isinstance(value, ast.Tuple | ast.List) else value
+        if not (isinstance(returned, ast.Name) and returned.id == symbol):
+            return False
+        return any(p.equation == equation and p.symbol == symbol and p.statement < index for p in self.judge.residuals)
 
     def reads(self, step: Step, row: Key, rows: Collection[Key] = ()) -> set[str]:
         """Return the symbols on which an unedited row depends; `rows`: further rows to evaluate in the same run."""
