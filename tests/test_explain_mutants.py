@@ -97,6 +97,19 @@ def test_a_missing_square_or_term_is_found(name, right, wrong, tmp_path):
     assert seeds.outcome(case, case.load(path), tmp_path, 4.0) in ("rank 1", "tie")
 
 
+@pytest.mark.slow
+def test_a_missing_root_in_a_function_of_many_rows_is_found(tmp_path, monkeypatch):
+    """Each call of the function has other arguments, so that no single value is required of its result."""
+    monkeypatch.setattr(time, "monotonic", time.process_time)
+    case = seeds.built_in("sher")
+    text = case.path.read_text(encoding="utf-8")
+    right = "return sqrt(a**2 + b**2)"
+    assert text.count(right) == 1
+    path = tmp_path / "formula.py"
+    path.write_text(text.replace(right, "return a**2 + b**2"), encoding="utf-8")
+    assert seeds.outcome(case, case.load(path), tmp_path, SECONDS) == "rank 1"
+
+
 def test_a_wrong_name_in_a_return_statement_is_found(tmp_path):
     """The returned symbol has a row of its own above, so that the cured return is right for every value."""
     case = seeds.built_in("sils")

@@ -321,9 +321,22 @@ def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         whole |= isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Return | ast.Assign)
         if whole:
             end = w.source.span(node)[1]
+            if any(isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow) for n in ast.walk(node)):
+                yield from _squares(w, node)
             for name in sorted(w.pool.names):
                 for sign in "+-":
                     yield w.between(end, end, f" {sign} {name}", "missing", w.need(name))
+
+
+def _squares(w: _Writer, node: ast.expr) -> Iterator[Edit]:
+    """Yield edits of an expression with squares: its square root, and one more square."""
+    end = w.source.span(node)[1]
+    roots = re.findall(r"(?:\w+\.)?\bsqrt(?=\()", w.source.data.decode())
+    for root in sorted(set(roots)):
+        yield w.replace(node, f"{root}({w.text(node)})", "missing")
+    for name in sorted(w.pool.names):
+        for sign in "+-":
+            yield w.between(end, end, f" {sign} {name}**2", "missing", w.need(name))
 
 
 def _factors(w: _Writer, root: ast.AST) -> Iterator[Edit]:
