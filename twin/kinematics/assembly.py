@@ -51,20 +51,32 @@ def forward_many(kin: Compiled, qs: Array, seed: Array | None) -> Array:
         Ts[~np.isfinite(Ts).all(axis=(1, 2))] = np.nan
         return Ts
     kin.need_six_joints()
-    out = np.full((len(qs), 4, 4), np.nan)
-    seeds = seed if seed is not None and seed.ndim == 3 else None
-    if seeds is not None:
-        out = _newton_many(kin, qs, seeds)
-    for i in np.flatnonzero(np.isnan(out[:, 0, 0])):
-        if not np.isfinite(qs[i]).all():
+    if seed is not None and seed.ndim == 3:
+        return _from_seeds(kin, qs, seed)
+    Ts = np.full((len(qs), 4, 4), np.nan)
+    previous = seed
+    for i, q in enumerate(qs):
+        if not np.isfinite(q).all():
             continue
-        start = seeds[i] if seeds is not None else seed
         try:
-            out[i] = _cold(kin, qs[i]) if start is None else _from_seed(kin, qs[i], start)
+            Ts[i] = _cold(kin, q) if previous is None else _from_seed(kin, q, previous)
         except KinematicsError:
             continue
-        seed = out[i] if seeds is None else None
-    return out
+        previous = Ts[i]
+    return Ts
+
+
+def _from_seeds(kin: Compiled, qs: Array, seeds: Array) -> Array:
+    """Return poses (k, 4, 4) at qs (k, n), each from its own seed (k, 4, 4); NaN without a solution."""
+    Ts = _newton_many(kin, qs, seeds)  # all at once; the few rows that do not converge follow one by one
+    for i in np.flatnonzero(np.isnan(Ts[:, 0, 0])):
+        if not np.isfinite(qs[i]).all():
+            continue
+        try:
+            Ts[i] = _from_seed(kin, qs[i], seeds[i])
+        except KinematicsError:
+            continue
+    return Ts
 
 
 def branches(kin: Compiled, q: Array) -> list[Array]:
@@ -74,12 +86,16 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
     if kin.formula.branches is None:
         raise KinematicsError(f"{kin.formula.name}: the formula has no function that enumerates its assemblies.")
     ordered = q[~kin.auxiliary]
+    candidates = kin.formula.branches(ordered, kin.parameters, kin.variants)
     if kin.closed_forward:  # closed-form solutions need no refinement; the preferred assembly is already first
-        return kin.formula.branches(ordered, kin.parameters, kin.variants)
+        return candidates
     found: list[Array] = []
-    for T in kin.formula.branches(ordered, kin.parameters, kin.variants):
+    for T in candidates:
         polished, error, _, _ = _newton(kin, q, T)
-        if error <= FORWARD_TOL and all(_distance(polished, other) > _SAME_POSE for other in found):
+        if not error <= FORWARD_TOL:
+            continue
+        # Two candidates can converge to the same assembly.
+        if all(_distance(polished, other) > _SAME_POSE for other in found):
             found.append(polished)
     if not found:
         return []
@@ -94,61 +110,76 @@ def inverse_by_solver(kin: Compiled, T: Array, seed: object) -> Array:
 
 def inverse_by_solver_many(kin: Compiled, Ts: Array, seed: object = None) -> Array:
     """Return q (k, n) at poses (k, 4, 4), each solved from the previous solution; NaN rows without a solution."""
-    out = np.full((len(Ts), len(kin.joints)), np.nan)
+    qs = np.full((len(Ts), len(kin.joints)), np.nan)
     for i, T in enumerate(Ts):
         try:
-            out[i] = seed = inverse_by_solver(kin, T, seed)
+            q = inverse_by_solver(kin, T, seed)
         except KinematicsError:
             continue
-    return out
+        qs[i] = q
+        seed = q
+    return qs
 
 
 def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
+    """Return the pose (4, 4) at q (n,) with the branch label of the seed (4, 4)."""
     label = np.sign(kin.program.group["aspect"].one(seed.ravel()))
     T, error, travel, signs = _newton(kin, q, seed)
     if error <= FORWARD_TOL and travel < _TRAVEL and (signs == label).all():
         return T
     # Far from the seed, Newton's method may jump to another branch; small steps of q prevent this.
-    q_seed = kin.program.inverse.one(seed.ravel())[:-1]
-    T = seed
-    if np.isfinite(q_seed).all():
-        for s in np.linspace(0, 1, 9)[1:]:
-            T, error, travel, signs = _newton(kin, q_seed + s * (q - q_seed), T)
-            if not (error <= FORWARD_TOL and travel < _TRAVEL and (signs == label).all()):
-                break
-        else:
-            return T
+    T_stepped = _in_steps(kin, q, seed, label)
+    if T_stepped is not None:
+        return T_stepped
     result = descend(kin, Joints(q), seed)
-    best, error, _, signs = _newton(kin, q, result.T)
+    T, error, _, signs = _newton(kin, q, result.T)
     if error <= FORWARD_TOL and (signs == label).all():
-        return best
+        return T
     if kin.formula.branches is not None:  # the straight path of q from the seed may leave the workspace
         others = [T for T in branches(kin, q) if _signs(kin, T, label)]
         if others:
             return min(others, key=lambda T: _distance(T, seed, kin.characteristic_length))
-    why = "Newton's method ends on another branch" if error <= FORWARD_TOL else "Newton's method does not converge"
+    cause = "Newton's method does not converge"
+    if error <= FORWARD_TOL:
+        cause = "Newton's method ends on another branch"
     raise KinematicsError(
-        f"{kin.formula.name}: no assembly at q = {_text(kin, q)} was reached from the seed: {why}. "
+        f"{kin.formula.name}: no assembly at q = {_text(kin, q)} was reached from the seed: {cause}. "
         "Give a closer seed, or omit the seed.",
         best=result.T,
         residual=result.residual,
     )
 
 
+def _in_steps(kin: Compiled, q: Array, seed: Array, label: Array) -> Array | None:
+    """Return the pose (4, 4) at q (n,), approached in eight steps of q from the seed (4, 4); None: a step fails."""
+    q_seed = kin.program.inverse.one(seed.ravel())[:-1]
+    if not np.isfinite(q_seed).all():
+        return None
+    T = seed
+    for fraction in np.linspace(0, 1, 9)[1:]:
+        T, error, travel, signs = _newton(kin, q_seed + fraction * (q - q_seed), T)
+        if not (error <= FORWARD_TOL and travel < _TRAVEL and (signs == label).all()):
+            return None
+    return T
+
+
 def _cold(kin: Compiled, q: Array) -> Array:
-    preferred = np.array([a.preferred for a in kin.formula.aspects])
+    """Return the pose (4, 4) at q (n,) on the preferred branch, without a seed."""
+    preferred = np.array([aspect.preferred for aspect in kin.formula.aspects])
     if kin.formula.branches is not None:
-        candidates = [T for T in branches(kin, q) if _signs(kin, T, preferred)]
-        if candidates:
-            return candidates[0]
-    best, residual = None, np.inf
+        for T in branches(kin, q):
+            if _signs(kin, T, preferred):
+                return T
+    best: Array | None = None
+    residual = np.inf
     for seed in seeds(kin, rng=0, starts=24):
         result = descend(kin, Joints(q), seed)
         T, error, _, signs = _newton(kin, q, result.T)
         if error <= FORWARD_TOL and (signs == preferred).all():
             return T
         if result.residual < residual:
-            best, residual = result.T, result.residual
+            best = result.T
+            residual = result.residual
     raise KinematicsError(
         f"{kin.formula.name}: no assembly was found on the branch {kin.preferred_branch} at q = {_text(kin, q)}. "
         "Check q, or give a seed pose.",
@@ -160,15 +191,21 @@ def _cold(kin: Compiled, q: Array) -> Array:
 def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Array]:
     """Return (pose (4, 4), joint error, travel, aspect signs) after Newton's method from T; failed: joint error NaN."""
     out = kin.program.newton.one(np.concatenate([q, T.ravel()]))
-    return out[:16].reshape(4, 4), out[16], out[17], np.sign(out[18:])
+    pose = out[:16].reshape(4, 4)
+    return pose, out[16], out[17], np.sign(out[18:])
 
 
 def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
     """Return the poses (k, 4, 4) found by Newton's method from seeds (k, 4, 4); NaN without convergence."""
     flat = seeds.reshape(-1, 16)
     out = kin.program.newton.many(np.hstack([qs, flat]))
-    same = (np.sign(out[:, 18:]) == np.sign(kin.program.group["aspect"].many(flat))).all(axis=1)
-    out[~((out[:, 16] <= FORWARD_TOL) & (out[:, 17] < _TRAVEL) & same)] = np.nan
+    error = out[:, 16]
+    travel = out[:, 17]
+    signs = np.sign(out[:, 18:])
+    labels = np.sign(kin.program.group["aspect"].many(flat))
+    same_branch = (signs == labels).all(axis=1)
+    solved = (error <= FORWARD_TOL) & (travel < _TRAVEL) & same_branch
+    out[~solved] = np.nan
     return out[:, :16].reshape(-1, 4, 4).copy()
 
 
@@ -177,23 +214,28 @@ def _score(kin: Compiled, Ts: Array) -> Array:
 
     Home is the first seed of the formula.
     """
-    preferred = np.array([a.preferred for a in kin.formula.aspects])
-    agree = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
-    home = list(seeds(kin, rng=0, starts=1))
-    if home:
-        away = np.array([_distance(T, home[0], kin.characteristic_length) for T in Ts])
-        agree -= 0.5 * away / (1 + away)
-    return agree
+    preferred = np.array([aspect.preferred for aspect in kin.formula.aspects])
+    scores = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
+    home = next(seeds(kin, rng=0, starts=1), None)
+    if home is not None:
+        distances = np.array([_distance(T, home, kin.characteristic_length) for T in Ts])
+        scores -= 0.5 * distances / (1 + distances)
+    return scores
 
 
 def _signs(kin: Compiled, T: Array, wanted: Array) -> bool:
-    return bool(np.all(kin.aspect_signs(T[None])[0] == wanted))
+    """Return whether a pose (4, 4) has these aspect signs (m,)."""
+    signs = kin.aspect_signs(T[None])[0]
+    return bool(np.all(signs == wanted))
 
 
 def _distance(T: Array, other: Array, length: float = 1.0) -> float:
-    d = np.linalg.norm(T[:3, 3] - other[:3, 3]) / length
-    return float(max(d, spatial.rotation_angle(T[:3, :3].T @ other[:3, :3])))
+    """Return the larger of two differences of poses (4, 4): that of positions, divided by `length`, and the angle."""
+    shift = np.linalg.norm(T[:3, 3] - other[:3, 3]) / length
+    angle = spatial.rotation_angle(T[:3, :3].T @ other[:3, :3])
+    return float(max(shift, angle))
 
 
 def _text(kin: Compiled, q: Array) -> str:
-    return ", ".join(f"{n} {v:.6g}" for n, v in zip(kin.joints, q, strict=True))
+    """Return names and values of the joints, such as "q1 0.1, q2 -0.2"."""
+    return ", ".join(f"{name} {value:.6g}" for name, value in zip(kin.joints, q, strict=True))

@@ -37,7 +37,7 @@ def compile_formula(
     """
     check_formula(formula)
     chosen = flow.choose(formula, variants)
-    values = {p.name: float(p.value) for p in formula.parameters}
+    values = {parameter.name: float(parameter.value) for parameter in formula.parameters}
     for name, value in (parameters or {}).items():
         if name not in values:
             raise KinematicsError(f"formula '{formula.name}': {unknown('parameter', name, values)}")
@@ -63,7 +63,8 @@ class Kinematics(Compiled):
         if not self.closed_inverse:
             return assembly.inverse_by_solver(self, T, seed)
         out = self.program.inverse.one(T.ravel())
-        q, misfit = out[:-1], out.item(-1)
+        q = out[:-1]
+        misfit = out.item(-1)
         if seed is not None and np.shape(seed) == q.shape:
             for i, _, _, _ in self.extra_joints:
                 q[i] = seed[i]  # pyright: ignore[reportIndexIssue]
@@ -96,20 +97,31 @@ class Kinematics(Compiled):
                 message of `inverse` at this pose, and the number of poses without a solution.
         """
         Ts = poses(Ts_base_tool)
-        q = self.inverse_many(Ts) if self.closed_inverse else assembly.inverse_by_solver_many(self, Ts, seed)
-        if self.closed_inverse and seed is not None and np.shape(seed) == q.shape[1:]:
-            q[:, self.auxiliary] = np.asarray(seed)[self.auxiliary]
+        if self.closed_inverse:
+            q = self.inverse_many(Ts)
+            if seed is not None and np.shape(seed) == q.shape[1:]:
+                q[:, self.auxiliary] = np.asarray(seed)[self.auxiliary]
+        else:
+            q = assembly.inverse_by_solver_many(self, Ts, seed)
         if np.isnan(q.sum()):  # a row without a solution is NaN
-            lost = np.flatnonzero(np.isnan(q).any(axis=1))
-            k = int(lost[0])
-            before = q[k - 1] if k else seed
-            try:
-                self.inverse(Ts[k], before)
-            except KinematicsError as error:
-                others = f"; poses without a solution: {len(lost)} of {len(Ts)}" if len(lost) > 1 else ""
-                raise KinematicsError(f"pose {k} (of 0 .. {len(Ts) - 1}): {error}{others}", best=error.best) from None
-            raise KinematicsError(f"{self.formula.name}: pose {k} (of 0 .. {len(Ts) - 1}) has no solution")
+            self._raise_unsolved(Ts, q, seed)
         return q
+
+    def _raise_unsolved(self, Ts: Array, q: Array, seed: ArrayLike | None) -> None:
+        """Raise the error of `inverse_of_all` for the first row of q (k, n) that is NaN."""
+        unsolved = np.flatnonzero(np.isnan(q).any(axis=1))
+        k = int(unsolved[0])
+        pose = f"pose {k} (of 0 .. {len(Ts) - 1})"
+        start = q[k - 1] if k else seed
+        try:
+            self.inverse(Ts[k], start)
+        except KinematicsError as error:
+            others = ""
+            if len(unsolved) > 1:
+                others = f"; poses without a solution: {len(unsolved)} of {len(Ts)}"
+            raise KinematicsError(f"{pose}: {error}{others}", best=error.best) from None
+        # `inverse` may solve a pose alone that the compiled batch refuses, at the limit of a tolerance.
+        raise KinematicsError(f"{self.formula.name}: {pose} has no solution")
 
     def forward(self, q: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return T_base_tool (4, 4) at q (n,).
@@ -145,10 +157,13 @@ class Kinematics(Compiled):
         return assembly.branches(self, self._joints(q, batch=False))
 
     def _why_unreachable(self, T: Array) -> str:
-        margins = self.reach(T[None])
-        short = [f"{name} is {-m[0] / MM:.3f} mm beyond its limit" for name, m in margins.items() if m[0] < 0]
-        where = np.array2string(T[:3, 3] / MM, precision=1, suppress_small=True)
+        """Return the error text of a pose (4, 4) that the equations do not reach: the chains, and their lengths."""
+        position_mm = np.array2string(T[:3, 3] / MM, precision=1, suppress_small=True)
+        short: list[str] = []
+        for name, margin in self.reach(T[None]).items():
+            if margin[0] < 0:
+                short.append(f"{name} is {-margin[0] / MM:.3f} mm beyond its limit")
         if short:
-            return f"{self.formula.name}: tool at {where} mm is out of reach: {', '.join(short)}."
-        why = self.why(T)
-        return f"{self.formula.name}: the equations have no real solution with the tool at {where} mm. {why}".rstrip()
+            return f"{self.formula.name}: tool at {position_mm} mm is out of reach: {', '.join(short)}."
+        text = f"{self.formula.name}: the equations have no real solution with the tool at {position_mm} mm. "
+        return (text + self.why(T)).rstrip()

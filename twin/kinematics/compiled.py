@@ -52,25 +52,38 @@ class Compiled(ABC):
         parameters: Mapping[str, float],
         extra_joints: Sequence[ExtraJoint] = (),
     ) -> None:
-        self.formula, self.extra_joints = formula, tuple(extra_joints)
-        joints = [(j.name, j.kind == "revolute") for j in formula.joints]
-        for place, name, is_angle, _ in extra_joints:  # in ascending order
-            joints.insert(place, (name, is_angle))
-        self.joints = tuple(name for name, _ in joints)
-        self.auxiliary = np.isin(self.joints, [name for _, name, _, _ in extra_joints])
-        self.variants, self.parameters = dict(variants), dict(parameters)
-        self.choices = {e.name: tuple(e.variants) for e in formula.equations if e.stage != "helper"}
-        self.closed_inverse, self.closed_forward = formula.has("inverse"), formula.has("forward")
-        self.revolute = np.array([is_angle for _, is_angle in joints])
+        self.formula = formula
+        self.extra_joints = tuple(extra_joints)
+        names = [joint.name for joint in formula.joints]
+        revolute = [joint.kind == "revolute" for joint in formula.joints]
+        auxiliary = [False] * len(names)
+        extra_values: dict[str, float] = {}
+        for place, name, is_angle, value in extra_joints:  # in ascending order, so that each place is final
+            names.insert(place, name)
+            revolute.insert(place, is_angle)
+            auxiliary.insert(place, True)
+            extra_values[name] = value
+        self.joints = tuple(names)
+        self.auxiliary = np.array(auxiliary, bool)
+        self.revolute = np.array(revolute)
+        self.variants = dict(variants)
+        self.parameters = dict(parameters)
+        self.choices: dict[str, tuple[str, ...]] = {}
+        for equation in formula.equations:
+            if equation.stage != "helper":
+                self.choices[equation.name] = tuple(equation.variants)
+        self.closed_inverse = formula.has("inverse")
+        self.closed_forward = formula.has("forward")
         what = f"formula '{formula.name}', characteristic_length"
-        self.characteristic_length = float(flow.call(formula.characteristic_length, parameters, what))  # type: ignore[arg-type]
+        length = flow.call(formula.characteristic_length, parameters, what)  # type: ignore[arg-type]
+        self.characteristic_length = float(length)
         self.program = Program(
             formula,
             self.variants,
             self.parameters,
             self.joints,
             self.characteristic_length,
-            {name: value for _, name, _, value in extra_joints},
+            extra_values,
         )
         if self.closed_inverse:
             self.program.inverse  # noqa: B018 - compile now, so that a faulty to_pose fails here
@@ -100,12 +113,12 @@ class Compiled(ABC):
         for name in points:
             if name not in self.formula.points:
                 raise KinematicsError(f"formula '{self.formula.name}': {unknown('point', name, self.formula.points)}")
-        names = tuple(n for n in self.formula.points if n in points)
-        columns = [np.atleast_2d(np.asarray(points[n], float)) for n in names]
-        if not names or {c.shape for c in columns} != {(len(columns[0]), 3)}:
+        names = tuple(name for name in self.formula.points if name in points)
+        columns = [np.atleast_2d(np.asarray(points[name], float)) for name in names]
+        shapes = {name: column.shape for name, column in zip(names, columns, strict=True)}
+        if not names or set(shapes.values()) != {(len(columns[0]), 3)}:
             raise KinematicsError(
-                f"formula '{self.formula.name}': give points as (k, 3) arrays of equal length; found "
-                f"{ {n: c.shape for n, c in zip(names, columns, strict=True)} }."
+                f"formula '{self.formula.name}': give points as (k, 3) arrays of equal length; found {shapes}."
             )
         return self.program.from_points(names).many(np.hstack(columns))
 
@@ -149,11 +162,11 @@ class Compiled(ABC):
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
         """Return the Jacobians (k, 6, n), tool twist per joint rates; NaN at singularities."""
-        if self.closed_forward:
-            return self.program.forward_jacobian.many(
-                self._joints(qs) if qs is not None else self.inverse_many(_given(Ts))
-            )
-        return singularity.invert_many(self.program.inverse_jacobian.many(self._states(Ts, qs)))
+        if not self.closed_forward:
+            return singularity.invert_many(self.program.inverse_jacobian.many(self._states(Ts, qs)))
+        # The forward equations need q, also in a formula whose other functions start from poses.
+        q = self.inverse_many(_given(Ts)) if qs is None else self._joints(qs)
+        return self.program.forward_jacobian.many(q)
 
     def singularity(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
         """Return the singularity measures {name: (k,)}, dimensionless; each is 0 at its singularity."""
@@ -174,14 +187,22 @@ class Compiled(ABC):
 
     def branch(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> np.ndarray:
         """Return the labels (k,) of the assemblies: names and signs of the aspects, such as "X_E+ z_up+ D-"."""
-        names, marks = self.formula.scalars["aspect"], {1: "+", -1: "-", 0: "0"}
-        rows = self.aspect_signs(Ts, qs)
-        return np.array([" ".join(f"{n}{marks[int(s)]}" for n, s in zip(names, r, strict=True)) for r in rows])
+        marks = {1: "+", -1: "-", 0: "0"}
+        names = self.formula.scalars["aspect"]
+        labels: list[str] = []
+        for signs in self.aspect_signs(Ts, qs):
+            parts = [f"{name}{marks[int(sign)]}" for name, sign in zip(names, signs, strict=True)]
+            labels.append(" ".join(parts))
+        return np.array(labels)
 
     @property
     def preferred_branch(self) -> str:
         """Label that `branch` returns for the preferred assembly."""
-        return " ".join(f"{a.symbol}{'+' if a.preferred > 0 else '-'}" for a in self.formula.aspects)
+        parts: list[str] = []
+        for aspect in self.formula.aspects:
+            mark = "+" if aspect.preferred > 0 else "-"
+            parts.append(f"{aspect.symbol}{mark}")
+        return " ".join(parts)
 
     def condition(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> float:
         """Return the condition number of the Jacobian at a pose or at q; see `condition_many`."""
@@ -205,7 +226,9 @@ class Compiled(ABC):
 
         Only files with functions `inverse` or `forward` are traced (see `twin.formula.plain`). "": no line was found.
         """
-        return self.formula.numbers(T, self.parameters) if self.formula.numbers is not None else ""
+        if self.formula.numbers is None:
+            return ""
+        return self.formula.numbers(T, self.parameters)
 
     def takes(self, Ts: ArrayLike) -> bool:
         """Return whether the equations prove that the robot can have the poses Ts (k, 4, 4); False: not proved.
@@ -216,17 +239,20 @@ class Compiled(ABC):
         """
         Ts = poses(Ts)
         if len(self.formula.joints) >= 6:
-            J = self.inverse_jacobian_many(Ts[:1])[0] if self.closed_inverse else np.zeros((6, 6))
+            if not self.closed_inverse:
+                return False
+            J = self.inverse_jacobian_many(Ts[:1])[0]
             return bool(np.isfinite(J).all() and np.linalg.matrix_rank(J) == 6)
         q = self.inverse_many(Ts)
         if not np.isfinite(q).all():
             return False
-        if not self.closed_inverse or (len(self.formula.coordinates.names) < 6 and not self.closed_forward):
-            return True  # the solver converged, or `inverse_many` checked the pose
+        if not self.closed_inverse:
+            return True  # the solver converged
         if not self.closed_forward:
-            return False
-        back = self.program.forward.many(q)
-        return bool(np.abs(back - Ts).max() <= POSE_TOL)
+            # With fewer than six coordinates, `inverse_many` has compared their pose with the given one.
+            return len(self.formula.coordinates.names) < 6
+        Ts_of_q = self.program.forward.many(q)
+        return bool(np.abs(Ts_of_q - Ts).max() <= POSE_TOL)
 
     @property
     def determined(self) -> bool:
@@ -251,23 +277,30 @@ class Compiled(ABC):
     def _states(self, Ts: ArrayLike | None, qs: ArrayLike | None) -> Array:
         """Return the input of the compiled functions: poses (k, 16), or joints (k, n)."""
         if self.closed_inverse:
-            return (poses(Ts) if Ts is not None else self.forward_many(_given(qs))).reshape(-1, 16)
-        return self._joints(qs) if qs is not None else self.inverse_many(_given(Ts))
+            matrices = self.forward_many(_given(qs)) if Ts is None else poses(Ts)
+            return matrices.reshape(-1, 16)
+        if qs is None:
+            return self.inverse_many(_given(Ts))
+        return self._joints(qs)
 
     def _joints(self, q: ArrayLike, batch: bool = True) -> Array:
+        """Return q as an array; raise `KinematicsError` unless it is (n,) or, with `batch`, (k, n)."""
+        n = len(self.joints)
         q = np.asarray(q, float)
-        if q.ndim != 1 + batch or q.shape[-1] != len(self.joints):
-            want = f"(k, {len(self.joints)})" if batch else f"({len(self.joints)},)"
+        if q.ndim != 1 + batch or q.shape[-1] != n:
+            shape = f"(k, {n})" if batch else f"({n},)"
             raise KinematicsError(
-                f"{self.formula.name}: q must have shape {want} for {', '.join(self.joints)}, not {q.shape}."
+                f"{self.formula.name}: q must have shape {shape} for {', '.join(self.joints)}, not {q.shape}."
             )
         return q
 
     def _seed(self, seed: ArrayLike | None) -> Array | None:
+        """Return the seed as a pose (4, 4), or None if it is not used."""
         if seed is None or not self.closed_inverse:
             return None  # a forward equation needs no seed
         T = poses(seed, batch=False)
-        if not self.program.inverse.one(T.ravel())[-1] <= POSE_TOL:
+        misfit = self.program.inverse.one(T.ravel())[-1]
+        if not misfit <= POSE_TOL:
             raise KinematicsError(f"{self.formula.name}: the seed is not a rigid pose (4, 4) in metres.")
         return T
 
@@ -279,12 +312,16 @@ def _given(value: ArrayLike | None) -> ArrayLike:
 
 
 def _one(value: ArrayLike | None) -> Array | None:
-    return None if value is None else np.asarray(value, float)[None]
+    """Return a pose or joint values as a batch of one."""
+    if value is None:
+        return None
+    return np.asarray(value, float)[None]
 
 
 def poses(Ts: ArrayLike, batch: bool = True) -> Array:
     """Return poses (k, 4, 4), or a pose (4, 4), as contiguous floats; raise `KinematicsError` for any other shape."""
     Ts = np.ascontiguousarray(Ts, float)
     if Ts.ndim != 2 + batch or Ts.shape[-2:] != (4, 4):
-        raise KinematicsError(f"poses must have shape {'(k, 4, 4)' if batch else '(4, 4)'}, not {Ts.shape}.")
+        shape = "(k, 4, 4)" if batch else "(4, 4)"
+        raise KinematicsError(f"poses must have shape {shape}, not {Ts.shape}.")
     return Ts

@@ -35,11 +35,19 @@ class Iteration:
     """
 
     def __init__(self, program: Program, kinds: Kinds) -> None:
-        n, joints = len(program.order), program.forward_flow
-        self.state, self.d = (n, n) if joints else (16, 6)
+        n = len(program.order)
+        joints = program.forward_flow
+        self.state = n if joints else 16
+        self.d = n if joints else 6
+        d = self.d
         counts = [tasks.count(kind, n) for kind, _ in kinds]
-        self.rows = sum(n if kind == "joints" else len(rows) for kind, rows in kinds)
-        d, sizes = self.d, [self.state, 1, 1, 1, 1, 1, 1, self.d, self.d**2]
+        self.rows = 0
+        for kind, rows in kinds:
+            self.rows += n if kind == "joints" else len(rows)
+
+        # The memory is what one call hands to the next: state, cost, squared residual of the task, mu, factor of mu,
+        # steps without progress, largest squared column norm, gradient J^T r, and J^T J.
+        sizes = [self.state, 1, 1, 1, 1, 1, 1, d, d**2]
         self.memory = sum(sizes)
         inputs = [sum(counts), self.rows, d, n, n, n]
         z = ca.SX.sym("z", self.memory + sum(inputs))
@@ -47,46 +55,61 @@ class Iteration:
             z, [0, *np.cumsum([*sizes, *inputs])]
         )
         H = ca.reshape(H, d, d)
-        held = (((x <= low) * (g > 0)) + ((x >= high) * (g < 0))) if joints else ca.SX.zeros(d)
+        held = ca.SX.zeros(d)
+        if joints:
+            # A joint at a limit stays there if the gradient points beyond the limit.
+            below = (x <= low) * (g > 0)
+            above = (x >= high) * (g < 0)
+            held = below + above
         free = 1 - held
-        step = -_solve(H * (free @ free.T) + ca.diag(mu * free + held), g * free)
+        damped = H * (free @ free.T) + ca.diag(mu * free + held)
+        step = -_solve(damped, g * free)
         if joints:
             new = ca.fmin(ca.fmax(x + step * column, low), high)
         else:
-            new = symbolic.flat(symbolic.retract(symbolic.unflat(x, 4, 4), step * column))
+            T = symbolic.unflat(x, 4, 4)
+            new = symbolic.flat(symbolic.retract(T, step * column))
+
         # Residual and Jacobian at the new state, from new symbols so that the step is not differentiated.
-        at, by = ca.SX.sym("at", self.state), ca.SX.sym("by", d)
+        at = ca.SX.sym("at", self.state)
+        by = ca.SX.sym("by", d)
         T, q = program.around(at, by * column)
         terms = ca.vertsplit(numbers, [0, *np.cumsum(counts)])
-        r = w * ca.vertcat(*(tasks.residual(*k, T, q, v) for k, v in zip(kinds, terms, strict=True)))
+        residuals: list[ca.SX] = []
+        for (kind, rows), arguments in zip(kinds, terms, strict=True):
+            residuals.append(tasks.residual(kind, rows, T, q, arguments))
+        r = w * ca.vertcat(*residuals)
         miss = ca.sumsqr(r)
         if not joints:
-            over = ca.fmin(q - low, 0) + ca.fmax(q - high, 0)
-            r = ca.vertcat(r, joint_scale * over)
-        function = ca.Function("rows", [at, by, z[self.memory :]], [r, ca.jacobian(r, by), miss, ca.sumsqr(q)])
-        r, J, miss, length = function(new, ca.SX.zeros(d), z[self.memory :])
+            excess = ca.fmin(q - low, 0) + ca.fmax(q - high, 0)
+            r = ca.vertcat(r, joint_scale * excess)
+        fixed = z[self.memory :]
+        function = ca.Function("rows", [at, by, fixed], [r, ca.jacobian(r, by), miss, ca.sumsqr(q)])
+        r, J, miss, length = function(new, ca.SX.zeros(d), fixed)
         cost_new = ca.sumsqr(r)
+        decrease = cost - cost_new
         predicted = ca.dot(step, mu * step - g * free)
-        ratio = (cost - cost_new) / ca.fmax(predicted, 1e-300)
+        ratio = decrease / ca.fmax(predicted, 1e-300)
         first = size == 0
         better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false if any value is NaN
         size_new = ca.if_else(first, ca.fmax(ca.mmax(ca.sum1(J * J)), 1e-12), size)
         # If mu were below the floor, rounding errors divided by mu would cause motion in directions that are free.
         shrunk = ca.fmax(mu * ca.fmax(1 / 30, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size)
+        stuck_new = ca.if_else(decrease < 1e-12 * cost, stuck + 1, 0)
         accepted = [
             new,
             cost_new,
             miss,
             ca.if_else(first, 1e-3 * size_new, shrunk),
             2,
-            ca.if_else(first, 0, ca.if_else(cost - cost_new < 1e-12 * cost, stuck + 1, 0)),
+            ca.if_else(first, 0, stuck_new),
             size_new,
             J.T @ r,
             ca.vec(J.T @ J),
         ]
         tiny = ca.sumsqr(step) < 1e-28
-        rejected = [*ca.vertsplit(z[: self.state + 2], [0, self.state, self.state + 1, self.state + 2])]
-        rejected += [mu * grow, 2 * grow, stuck + tiny, size, g, ca.vec(H)]
+        kept = ca.vertsplit(z[: self.state + 2], [0, self.state, self.state + 1, self.state + 2])
+        rejected = [*kept, mu * grow, 2 * grow, stuck + tiny, size, g, ca.vec(H)]
         after = ca.if_else(better, ca.vertcat(*accepted), ca.vertcat(*rejected))
         self._evaluator = Evaluator("iteration", z, ca.cse(ca.vertcat(after, ca.sum1(free))))
 
@@ -100,9 +123,13 @@ class Iteration:
         when the norm of the whole residual (task and exceeded limits) is at most `goal`, or when the iteration makes no
         more progress. The norm of the task's residual at the start and after each step is appended to `history`.
         """
-        k, z = self.state, np.zeros(self.memory + len(inputs))
-        z[:k], z[self.memory :] = start, inputs
-        z[k], z[k + 2] = np.inf, 1.0  # infinite cost and a zero step, so that the first call only evaluates
+        k = self.state
+        z = np.zeros(self.memory + len(inputs))
+        z[:k] = start
+        z[self.memory :] = inputs
+        # An infinite cost and a zero step: the first call only evaluates.
+        z[k] = np.inf
+        z[k + 2] = 1.0
         out = self._evaluator.one(z)
         if not np.isfinite(out[k]):
             return start, np.inf, 0
@@ -115,7 +142,8 @@ class Iteration:
             tried += 1
             if history is not None:
                 history.append(float(np.sqrt(out[k + 1])))
-            if out[k + 4] >= 3 or out[k + 2] > 1e12:
+            stuck = out[k + 4] >= 3
+            if stuck or out[k + 2] > 1e12:  # no step helps, however short
                 break
         return out[:k], float(np.sqrt(out[k + 1])), tried
 

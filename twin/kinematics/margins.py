@@ -63,32 +63,61 @@ class Margins:
 
         `error` is the largest error in m of lengths that counts as agreement.
         """
-        f = kin.formula
+        formula = kin.formula
         self._kin = kin
         # Near the end of reach, an error of a length moves joints by the square root of the error.
-        self._close = _CLOSE if error <= ROUNDING else max(_CLOSE, np.sqrt(error / _LEVER))
-        self._passive = {p: passive[p] for p in f.passive if p in passive}
-        self._points = tuple(p for p in f.points if p in points)
-        self.names = (*f.reach, *(m.name for m in f.measures), *(a.symbol for a in f.aspects))
-        self.symbols = (*f.reach.values(), *(m.symbol for m in f.measures), *(a.symbol for a in f.aspects))
-        makers = {output: e.name for e in f.equations for output in e.outputs}
-        self.equations = tuple(makers.get(s, "") for s in self.symbols)
-        self.kinds = (*("reach" for _ in f.reach), *(m.kind for m in f.measures), *("aspect" for _ in f.aspects))
-        self.preferred = (*(0 for _ in f.reach), *(0 for _ in f.measures), *(a.preferred for a in f.aspects))
+        self._close = _CLOSE
+        if error > ROUNDING:
+            self._close = max(_CLOSE, np.sqrt(error / _LEVER))
+        self._passive = {name: passive[name] for name in formula.passive if name in passive}
+        self._points = tuple(name for name in formula.points if name in points)
+
+        names: list[str] = []
+        symbols: list[str] = []
+        kinds: list[str] = []
+        preferred: list[int] = []
+        for name, symbol in formula.reach.items():
+            names.append(name)
+            symbols.append(symbol)
+            kinds.append("reach")
+            preferred.append(0)
+        for measure in formula.measures:
+            names.append(measure.name)
+            symbols.append(measure.symbol)
+            kinds.append(measure.kind)
+            preferred.append(0)
+        for aspect in formula.aspects:
+            names.append(aspect.symbol)
+            symbols.append(aspect.symbol)
+            kinds.append("aspect")
+            preferred.append(aspect.preferred)
+        self.names = tuple(names)
+        self.symbols = tuple(symbols)
+        self.kinds = tuple(kinds)
+        self.preferred = tuple(preferred)
+
+        equation_of: dict[str, str] = {}
+        for equation in formula.equations:
+            for output in equation.outputs:
+                equation_of[output] = equation.name
+        self.equations = tuple(equation_of.get(symbol, "") for symbol in symbols)
 
     def values(self, s: States, larger: float = 1.0) -> Array:
         """Return the values (k, columns) at k states; all lengths of robot and states are multiplied by `larger`."""
         kin = self._kin
-        numbers = {**kin.parameters, **self._lengths(larger)}
-        z = [
-            np.tile(np.array(list(numbers.values())), (len(s.q), 1)),
+        parameters = {**kin.parameters, **self._lengths(larger)}
+        columns = [
+            np.tile(np.array(list(parameters.values())), (len(s.q), 1)),
             _larger(s.Ts_base_tool, larger).reshape(-1, 16),
             s.q * np.where(kin.revolute, 1.0, larger),
-            *(s.q_passive[n][:, None] * (1.0 if self._passive[n] else larger) for n in self._passive),
-            *(s.points[n] * larger for n in self._points),
         ]
+        for name, is_angle in self._passive.items():
+            factor = 1.0 if is_angle else larger
+            columns.append(s.q_passive[name][:, None] * factor)
+        columns += [s.points[name] * larger for name in self._points]
+        inputs = np.ascontiguousarray(np.hstack(columns))
         with np.errstate(all="ignore"):
-            return kin.program.margins_at(tuple(self._passive), self._points).many(np.ascontiguousarray(np.hstack(z)))
+            return kin.program.margins_at(tuple(self._passive), self._points).many(inputs)
 
     def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
         """Return (k,) bool: whether the equations reproduce each state (with `passive`: including its passive joints).
@@ -96,19 +125,29 @@ class Margins:
         The equations do not reproduce a state if their solution is on another branch.
         """
         kin = self._kin
+        by_inverse = kin.closed_inverse and not self._many_ways
+        if not by_inverse and not kin.closed_forward:
+            return np.ones(len(s.q), bool)
+        checks_passive = passive and bool(self._passive)
+        turns: Mapping[str, Array] = {}
         with np.errstate(all="ignore"):
-            if kin.closed_inverse and not self._many_ways:
+            if by_inverse:
                 good = self._same_joints(kin.inverse_many(s.Ts_base_tool), s.q, self._close)
-                turns = kin.passive_many(s.Ts_base_tool) if passive and self._passive else {}
-            elif kin.closed_forward:
-                good = np.abs(kin.program.forward.many(s.q) - s.Ts_base_tool).max(axis=(1, 2)) < self._close
-                turns = kin.passive_many(qs=s.q) if passive and self._passive and not kin.closed_inverse else {}
+                if checks_passive:
+                    turns = kin.passive_many(s.Ts_base_tool)
             else:
-                return np.ones(len(s.q), bool)
-        for name in self._passive if turns else ():
-            off = turns[name] - s.q_passive[name]
-            size = np.abs(np.sin(off / 2) * 2 if self._passive[name] else off)
-            good = np.logical_and(good, size < 100 * self._close)
+                errors = np.abs(kin.program.forward.many(s.q) - s.Ts_base_tool)
+                good = errors.max(axis=(1, 2)) < self._close
+                # With inverse equations, the passive joints would belong to another solution of a redundant robot.
+                if checks_passive and not kin.closed_inverse:
+                    turns = kin.passive_many(qs=s.q)
+        if not turns:
+            return np.asarray(good, bool)
+        for name, is_angle in self._passive.items():
+            error = turns[name] - s.q_passive[name]
+            if is_angle:
+                error = np.sin(error / 2) * 2  # a full turn is no error
+            good = np.logical_and(good, np.abs(error) < 100 * self._close)
         return np.asarray(good, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:
@@ -145,25 +184,36 @@ class Margins:
         with np.errstate(all="ignore"):
             if kin.closed_inverse:
                 q = kin.inverse_many(s.Ts_base_tool)
-                return bool(self._same_joints(q * scale, large.inverse_many(_larger(s.Ts_base_tool, by)), _CLOSE).all())
-            a, b = kin.program.forward.many(s.q), large.program.forward.many(s.q * scale)
-        return bool(np.abs(_larger(a, by) - b).max() < _CLOSE)
+                q_large = large.inverse_many(_larger(s.Ts_base_tool, by))
+                return bool(self._same_joints(q * scale, q_large, _CLOSE).all())
+            Ts = kin.program.forward.many(s.q)
+            Ts_large = large.program.forward.many(s.q * scale)
+        return bool(np.abs(_larger(Ts, by) - Ts_large).max() < _CLOSE)
 
     def _lengths(self, by: float) -> dict[str, float]:
-        kin = self._kin
-        return {p.name: by * kin.parameters[p.name] for p in kin.formula.parameters if p.unit in _LENGTHS}
+        """Return the values of the parameters that are lengths, multiplied by `by`, in m."""
+        parameters = self._kin.parameters
+        lengths: dict[str, float] = {}
+        for parameter in self._kin.formula.parameters:
+            if parameter.unit in _LENGTHS:
+                lengths[parameter.name] = by * parameters[parameter.name]
+        return lengths
 
     @property
     def _many_ways(self) -> bool:
+        """Whether a tool pose has infinitely many solutions: the robot is redundant."""
         return len(self._kin.formula.joints) > 6
 
     def _same_joints(self, a: Array, b: Array, close: float) -> Array:
-        off = a - b
-        off = np.where(self._kin.revolute, 2 * np.sin(off / 2), off)[:, ~self._kin.auxiliary]
-        return np.asarray(np.abs(off).max(axis=1) < close)
+        """Return (k,) bool: whether two sets of joints (k, n) are equal, but for full turns and auxiliary joints."""
+        error = a - b
+        error = np.where(self._kin.revolute, 2 * np.sin(error / 2), error)
+        error = error[:, ~self._kin.auxiliary]
+        return np.asarray(np.abs(error).max(axis=1) < close)
 
 
 def _larger(Ts: Array, by: float) -> Array:
+    """Return poses (k, 4, 4) with positions multiplied by `by`."""
     out = Ts.copy()
     out[:, :3, 3] *= by
     return out

@@ -20,12 +20,20 @@ def condition_many(Js: Array) -> Array:
     good = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
     J = Js[good]
     Jt = np.swapaxes(J, 1, 2)
-    squares = np.linalg.eigvalsh(J @ Jt if Js.shape[1] <= Js.shape[2] else Jt @ J)
-    well = squares[:, 0] > _WELL * squares[:, -1]
-    out[good[well]] = np.sqrt(squares[well, -1] / squares[well, 0])
-    sigma = np.linalg.svd(J[~well], compute_uv=False)
-    np.divide(sigma[:, 0], sigma[:, -1], out=sigma[:, 0], where=sigma[:, -1] > 0)
-    out[good[~well]] = np.where(sigma[:, -1] > 0, sigma[:, 0], np.inf)
+    # The smaller of the two products has no eigenvalues that are always zero.
+    wide = Js.shape[1] <= Js.shape[2]
+    product = J @ Jt if wide else Jt @ J
+    squares = np.linalg.eigvalsh(product)
+    smallest = squares[:, 0]
+    largest = squares[:, -1]
+    well = smallest > _WELL * largest
+    out[good[well]] = np.sqrt(largest[well] / smallest[well])
+
+    singular_values = np.linalg.svd(J[~well], compute_uv=False)
+    largest = singular_values[:, 0]
+    smallest = singular_values[:, -1]
+    infinite = np.full(len(largest), np.inf)
+    out[good[~well]] = np.divide(largest, smallest, out=infinite, where=smallest > 0)
     return out
 
 

@@ -89,34 +89,42 @@ def solve(
     """
     kin.need_six_joints()
     bounds = _bounds(kin, limits)
-    begin = _state(kin, seed) if seed is not None else None
-    wanted = kin.preferred_branch if begin is None else _label(kin, begin)
-    tried, best, why, iterations = 0, None, "", 0
-    first = [] if begin is None else [begin]
-    for start in islice(chain(first, seeds(kin, rng, starts, bounds)), starts):
+    states = seeds(kin, rng, starts, bounds)
+    wanted = kin.preferred_branch
+    if seed is not None:
+        first = _state(kin, seed)
+        states = chain([first], states)
+        wanted = _label(kin, first)
+
+    tried = 0
+    iterations = 0
+    best: Solution | None = None
+    best_exceeded: list[str] = []
+    for start in islice(states, starts):
         tried += 1
         result = descend(kin, task, start, bounds, length_scale)
         iterations += result.iterations
         label = _label(kin, result.T if kin.closed_inverse else result.q)
-        broken = _breaches(kin, result.q, bounds)
-        fine = result.residual <= TOLERANCE and not broken and (any_branch or label == wanted)
-        if best is None or (result.residual, len(broken)) < (
-            best.residual,
-            len(_breaches(kin, best.q, bounds)),
-        ):
-            best, why = Solution(result.q, result.T, result.residual, label, iterations), "; ".join(broken)
-        if fine:
-            return Solution(result.q, result.T, result.residual, label, iterations)
+        exceeded = _breaches(kin, result.q, bounds)
+        solution = Solution(result.q, result.T, result.residual, label, iterations)
+        on_branch = any_branch or label == wanted
+        if result.residual <= TOLERANCE and not exceeded and on_branch:
+            return solution
+        # Of equal residuals, the solution with fewer exceeded limits is better.
+        if best is None or (result.residual, len(exceeded)) < (best.residual, len(best_exceeded)):
+            best = solution
+            best_exceeded = exceeded
     if best is None:
         raise KinematicsError(f"{kin.formula.name}: no starting state: give a seed, or define seeds in the formula.")
+
+    causes = best_exceeded
     if best.residual > TOLERANCE:
-        why = f"residual {best.residual:.3g} (dimensionless) stays above {TOLERANCE:g}" + (f"; {why}" if why else "")
-    elif not why:
-        why = f"a solution was found only on branch {best.branch}, not on {wanted}"
-    best = replace(best, iterations=iterations)
+        causes = [f"residual {best.residual:.3g} (dimensionless) stays above {TOLERANCE:g}", *best_exceeded]
+    elif not best_exceeded:
+        causes = [f"a solution was found only on branch {best.branch}, not on {wanted}"]
     raise KinematicsError(
-        f"{kin.formula.name}: no solution of the task in {tried} starts: {why}.",
-        best=best,
+        f"{kin.formula.name}: no solution of the task in {tried} starts: {'; '.join(causes)}.",
+        best=replace(best, iterations=iterations),
         residual=best.residual,
     )
 
@@ -129,20 +137,32 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
     """
     homes: list[Array] = []
     for seed in kin.formula.seeds[:starts]:
-        homes.append(_from_formula(kin, np.asarray(seed, float)))
-        yield homes[-1]
+        home = _from_formula(kin, np.asarray(seed, float))
+        homes.append(home)
+        yield home
     generator = np.random.default_rng(rng)
-    if not kin.closed_forward:
-        for i in range(len(homes), starts if homes else 0):
-            T, xi = homes[generator.integers(len(homes))], generator.uniform(-1, 1, 6)
-            spread = 0.2 + 0.8 * i / starts  # increasing, so that starts near the seeds come first
-            R = spatial.exp_so3(spread * xi[3:]) @ T[:3, :3]
-            yield spatial.pose(R, T[:3, 3] + 2 * spread * kin.characteristic_length * xi[:3])
+    if kin.closed_forward:
+        yield from _random_joints(kin, generator, starts - len(homes), bounds)
         return
-    low, high = (bounds if bounds is not None else _bounds(kin, None)).T
+    if not homes:
+        return  # without a pose to start near, a random pose would be out of reach
+    for i in range(len(homes), starts):
+        T = homes[generator.integers(len(homes))]
+        xi = generator.uniform(-1, 1, 6)
+        spread = 0.2 + 0.8 * i / starts  # increasing, so that starts near the seeds come first
+        R = spatial.exp_so3(spread * xi[3:]) @ T[:3, :3]
+        yield spatial.pose(R, T[:3, 3] + 2 * spread * kin.characteristic_length * xi[:3])
+
+
+def _random_joints(kin: Compiled, generator: np.random.Generator, count: int, bounds: Array | None) -> Iterator[Array]:
+    """Yield random q (n,) within bounds (n, 2); see `seeds` for joints without limits."""
+    if bounds is None:
+        bounds = _bounds(kin, None)
     reach = np.where(kin.revolute, np.pi, 1.0)
-    low, high = np.where(np.isfinite(low), low, -reach), np.where(np.isfinite(high), high, reach)
-    for _ in range(len(homes), starts):
+    low, high = bounds.T
+    low = np.where(np.isfinite(low), low, -reach)
+    high = np.where(np.isfinite(high), high, reach)
+    for _ in range(count):
         yield generator.uniform(low, high)
 
 
@@ -161,29 +181,48 @@ def descend(
     scale = kin.characteristic_length if length_scale is None else float(length_scale)
     if not scale > 0:
         raise KinematicsError(f"length_scale {length_scale} m must be positive.")
-    joint_scale = np.where(kin.revolute, 1.0, 1 / scale)
-    kinds = tuple((t.kind, t.rows) for t in task.terms)
     for term in task.terms:
         if term.kind == "joints" and len(term.numbers) != len(kin.joints):
             raise KinematicsError(f"task Joints: {len(term.numbers)} values for {len(kin.joints)} joints.")
-    # Auxiliary joints are not in the equations, so no pose determines their values.
-    asked = np.where(kin.auxiliary, 0.0, joint_scale) if not kin.closed_forward else joint_scale
-    weights = (t.weight * (asked if t.kind == "joints" else np.where(is_length(t), 1 / scale, 1.0)) for t in task.terms)
-    low, high = (_bounds(kin, None) if bounds is None else bounds).T
-    columns = 1 / joint_scale if kin.closed_forward else np.repeat([scale, 1.0], 3)
-    inputs = np.concatenate([*(t.numbers for t in task.terms), *weights, columns, joint_scale, low, high])
-    begin = np.minimum(np.maximum(start, low), high) if kin.closed_forward else start.ravel()
+    if bounds is None:
+        bounds = _bounds(kin, None)
+    low, high = bounds.T
+
+    # An error of the length scale counts as much as an error of 1 rad.
+    joint_scale = np.where(kin.revolute, 1.0, 1 / scale)
+    joint_weights = joint_scale
+    begin = start.ravel()
+    step_scale = np.repeat([scale, 1.0], 3)
+    if kin.closed_forward:
+        begin = np.minimum(np.maximum(start, low), high)
+        step_scale = 1 / joint_scale
+    else:
+        # Auxiliary joints are not in the equations, so no pose determines their values.
+        joint_weights = np.where(kin.auxiliary, 0.0, joint_scale)
+    numbers: list[Array] = []
+    weights: list[Array] = []
+    for term in task.terms:
+        row_weights = joint_weights
+        if term.kind != "joints":
+            row_weights = np.where(is_length(term), 1 / scale, 1.0)
+        numbers.append(term.numbers)
+        weights.append(term.weight * row_weights)
+    inputs = np.concatenate([*numbers, *weights, step_scale, joint_scale, low, high])
+
+    kinds = tuple((term.kind, term.rows) for term in task.terms)
     end, residual, tried = iteration(kin.program, kinds).run(begin, inputs, 0.01 * TOLERANCE, history)
     if kin.closed_forward:
         return Descent(kin.program.forward.one(end), end, residual, tried)
-    return Descent(end.reshape(4, 4), kin.program.inverse.one(end)[:-1], residual, tried)
+    q = kin.program.inverse.one(end)[:-1]
+    return Descent(end.reshape(4, 4), q, residual, tried)
 
 
 def _from_formula(kin: Compiled, seed: Array) -> Array:
     """Convert a seed of the formula to a state; the seed is pose coordinates or, without inverse equations, q."""
     if not kin.closed_inverse:
         q = np.zeros(len(kin.joints))
-        q[~kin.auxiliary], q[kin.auxiliary] = seed, [value for *_, value in kin.extra_joints]
+        q[~kin.auxiliary] = seed
+        q[kin.auxiliary] = [value for *_, value in kin.extra_joints]
         return q
     T = kin.program.pose_of_coordinates.one(seed)
     return kin.inverse(T) if kin.closed_forward else T
@@ -203,10 +242,13 @@ def _state(kin: Compiled, seed: ArrayLike) -> Array:
 
 def _label(kin: Compiled, state: Array) -> str:
     """Return the branch label of a state, q (n,) or pose (4, 4)."""
-    return str((kin.branch(qs=state[None]) if state.ndim == 1 else kin.branch(Ts=state[None]))[0])
+    batch = state[None]
+    labels = kin.branch(qs=batch) if state.ndim == 1 else kin.branch(Ts=batch)
+    return str(labels[0])
 
 
 def _bounds(kin: Compiled, limits: ArrayLike | None) -> Array:
+    """Return limits (n, 2) of all joints; infinite if no limits are given."""
     n = len(kin.joints)
     if limits is None:
         return np.tile([-np.inf, np.inf], (n, 1))
@@ -217,9 +259,11 @@ def _bounds(kin: Compiled, limits: ArrayLike | None) -> Array:
 
 
 def _breaches(kin: Compiled, q: Array, bounds: Array) -> list[str]:
-    unit = np.where(kin.revolute, "rad", "m")
-    return [
-        f"{name} = {v:.6g} {u} is outside {low:g} .. {high:g}"
-        for name, v, u, (low, high) in zip(kin.joints, q, unit, bounds, strict=True)
-        if not low - _LIMIT_TOL <= v <= high + _LIMIT_TOL
-    ]
+    """Return a text for each joint of q (n,) that exceeds its limits (n, 2)."""
+    texts: list[str] = []
+    for name, value, is_angle, (low, high) in zip(kin.joints, q, kin.revolute, bounds, strict=True):
+        within = low - _LIMIT_TOL <= value <= high + _LIMIT_TOL
+        if not within:
+            unit = "rad" if is_angle else "m"
+            texts.append(f"{name} = {value:.6g} {unit} is outside {low:g} .. {high:g}")
+    return texts
