@@ -35,9 +35,11 @@ MAX_ITERATIONS = 100
 _GOAL = 1e-15
 """Norm of the rows in m at which an iteration ends: a few roundings of 1 m."""
 
-_FIRST_DAMPING, _DAMPING_FACTOR = 1e-3, 10.0
+_FIRST_DAMPING = 1e-3
+_DAMPING_FACTOR = 10.0
 
-_LEAST_DAMPING, _MOST_DAMPING = 1e-11, 1e10
+_LEAST_DAMPING = 1e-11
+_MOST_DAMPING = 1e10
 """Limits of mu. Below the first, rounding would move the points along the redundant direction; the second ends."""
 
 _LEAST_DIAGONAL = 1e-12
@@ -104,7 +106,8 @@ class PointSolver:
     """The compiled search of a robot whose formula has a `PointSearch`."""
 
     def __init__(self, kin: Compiled, search: PointSearch) -> None:
-        self.kin, self.search = kin, search
+        self.kin = kin
+        self.search = search
         self.count = len(search.unknowns)
 
     def descend(self, starts: Array, tips: Array, trocars: Array, redundant: bool = False) -> Descents:
@@ -128,25 +131,32 @@ class PointSolver:
             k = np.flatnonzero((norm > _GOAL) & (damping < _MOST_DAMPING))
             if not len(k):
                 break
-            new = x[k] + _steps(J[k], r[k], damping[k])
-            r_new, J_new, between_new = self._at(rows, new, given[k])
+            x_new = x[k] + _steps(J[k], r[k], damping[k])
+            r_new, J_new, between_new = self._at(rows, x_new, given[k])
             norm_new = np.linalg.norm(r_new, axis=1)
             better = norm_new < norm[k]
-            taken = k[better]
-            x[taken], r[taken], J[taken] = new[better], r_new[better], J_new[better]
-            norm[taken], between[taken] = norm_new[better], between_new[better]
-            damping[taken] = np.maximum(damping[taken] / _DAMPING_FACTOR, _LEAST_DAMPING)
+            accepted = k[better]
+            x[accepted] = x_new[better]
+            r[accepted] = r_new[better]
+            J[accepted] = J_new[better]
+            norm[accepted] = norm_new[better]
+            between[accepted] = between_new[better]
+            damping[accepted] = np.maximum(damping[accepted] / _DAMPING_FACTOR, _LEAST_DAMPING)
             damping[k[~better]] *= _DAMPING_FACTOR
             iterations[k] += 1
-            history.append(np.full(len(x), np.nan))
-            history[-1][k] = norm[k]
+            norms = np.full(len(x), np.nan)
+            norms[k] = norm[k]
+            history.append(norms)
             at_rounding = (norm <= TOLERANCE) & (damping > _FIRST_DAMPING)
             damping[at_rounding] = _MOST_DAMPING  # steps no longer reduce the rows, which are zero but for rounding
-        return Descents(x.reshape(-1, self.count, 3), norm, iterations, between, np.stack(history, axis=1))
+        points = x.reshape(-1, self.count, 3)
+        return Descents(points, norm, iterations, between, np.stack(history, axis=1))
 
     def joints(self, points: Array, Ts: Array) -> Array:
         """Return q (k, n) from points (k, m, 3) and poses of the tool (k, 4, 4), by the inverse equations."""
-        return self._joints.many(np.hstack([Ts.reshape(-1, 16), points.reshape(len(points), 3 * self.count)]))
+        poses = Ts.reshape(-1, 16)
+        coordinates = points.reshape(len(points), 3 * self.count)
+        return self._joints.many(np.hstack([poses, coordinates]))
 
     def places(self, qs: Array) -> Array:
         """Return the points (k, m, 3) in m at joints qs (k, n)."""
@@ -159,13 +169,15 @@ class PointSolver:
     def starts(self, count: int, limits: Array | None = None, rng: int = 0) -> Iterator[Array]:
         """Yield joints q (n,) to start from: those of the formula's seeds, then random ones within the limits."""
         reach = np.where(self.kin.revolute, np.pi, 1.0)
-        low, high = -reach, reach
+        low = -reach
+        high = reach
         if limits is not None:
             low = np.where(np.isfinite(limits[:, 0]), limits[:, 0], low)
             high = np.where(np.isfinite(limits[:, 1]), limits[:, 1], high)
         seeds = self.kin.formula.seeds[:count]
         for seed in seeds:
-            yield self.kin.inverse(self.kin.program.pose_of_coordinates.one(np.asarray(seed, float)))
+            T = self.kin.program.pose_of_coordinates.one(np.asarray(seed, float))
+            yield self.kin.inverse(T)
         generator = np.random.default_rng(rng)
         for _ in range(len(seeds), count):
             yield generator.uniform(low, high)
@@ -180,18 +192,20 @@ class PointSolver:
         tips = Ts[:, :3, 3]
         axes = Ts[:, :3, :3] @ np.asarray(self.search.axis)
         points = np.full((len(Ts), self.count, 3), np.nan)
-        left = np.flatnonzero(np.isfinite(Ts).all(axis=(1, 2)))
+        unsolved = np.flatnonzero(np.isfinite(Ts).all(axis=(1, 2)))
         for q in self.starts(starts):
-            if not len(left):
+            if not len(unsolved):
                 break
-            begin = self.places(q[None])
-            length = float(np.linalg.norm(begin[0, -1] - self.kin.program.forward.one(q)[:3, 3]))
-            trocars = tips[left] - 0.5 * length * axes[left]
-            begin = self.outside(np.repeat(begin, len(left), axis=0), tips[left], trocars)
-            found = self.descend(begin, tips[left], trocars, redundant=True)
+            start = self.places(q[None])
+            tip = self.kin.program.forward.one(q)[:3, 3]
+            length = float(np.linalg.norm(start[0, -1] - tip))
+            trocars = tips[unsolved] - 0.5 * length * axes[unsolved]
+            begin = self.outside(np.repeat(start, len(unsolved), axis=0), tips[unsolved], trocars)
+            found = self.descend(begin, tips[unsolved], trocars, redundant=True)
+            # The rows do not contain the sign of the redundant joint; the other sign is another solution.
             good = found.solved & (self._sign(found.points) > 0)
-            points[left[good]] = found.points[good]
-            left = left[~good]
+            points[unsolved[good]] = found.points[good]
+            unsolved = unsolved[~good]
         return self.joints(points, Ts)
 
     def outside(self, points: Array, tips: Array, trocars: Array) -> Array:
@@ -200,7 +214,8 @@ class PointSolver:
         Its distance from the tip remains. From such starts, a search hardly ever ends with the arm beyond the tip.
         """
         out = points.copy()
-        shafts = (trocars - tips) / np.linalg.norm(trocars - tips, axis=1)[:, None]
+        shafts = trocars - tips
+        shafts = shafts / np.linalg.norm(shafts, axis=1)[:, None]
         lengths = np.linalg.norm(points[:, -1] - tips, axis=1)
         out[:, -1] = tips + lengths[:, None] * shafts
         return out
@@ -210,14 +225,15 @@ class PointSolver:
     ) -> PointSolutions:
         """Solve k problems of tip and trocar, (k, 3) each in m, from several starts: see `solve`."""
         best = PointSolutions.none(len(tips), len(self.kin.joints), self.count)
-        left = np.arange(len(tips))
+        unsolved = np.arange(len(tips))
         for q in self.starts(starts, limits, rng):
-            if not len(left):
+            if not len(unsolved):
                 break
-            begin = self.outside(np.repeat(self.places(q[None]), len(left), axis=0), tips[left], trocars[left])
-            found = self.descend(begin, tips[left], trocars[left])
-            self._keep(best, left, found, q, tips[left], limits)
-            left = np.flatnonzero(best.excess > _LIMIT_TOL)
+            start = np.repeat(self.places(q[None]), len(unsolved), axis=0)
+            begin = self.outside(start, tips[unsolved], trocars[unsolved])
+            found = self.descend(begin, tips[unsolved], trocars[unsolved])
+            self._keep(best, unsolved, found, q, tips[unsolved], limits)
+            unsolved = np.flatnonzero(best.excess > _LIMIT_TOL)
         return best
 
     def solve(
@@ -244,38 +260,51 @@ class PointSolver:
             KinematicsError: the task is another one, or no solution is found; if a search found points beyond a joint
                 limit, `best` is the `Solution` with the smallest excess.
         """
+        name = self.kin.formula.name
         tip, trocar = self._given(task)
         if not np.linalg.norm(trocar - tip) > TOLERANCE:
-            raise KinematicsError(f"{self.kin.formula.name}: tip and trocar are the same point: they give no shaft.")
+            raise KinematicsError(f"{name}: tip and trocar are the same point: they give no shaft.")
         best = None
         if seed is not None:
-            q = np.asarray(seed, float)
-            if q.shape != (len(self.kin.joints),):
-                raise KinematicsError(f"{self.kin.formula.name}: a seed must be q ({len(self.kin.joints)},)")
-            best = PointSolutions.none(1, len(self.kin.joints), self.count)
-            self._keep(best, np.arange(1), self.descend(self.places(q[None]), tip, trocar), q, tip, limits)
+            best = self._from_seed(np.asarray(seed, float), tip, trocar, limits)
         if best is None or best.excess[0] > _LIMIT_TOL:
             best = self.solve_many(tip, trocar, limits, starts=starts, rng=rng)
-        name, points = self.kin.formula.name, " and ".join(self.search.unknowns)
+        points = " and ".join(self.search.unknowns)
         if not np.isfinite(best.excess[0]):
             raise KinematicsError(
                 f"{name}: no {points} with the trocar between arm and tip in {starts} starts. The target may be out of "
                 "reach; method='joints' states by how much."
             )
-        T = self.kin.program.forward.one(best.q[0])
-        shaft = T[:3, :3] @ np.asarray(self.search.axis)
-        missed = np.concatenate([T[:3, 3] - tip[0], np.cross(trocar[0] - T[:3, 3], shaft)])
-        residual = float(np.linalg.norm(missed)) / self.kin.characteristic_length
-        branch = str(self.kin.branch(Ts=T[None], qs=best.q)[0])
-        solution = Solution(best.q[0], T, residual, branch, int(best.iterations[0]))
+        solution = self._solution(best, tip[0], trocar[0])
         if best.excess[0] > _LIMIT_TOL:
             raise KinematicsError(
                 f"{name}: the {points} found in {starts} starts exceed a joint limit, at best by {best.excess[0]:.3g} "
                 "(rad or m); give a seed, or use method='joints', which keeps the limits during the search.",
                 best=solution,
-                residual=residual,
+                residual=solution.residual,
             )
         return solution
+
+    def _from_seed(self, q: Array, tip: Array, trocar: Array, limits: Array | None) -> PointSolutions:
+        """Return the result of one search from q (n,), for a tip and a trocar (1, 3) in m."""
+        n = len(self.kin.joints)
+        if q.shape != (n,):
+            raise KinematicsError(f"{self.kin.formula.name}: a seed must be q ({n},)")
+        best = PointSolutions.none(1, n, self.count)
+        found = self.descend(self.places(q[None]), tip, trocar)
+        self._keep(best, np.arange(1), found, q, tip, limits)
+        return best
+
+    def _solution(self, found: PointSolutions, tip: Array, trocar: Array) -> Solution:
+        """Return the first of the found results; its residual from tip and trocar (3,) is by the forward equations."""
+        q = found.q[0]
+        T = self.kin.program.forward.one(q)
+        p_tip = T[:3, 3]
+        shaft = T[:3, :3] @ np.asarray(self.search.axis)
+        errors = np.concatenate([p_tip - tip, np.cross(trocar - p_tip, shaft)])
+        residual = float(np.linalg.norm(errors)) / self.kin.characteristic_length
+        branch = str(self.kin.branch(Ts=T[None], qs=found.q)[0])
+        return Solution(q, T, residual, branch, int(found.iterations[0]))
 
     def _keep(
         self,
@@ -293,31 +322,35 @@ class PointSolver:
         joints = self.joints(points, self.pose(tips[good], points, q))
         excess = np.zeros(len(points))
         if limits is not None:
-            excess = np.maximum(limits[:, 0] - joints, joints - limits[:, 1]).max(axis=1, initial=0.0)
+            low, high = limits.T
+            excess = np.maximum(low - joints, joints - high).max(axis=1, initial=0.0)
         nearer = excess < best.excess[rows[good]]
         kept = rows[good][nearer]
-        best.q[kept], best.points[kept], best.excess[kept] = joints[nearer], points[nearer], excess[nearer]
+        best.q[kept] = joints[nearer]
+        best.points[kept] = points[nearer]
+        best.excess[kept] = excess[nearer]
 
     def pose(self, tips: Array, points: Array, q: Array) -> Array:
         """Return poses (k, 4, 4) with the tip at `tips` (k, 3) and the shaft from the last of the points (k, m, 3).
 
         The rotation about the shaft is that of the tool at q (n,), turned by the smallest angle to the shaft.
         """
-        axis = tips - points[:, -1]
-        axis /= np.linalg.norm(axis, axis=1)[:, None]
+        shafts = tips - points[:, -1]
+        shafts /= np.linalg.norm(shafts, axis=1)[:, None]
         T = self.kin.program.forward.one(q)
-        own = T[:3, :3] @ np.asarray(self.search.axis)
-        return spatial.pose(_turns(own, axis) @ T[:3, :3], tips)
+        shaft_of_q = T[:3, :3] @ np.asarray(self.search.axis)
+        R = _turns(shaft_of_q, shafts) @ T[:3, :3]
+        return spatial.pose(R, tips)
 
     def _given(self, task: Task) -> tuple[Array, Array]:
         """Return tip and trocar (1, 3) of a task in m."""
-        terms = {t.kind: t.numbers for t in task.terms}
-        fine = sorted(t.kind for t in task.terms) == ["tip", "trocar"]
-        if fine:
-            tip, trocar = terms["tip"], terms["trocar"]
-            fine = not tip[3:6].any() and not trocar[6:9].any()
-            fine = fine and bool(np.allclose(trocar[3:6], self.search.axis, rtol=0, atol=1e-12))
-            if fine:
+        terms = {term.kind: term.numbers for term in task.terms}
+        if sorted(term.kind for term in task.terms) == ["tip", "trocar"]:
+            tip = terms["tip"]
+            trocar = terms["trocar"]
+            in_origin = not tip[3:6].any() and not trocar[6:9].any()
+            along_axis = np.allclose(trocar[3:6], self.search.axis, rtol=0, atol=1e-12)
+            if in_origin and along_axis:
                 return tip[None, :3], trocar[None, :3]
         axis = ", ".join(f"{v:g}" for v in self.search.axis)
         raise KinematicsError(
@@ -329,12 +362,18 @@ class PointSolver:
         """Return rows (k, r), their derivatives (k, r, 3 m), and `between` (k,)."""
         out = rows.many(np.hstack([x, given]))
         n = x.shape[1]
-        r = (out.shape[1] - 1) // (n + 1)
-        return out[:, :r], out[:, r:-1].reshape(len(x), n, r).transpose(0, 2, 1), out[:, -1]
+        count = (out.shape[1] - 1) // (n + 1)
+        r = out[:, :count]
+        # The compiled function stacks the columns of each Jacobian.
+        J = out[:, count:-1].reshape(len(x), n, count).transpose(0, 2, 1)
+        return r, J, out[:, -1]
 
     def _symbols(self, x: ca.SX) -> dict[str, Any]:
-        points = {name: x[3 * i : 3 * i + 3] for i, name in enumerate(self.search.unknowns)}
-        return {**self.kin.parameters, **points}
+        """Return the symbols of the parameters and of the points, which x (3 m,) stacks."""
+        symbols: dict[str, Any] = dict(self.kin.parameters)
+        for i, name in enumerate(self.search.unknowns):
+            symbols[name] = x[3 * i : 3 * i + 3]
+        return symbols
 
     @cached_property
     def _rows(self) -> Evaluator:
@@ -348,42 +387,53 @@ class PointSolver:
         """Compile (points, tip, trocar) -> rows, their derivatives with respect to the points, `between`."""
         n = 3 * self.count
         z = ca.SX.sym("z", n + 6)
-        symbols = {**self._symbols(z[:n]), self.search.tip: z[n : n + 3], self.search.trocar: z[n + 3 :]}
+        symbols = self._symbols(z[:n])
+        symbols[self.search.tip] = z[n : n + 3]
+        symbols[self.search.trocar] = z[n + 3 :]
         r = self._call("residual", symbols)
         if redundant:
             r = ca.vertcat(r, self._call("redundant", symbols)[0])
         J = ca.jacobian(r, z)[:, :n]
-        return Evaluator("point_rows", z, ca.vertcat(r, ca.vec(J), self._call("between", symbols)))
+        between = self._call("between", symbols)
+        return Evaluator("point_rows", z, ca.vertcat(r, ca.vec(J), between))
 
     @cached_property
     def _redundant(self) -> Evaluator:
         z = ca.SX.sym("z", 3 * self.count)
-        return Evaluator("redundant_sign", z, self._call("redundant", self._symbols(z))[1])
+        sign = self._call("redundant", self._symbols(z))[1]
+        return Evaluator("redundant_sign", z, sign)
 
     def _sign(self, points: Array) -> Array:
         return self._redundant.many(points.reshape(len(points), 3 * self.count))[:, 0]
 
     @cached_property
     def _places(self) -> Evaluator:
-        program = self.kin.program
-        q = ca.SX.sym("q", len(program.order))
-        symbols = {**self.kin.parameters, **dict(zip(program.order, ca.vertsplit(q), strict=True))}
-        return Evaluator("places", q, ca.vertcat(*self._call("places", symbols)))
+        order = self.kin.program.order
+        q = ca.SX.sym("q", len(order))
+        symbols: dict[str, Any] = dict(self.kin.parameters)
+        symbols.update(zip(order, ca.vertsplit(q), strict=True))
+        points = self._call("places", symbols)
+        return Evaluator("places", q, ca.vertcat(*points))
 
     @cached_property
     def _closed(self) -> Evaluator:
         z = ca.SX.sym("z", 16)
-        symbols = self._inverse({**self.kin.parameters, **flow.from_pose(self.kin.formula, symbolic.unflat(z, 4, 4))})
-        return Evaluator("closed", z, ca.vertcat(*(ca.SX(symbols[name]) for name in self.search.unknowns)))
+        of_pose = flow.from_pose(self.kin.formula, symbolic.unflat(z, 4, 4))
+        symbols = self._inverse({**self.kin.parameters, **of_pose})
+        points = [ca.SX(symbols[name]) for name in self.search.unknowns]
+        return Evaluator("closed", z, ca.vertcat(*points))
 
     @cached_property
     def _joints(self) -> Evaluator:
-        z = ca.SX.sym("z", 16 + 3 * self.count)
-        symbols = self._symbols(z[16:]) | {POSE_SYMBOL: symbolic.unflat(z[:16], 4, 4)}
-        symbols = self._inverse({**flow.from_pose(self.kin.formula, symbols[POSE_SYMBOL]), **symbols})
+        formula = self.kin.formula
         program = self.kin.program
-        out = flow.gather(self.kin.formula, {**symbols, **program.extra_values}, program.order, "joint")
-        return Evaluator("joints_of_points", z, out)
+        z = ca.SX.sym("z", 16 + 3 * self.count)
+        T = symbolic.unflat(z[:16], 4, 4)
+        # The given points replace those that the equations would compute from the pose.
+        of_pose = flow.from_pose(formula, T)
+        symbols = self._inverse({**of_pose, **self._symbols(z[16:]), POSE_SYMBOL: T})
+        joints = flow.gather(formula, {**symbols, **program.extra_values}, program.order, "joint")
+        return Evaluator("joints_of_points", z, joints)
 
     def _inverse(self, symbols: dict[str, Any]) -> dict[str, Any]:
         return flow.run(self.kin.formula, self.kin.variants, symbols, "inverse")
@@ -418,17 +468,21 @@ def _steps(J: Array, r: Array, damping: Array) -> Array:
     A = np.swapaxes(J, 1, 2) @ J
     g = np.einsum("kri,kr->ki", J, r)
     diagonal = np.einsum("kii->ki", A).copy()
-    diagonal = np.maximum(diagonal, _LEAST_DIAGONAL * diagonal.max(axis=1, keepdims=True))
-    n = A.shape[1]
-    A[:, np.arange(n), np.arange(n)] += damping[:, None] * diagonal
+    least = _LEAST_DIAGONAL * diagonal.max(axis=1, keepdims=True)
+    diagonal = np.maximum(diagonal, least)
+    i = np.arange(A.shape[1])
+    A[:, i, i] += damping[:, None] * diagonal
     return -np.linalg.solve(A, g[..., None])[..., 0]
 
 
 def _turns(a: Array, b: Array) -> Array:
     """Return the smallest rotations (k, 3, 3) that turn the unit vector a (3,) into the unit vectors b (k, 3)."""
     w = np.cross(a, b)
-    s = np.linalg.norm(w, axis=1)
-    across = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
-    w[s < 1e-12] = across  # parallel: no rotation, or half a turn about any axis across
+    sine = np.linalg.norm(w, axis=1)
+    cosine = b @ a
+    unit = np.eye(3)[int(np.argmin(np.abs(a)))]
+    across = np.cross(a, unit)
+    w[sine < 1e-12] = across  # parallel: no rotation, or half a turn about any axis across
     w /= np.linalg.norm(w, axis=1)[:, None]
-    return spatial.exp_so3(np.arctan2(s, b @ a)[:, None] * w)
+    angle = np.arctan2(sine, cosine)
+    return spatial.exp_so3(angle[:, None] * w)
