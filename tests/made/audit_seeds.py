@@ -390,15 +390,20 @@ for kind, edit, says in (
 
 
 def baked(change):
-    """Return an edit of a stage's baked motion by `change`: (layer, moving links, sorted time codes) -> None."""
+    """Return an edit of a stage's baked motion by `change`: (layer, sampled links, sorted time codes).
+
+    A change returns False if it has nothing to edit.
+    """
 
     def edit(folder):
         name = next(iter(sorted((folder / "usd/motion").glob("*.usdc")))).relative_to(folder / "usd").as_posix()
         layer, _ = layers(folder, name)
         moving = prims_of(layer, lambda p: "xformOp:orient" in p.attributes)
         codes = layer.ListTimeSamplesForPath(f"{moving[-1].path}.xformOp:orient")
-        change(layer, [str(p.path) for p in moving], codes)
+        if change(layer, [str(p.path) for p in moving], codes) is False:
+            return False
         stored(layer, folder, name)
+        return True
 
     return edit
 
@@ -446,17 +451,20 @@ for kind, change, says in (
 
 
 def usdz(folder, change):
+    """Edit the layer of the .usdz; return False if `change` has nothing to edit."""
     file = next(folder.glob("*_ar.usdz"))
     with zipfile.ZipFile(file) as archive:
         name = archive.namelist()[0]
         archive.extract(name, folder)
     layer = Sdf.Layer.OpenAsAnonymous(str(folder / name))
     (folder / name).unlink()
-    change(layer)
+    if change(layer) is False:
+        return False
     layer.Export(str(folder / name))
     file.unlink()
     assert UsdUtils.CreateNewUsdzPackage(str(folder / name), str(file))
     (folder / name).unlink()
+    return True
 
 
 def prims_of(layer, wanted):
@@ -614,9 +622,10 @@ def attribute(path: str, name: str, new, which: int = 0):
 
 def every(path: str, name: str, new):
     def change(root):
-        for e in root.findall(path):
-            if e.get(name) is not None:
-                e.set(name, new(e.get(name)))
+        found = [e for e in root.findall(path) if e.get(name) is not None]
+        for e in found:
+            e.set(name, new(e.get(name)))
+        return bool(found)
 
     return change
 

@@ -248,21 +248,43 @@ def value_key(layer, moving, codes) -> None:
     layer.SetTimeSample(path, code, layer.QueryTimeSample(path, code) + 5.0)
 
 
-def keys_exchanged(layer, moving, codes) -> None:
-    a, b = codes[3], codes[len(codes) // 2]
-    for link in reversed(moving):
+def shifts(layer, path: str) -> tuple[float, float] | None:
+    """Return two time codes at which a translation differs by more than 1 mm; None if there are none."""
+    codes = layer.ListTimeSamplesForPath(path)
+    for a in codes[2:]:
+        for b in (codes[-1], codes[len(codes) // 2]):
+            one, two = layer.QueryTimeSample(path, a), layer.QueryTimeSample(path, b)
+            if (Gf.Vec3d(one) - Gf.Vec3d(two)).GetLength() > 1e-3:
+                return a, b
+    return None
+
+
+def exchange(layer, links) -> bool:
+    """Exchange two keys of the last link that moves by more than 1 mm; return whether there is one."""
+    for link in reversed(links):
         path = f"{link}.xformOp:translate"
-        one, two = layer.QueryTimeSample(path, a), layer.QueryTimeSample(path, b)
-        if one is not None and two is not None and (Gf.Vec3d(one) - Gf.Vec3d(two)).GetLength() > 1e-3:
-            layer.SetTimeSample(path, a, two)
-            layer.SetTimeSample(path, b, one)
-            return
+        pair = shifts(layer, path)
+        if pair is not None:
+            one, two = (layer.QueryTimeSample(path, code) for code in pair)
+            layer.SetTimeSample(path, pair[0], two)
+            layer.SetTimeSample(path, pair[1], one)
+            return True
+    return False
 
 
-def link_still(layer, moving, codes) -> None:
-    prim = layer.GetPrimAtPath(moving[-1])
-    for op in ("translate", "orient"):
-        del prim.properties[f"xformOp:{op}"]
+def keys_exchanged(layer, moving, codes) -> bool:
+    return exchange(layer, moving)
+
+
+def link_still(layer, moving, codes) -> bool:
+    """Delete the keys of the last link that moves by more than 1 mm."""
+    for link in reversed(moving):
+        if shifts(layer, f"{link}.xformOp:translate") is not None:
+            prim = layer.GetPrimAtPath(link)
+            for op in ("translate", "orient"):
+                del prim.properties[f"xformOp:{op}"]
+            return True
+    return False
 
 
 for kind, change, says in (
@@ -284,14 +306,10 @@ def usdz_smaller(folder):
 
 def usdz_two_keys(folder):
     def change(layer):
-        paths = [f"{p.path}.xformOp:translate" for p in prims_of(layer, lambda p: "xformOp:translate" in p.attributes)]
-        path = next(p for p in reversed(paths) if len(layer.ListTimeSamplesForPath(p)) > 6)
-        codes = layer.ListTimeSamplesForPath(path)
-        one, two = (layer.QueryTimeSample(path, codes[k]) for k in (2, len(codes) // 2))
-        layer.SetTimeSample(path, codes[2], two)
-        layer.SetTimeSample(path, codes[len(codes) // 2], one)
+        links = [str(p.path) for p in prims_of(layer, lambda p: "xformOp:translate" in p.attributes)]
+        return exchange(layer, links)
 
-    usdz(folder, change)
+    return usdz(folder, change)
 
 
 more("usdz: mesh 2 % smaller", usdz_smaller, "mesh", r"\.usdz")
@@ -733,6 +751,8 @@ def slim(folder: Path, name: str) -> None:
             file.unlink()
     if not name.startswith("USD motion"):
         kept = {f"{robot(folder)}.usda", "physics.usda", "geometry.usdc"}
+        if "gravity" in name:
+            kept.add(f"{robot(folder)}_sim.usda")
         for file in (folder / "usd").rglob("*"):
             if file.is_file() and file.name not in kept:
                 file.unlink()
