@@ -209,16 +209,17 @@ def _contacts(
             drawn = q.corners_in(T_drawn[None])
             drawn_low = drawn[0].min(axis=0)
             drawn_high = drawn[0].max(axis=0)
-            travel = _largest_shift(corners, drawn)
+            from_drawn = _largest_shift(corners, drawn)
             for p in parts_a:
                 own = p.corners_in(np.eye(4)[None])[0]
                 gap = box_gap(own.min(axis=0), own.max(axis=0), drawn_low, drawn_high)
-                if travel.max() < gap or frozenset((p.name, q.name)) in mating:
+                if from_drawn.max() < gap or frozenset((p.name, q.name)) in mating:
                     continue
                 gap = distance_between(p, q, np.eye(4), T_drawn)
                 if gap <= TOUCHING:
                     continue
                 k = 0
+                travel = from_drawn
                 while travel[k:].max() >= gap > 0:
                     k += int(np.argmax(travel[k:] >= gap))  # before this sample, b has moved too little to touch a
                     gap = distance_between(p, q, np.eye(4), T_a_b[k])

@@ -97,7 +97,7 @@ class _Curve:
         """Return the derivatives (k, 1) of the arc length."""
         speed = np.sqrt(np.sum(self.first**2, axis=1))
         along = np.sum(self.first * self.second, axis=1)
-        # Where the curve stands still, the acceleration along it is 0, not 0/0.
+        # Where the curve is at rest, the acceleration along it is 0, not 0/0.
         return _Curve(speed[:, None], (along / np.maximum(speed, np.finfo(float).tiny))[:, None])
 
 
@@ -347,7 +347,7 @@ def _progress(q: Array, curve: PhaseCurve, dense: Array) -> tuple[Array, float]:
         first = curve.joints(s, 1)
         ahead = np.sum(first * (q - curve.joints(s)), axis=1)
         slope = np.sum(first**2, axis=1)
-        slope = np.maximum(slope, 1e-12 * np.max(slope))  # the path may stand still, as at its ends
+        slope = np.maximum(slope, 1e-12 * np.max(slope))  # the path may be at rest, as at its ends
         s = np.clip(s + ahead / slope, 0.0, 1.0)
     s = np.maximum.accumulate(s)
     travel = np.max(np.sum(np.abs(np.diff(on_path, axis=0)), axis=0))
