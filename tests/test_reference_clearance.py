@@ -222,6 +222,19 @@ def test_a_wide_joint_between_two_parts_is_seen_once():
     assert sample == min(k for k in range(0, 1001, 5) if _touches(turn[k, 0]))
 
 
+def test_a_contact_is_found_after_another_part_was_near():
+    """The motion begins far from the drawn pose, and the rod has passed a post, which it does not touch."""
+    m = hinge(("eye", "pin"))
+    base, arm = m.bodies
+    post = box("post", [0.05, 0.02, -0.003], [0.06, 0.03, 0.003])
+    eye, stop = base.meshes
+    m = mechanism([Body("base", (eye, post, stop)), arm], list(m.joints), {"base": np.eye(4), "arm": np.eye(4)})
+    turn = np.linspace(1.2, np.pi / 2, 501)[:, None]
+    ((sample, *parts),) = clearance(m, link_poses(m, turn)).contacts
+    assert set(parts) == {"rod", "stop"}
+    assert sample == min(k for k in range(0, 501, 5) if _touches(turn[k, 0]))
+
+
 @pytest.mark.slow
 def test_sils_keeps_its_distance_on_the_way_in(sils_model):
     """Bars 1 and 2 pass each other closest; centre lines 15.6 mm apart at insertion, each 10 mm thick."""
