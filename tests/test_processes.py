@@ -188,7 +188,6 @@ def test_every_process_is_started_in_one_way():
         "core/processes.py": {"sys.executable"},
         "cli/__init__.py": {"sys.executable", "os.exec"},  # itself, once more, with the flags it had
         "cli/supervisor.py": {"os.exec", "os.fork"},  # the command, supervised; it names os.execv of others' code
-        "core/program_end.py": {"os.exec"},  # likewise
         "analysis/cluster.py": {"LocalCluster("},
     }
 

@@ -51,7 +51,7 @@ class Iteration:
         self.memory = sum(sizes)
         inputs = [sum(counts), self.rows, d, n, n, n]
         z = ca.SX.sym("z", self.memory + sum(inputs))
-        x, cost, _, mu, grow, stuck, size, g, H, numbers, w, column, joint_scale, low, high = ca.vertsplit(
+        x, cost, _, mu, grow, stuck, size, g, H, _, _, column, _, low, high = ca.vertsplit(
             z, [0, *np.cumsum([*sizes, *inputs])]
         )
         H = ca.reshape(H, d, d)
@@ -70,21 +70,8 @@ class Iteration:
             T = symbolic.unflat(x, 4, 4)
             new = symbolic.flat(symbolic.retract(T, step * column))
 
-        # Residual and Jacobian at the new state, from new symbols so that the step is not differentiated.
-        at = ca.SX.sym("at", self.state)
-        by = ca.SX.sym("by", d)
-        T, q = program.around(at, by * column)
-        terms = ca.vertsplit(numbers, [0, *np.cumsum(counts)])
-        residuals: list[ca.SX] = []
-        for (kind, rows), arguments in zip(kinds, terms, strict=True):
-            residuals.append(tasks.residual(kind, rows, T, q, arguments))
-        r = w * ca.vertcat(*residuals)
-        miss = ca.sumsqr(r)
-        if not joints:
-            excess = ca.fmin(q - low, 0) + ca.fmax(q - high, 0)
-            r = ca.vertcat(r, joint_scale * excess)
         fixed = z[self.memory :]
-        function = ca.Function("rows", [at, by, fixed], [r, ca.jacobian(r, by), miss, ca.sumsqr(q)])
+        function = self._residual(program, kinds, fixed, inputs)
         r, J, miss, length = function(new, ca.SX.zeros(d), fixed)
         cost_new = ca.sumsqr(r)
         decrease = cost - cost_new
@@ -112,6 +99,28 @@ class Iteration:
         rejected = [*kept, mu * grow, 2 * grow, stuck + tiny, size, g, ca.vec(H)]
         after = ca.if_else(better, ca.vertcat(*accepted), ca.vertcat(*rejected))
         self._evaluator = Evaluator("iteration", z, ca.cse(ca.vertcat(after, ca.sum1(free))))
+
+    def _residual(self, program: Program, kinds: Kinds, fixed: ca.SX, sizes: list[int]) -> ca.Function:
+        """Return a function of state, step and `fixed`: residual, Jacobian, and squares of task residual and joints.
+
+        It has symbols of its own, so that the step of the iteration is not differentiated. `fixed` are the inputs of
+        `run`, of these sizes.
+        """
+        numbers, w, column, joint_scale, low, high = ca.vertsplit(fixed, [0, *np.cumsum(sizes)])
+        at = ca.SX.sym("at", self.state)
+        by = ca.SX.sym("by", self.d)
+        T, q = program.around(at, by * column)
+        counts = [tasks.count(kind, len(program.order)) for kind, _ in kinds]
+        terms = ca.vertsplit(numbers, [0, *np.cumsum(counts)])
+        residuals: list[ca.SX] = []
+        for (kind, rows), arguments in zip(kinds, terms, strict=True):
+            residuals.append(tasks.residual(kind, rows, T, q, arguments))
+        r = w * ca.vertcat(*residuals)
+        miss = ca.sumsqr(r)
+        if not program.forward_flow:
+            excess = ca.fmin(q - low, 0) + ca.fmax(q - high, 0)
+            r = ca.vertcat(r, joint_scale * excess)
+        return ca.Function("rows", [at, by, fixed], [r, ca.jacobian(r, by), miss, ca.sumsqr(q)])
 
     def run(
         self, start: Array, inputs: Array, goal: float, history: list[float] | None = None
