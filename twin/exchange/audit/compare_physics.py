@@ -66,7 +66,9 @@ def _distance(a: Array | float, b: Array | float) -> float:
 
 
 def _tensor(a: Array, b: Array) -> float:
-    return float(np.linalg.norm(a - b) / max(np.linalg.norm(a), np.linalg.norm(b), 1e-300))
+    """Return the largest difference of two entries, relative to the largest entry: products of inertia are small."""
+    largest = max(np.abs(a).max(), np.abs(b).max(), 1e-300)
+    return float(np.abs(a - b).max() / largest)
 
 
 def _direction(a: Array, b: Array) -> float:
@@ -133,7 +135,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "weighed": Compared(_word, 0.0),
     "mass": Compared(_number, 1e-5, "kg", True),
     "mass centre": Compared(_distance, 2e-6, "m"),
-    "inertia": Compared(_tensor, 1e-4, "", True),
+    "inertia": Compared(_tensor, 1e-5, "", True),
     "existence": Compared(_word, 0.0),
     "name": Compared(_word, 0.0),
     "kind": Compared(_word, 0.0),
@@ -151,6 +153,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "frame pose": Compared(_place, 2e-6, "m"),
     "point": Compared(_distance, 2e-6, "m"),
     "link": Compared(_word, 0.0),
+    "shown": Compared(_word, 0.0),
     "surface": Compared(_surface, ALIKE, "m"),
     "closed": Compared(_word, 0.0),
     "colours": Compared(apart, 0.02),
@@ -383,6 +386,8 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         found.update(lacking)
         for name in lacking:
             view.say(f"joint '{name}'", {"existence": True})
+    for joint in p.added(known):
+        view.say(f"joint '{_stem(joint)}'", {"existence": True})
     for name, joint in canonical.items():
         if name in found or (joint.kind == "fixed" and not joint.parent):
             continue
@@ -457,6 +462,9 @@ def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[s
 def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> None:
     """State shapes, colours and masses of the links that are `known`; `still` are those that cannot move."""
     p = view.physics
+    for link in dict.fromkeys((*p.shown, *view.shapes)):
+        if link in known:
+            view.say(f"link '{link}'", {"shown": p.shown.get(link, True)})
     for link, shape in view.shapes.items():
         if link in known:
             closed = shape.closed if shape.closed == shape.nearly_closed else None
@@ -624,6 +632,7 @@ def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: s
 _SAID = {
     "closed": ("has an open mesh", "has closed meshes"),
     "driven": ("is passive", "is driven"),
+    "shown": ("has no mesh", "has a mesh"),
     "weighed": ("has no mass", "has a mass"),
 }
 
@@ -636,6 +645,7 @@ _WORDS = {
     "largest effort": "maximum effort",
     "largest speed": "maximum speed",
     "held": "bodies fixed to the world",
+    "shown": "presence of a mesh",
     "weighed": "presence of a mass",
     "closed": "closed or open meshes",
     "driven": "driven or passive",

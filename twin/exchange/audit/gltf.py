@@ -153,12 +153,15 @@ def _check_materials(file: Gltf) -> None:
 
 
 def _physics(nodes: list[Node], world: list[Array]) -> Physics:
-    """Return the mechanism data that the `extras` of nodes contain: masses, names of joints, poses of frames."""
+    """Return the mechanism data of the nodes and their `extras`: masses, names of joints, poses of frames, meshes."""
     out = Physics(tuple(n.name for n in nodes if n.is_link))
+    shown = dict.fromkeys(out.links, False)
     for n in nodes:
         extras = n.spec.get("extras")
         extras = extras if isinstance(extras, dict) else {}
         owner = link_above(nodes, n)
+        if owner is not None and "mesh" in n.spec:
+            shown[owner.name] = True
         if n.is_link:
             if extras.get("whole") is False:
                 out.partly |= {n.name}
@@ -171,6 +174,7 @@ def _physics(nodes: list[Node], world: list[Array]) -> Physics:
             T, _ = poses.split(world[owner.index][0])
             at, _ = poses.split(world[n.index][0])
             out.frames[extras["frame"]] = Frame(owner.name, poses.inverse(T) @ at)
+    out.shown = shown
     return out
 
 

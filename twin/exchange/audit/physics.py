@@ -19,6 +19,9 @@ from twin.exchange.audit.poses import Array
 _SAME = 1e-5
 """Tolerance in m and in components of unit vectors, within which lines coincide or meet in a point."""
 
+_HELPER = 1e-4
+"""Largest mass of a link that a format needs only to split a joint or to close a loop, as a part of the mass of all."""
+
 _APART = 1e-3
 """Minimum distance in m between two tied points of a hinge: nearer points let it tilt like a ball joint."""
 
@@ -220,6 +223,7 @@ class Physics:
     Attributes:
         links: names of all links.
         masses: {link: mass properties}.
+        shown: {link: whether it has a mesh}, for formats that show a link by meshes alone.
         assumed: links whose mass is unknown: the file states an assumed mass, because the format requires a mass.
         partly: links whose shapes do not show the whole link, as the file states or because they are for display only
             or not all read: their masses are not judged by them.
@@ -243,6 +247,7 @@ class Physics:
 
     links: tuple[str, ...] = ()
     masses: dict[str, Mass] = field(default_factory=dict)
+    shown: Mapping[str, bool] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
     partly: frozenset[str] = frozenset()
     joints: list[Joint] = field(default_factory=list)
@@ -308,6 +313,22 @@ class Physics:
             names = tuple(n for j in group for n in j.names)
             joints.append(replace(group[0], names=names, tied=tuple(t for j in group for t in j.tied)))
         return joints
+
+    def added(self, known: Collection[str]) -> list[Joint]:
+        """Return the movable joints of links outside `known` that have a mass and no other joint.
+
+        `reduced` leaves them out together with the links, because some formats need such links: they are almost
+        without mass.
+        """
+        whole = sum(m.mass for m in self.masses.values())
+        out: list[Joint] = []
+        for link, m in self.masses.items():
+            if link in known or not m.mass > _HELPER * whole:
+                continue
+            joints = [j for j in self.joints if link in (j.parent, j.child)]
+            if len(joints) == 1 and joints[0].names and joints[0].kind not in ("", "fixed"):
+                out.append(joints[0])
+        return out
 
 
 def _onto_base(joints: list[Joint]) -> list[Joint]:

@@ -19,6 +19,7 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
     out = Physics(
         tuple(b.name for b in m.bodies),
         {b.name: Mass(b.inertia.mass, b.inertia.p_body_com, b.inertia.I_com) for b in m.bodies if b.inertia},
+        shown={b.name: bool(b.meshes) for b in m.bodies if b.whole},
         gravity=np.array(m.gravity),
         held=frozenset({m.base}),
         tool=m.tool,

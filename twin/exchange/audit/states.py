@@ -378,6 +378,9 @@ def _rename(content: Content, links: Mapping[str, str], joints: Mapping[str, str
 
     physics.links = tuple(map(link, physics.links))
     physics.masses = {link(n): m for n, m in physics.masses.items()}
+    physics.shown = {link(n): shown for n, shown in physics.shown.items()}
+    if physics.floats is not None:
+        physics.floats = {link(n): share for n, share in physics.floats.items()}
     physics.assumed = frozenset(map(link, physics.assumed))
     physics.partly = frozenset(map(link, physics.partly))
     physics.held = None if physics.held is None else frozenset(map(link, physics.held))
