@@ -87,38 +87,35 @@ MISSING = (
 )
 
 
-@pytest.mark.parametrize(("name", "right", "wrong"), MISSING, ids=["square", "term"])
-def test_a_missing_square_or_term_is_found(name, right, wrong, tmp_path):
+def changed(name, right, wrong, folder):
+    """Return (case of a built-in robot, its equations with `wrong` in place of the one `right`)."""
     case = seeds.built_in(name)
     text = case.path.read_text(encoding="utf-8")
     assert text.count(right) == 1
-    path = tmp_path / "formula.py"
+    path = folder / "formula.py"
     path.write_text(text.replace(right, wrong), encoding="utf-8")
-    assert seeds.outcome(case, case.load(path), tmp_path, 4.0) in ("rank 1", "tie")
+    return case, case.load(path)
+
+
+@pytest.mark.parametrize(("name", "right", "wrong"), MISSING, ids=["square", "term"])
+def test_a_missing_square_or_term_is_found(name, right, wrong, tmp_path):
+    case, formula = changed(name, right, wrong, tmp_path)
+    assert seeds.outcome(case, formula, tmp_path, 4.0) in ("rank 1", "tie")
 
 
 @pytest.mark.slow
 def test_a_missing_root_in_a_function_of_many_rows_is_found(tmp_path, monkeypatch):
     """Each call of the function has other arguments, so that no single value is required of its result."""
     monkeypatch.setattr(time, "monotonic", time.process_time)
-    case = seeds.built_in("sher")
-    text = case.path.read_text(encoding="utf-8")
-    right = "return sqrt(a**2 + b**2)"
-    assert text.count(right) == 1
-    path = tmp_path / "formula.py"
-    path.write_text(text.replace(right, "return a**2 + b**2"), encoding="utf-8")
-    assert seeds.outcome(case, case.load(path), tmp_path, SECONDS) == "rank 1"
+    case, formula = changed("sher", "return sqrt(a**2 + b**2)", "return a**2 + b**2", tmp_path)
+    assert seeds.outcome(case, formula, tmp_path, SECONDS) == "rank 1"
 
 
 def test_a_wrong_name_in_a_return_statement_is_found(tmp_path):
     """The returned symbol has a row of its own above, so that the cured return is right for every value."""
-    case = seeds.built_in("sils")
-    text = case.path.read_text(encoding="utf-8")
     right = "return X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3"
-    assert text.count(right) == 1
-    path = tmp_path / "formula.py"
-    path.write_text(text.replace(right, right.replace("Z_S1", "Z_S2")), encoding="utf-8")
-    assert seeds.outcome(case, case.load(path), tmp_path, 4.0) == "rank 1"
+    case, formula = changed("sils", right, right.replace("Z_S1", "Z_S2"), tmp_path)
+    assert seeds.outcome(case, formula, tmp_path, 4.0) == "rank 1"
 
 
 @pytest.mark.parametrize("name", ["pa10", "sher", "hibou", "davinci_psm"])
@@ -130,13 +127,9 @@ def test_right_equations_hold_for_other_values_of_equal_and_assumed_parameters(n
 @pytest.mark.slow
 def test_an_error_that_a_swivel_of_zero_hides_is_found(tmp_path):
     """At swivel 0, w[1] is zero at every pose: an elbow row without its square agrees there, and only there."""
-    case = seeds.built_in("pa10")
-    text = case.path.read_text(encoding="utf-8")
     right = "atan2(sqrt(w[0] ** 2 + w[1] ** 2), w[2])"
-    assert text.count(right) == 1
-    path = tmp_path / "formula.py"
-    path.write_text(text.replace(right, "atan2(sqrt(w[0] ** 2), w[2])"), encoding="utf-8")
-    x = explain("pa10", case.load(path), api.load("pa10").reference())
+    _, formula = changed("pa10", right, "atan2(sqrt(w[0] ** 2), w[2])", tmp_path)
+    x = explain("pa10", formula, api.load("pa10").reference())
     assert (x.verdict, x.explained) == ("disagree", True)
     assert [r.symbol for r in x.rows] == ["q4"]
     assert x.repairs[0].cures[0][0].changes[0].edit == "w[0] ** 2 -> w[0] ** 2 + w[1]**2"
