@@ -14,7 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 import twin
 from made.lanes import alike
 from twin.core.errors import TimingError
-from twin.planning import by_toppra, demands
+from twin.planning import demands, toppra_solver
 from twin.planning.plan import plan
 from twin.planning.timing import Timing, time_path
 from twin.validation import durations as judge
@@ -226,7 +226,7 @@ def test_one_phase_that_is_unchecked_does_not_hide_the_others():
         calls.append(problem)
         if len(calls) == 2:
             raise TimingError("no")
-        return by_toppra.fastest(*problem)
+        return toppra_solver.fastest(*problem)
 
     rows, _, findings = judge.durations(trajectory, mechanism, protocol, {"passes": ("toppra", refuse_second)})
     assert [(f.code, f.where) for f in findings] == [("timing.unchecked", "insert")]

@@ -753,7 +753,7 @@ def test_a_plan_that_is_no_longer_wanted_ends_at_once(dome, monkeypatch):
                 raise CancelledError
             time.sleep(1e-3)
 
-    monkeypatch.setattr("twin.planning.around.around", endless)
+    monkeypatch.setattr("twin.planning.obstacle_avoidance.around", endless)
     start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
     asked = Plan(room(dome.scene), start, above(), 0.06, 45 * DEG)
     plan_work.work(asked).close()  # before its first piece

@@ -18,8 +18,8 @@ from twin.core.units import MM
 from twin.model.body import Body, Frame, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.planning.around import around
-from twin.planning.fmt import Search
+from twin.planning.fmt import FmtSearch
+from twin.planning.obstacle_avoidance import around
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
 from twin.reference.bounds import Bounds, balls_of, grid_of
@@ -214,14 +214,14 @@ def test_more_samples_reuse_the_earlier_ones_and_shorten_the_path():
     space = space_of(arm(), post(0.52, 0))
     start, goal = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
     costs, checks = [], []
-    search = Search(space, start, goal, space.limits, np.random.default_rng(0))
+    search = FmtSearch(space, start, goal, space.limits, np.random.default_rng(0))
     for samples in (100, 200, 400):
         corners = search.path(samples)
         assert search.count == samples
         if corners is not None:
             costs.append(np.linalg.norm(np.diff(corners, axis=0) * space.weights, axis=1).sum())
         checks.append(search.checks)
-    fresh = Search(space, start, goal, space.limits, np.random.default_rng(0))
+    fresh = FmtSearch(space, start, goal, space.limits, np.random.default_rng(0))
     fresh.path(400)
     assert checks[2] - checks[1] < fresh.checks, "connections known from before are not tested again"
     assert costs[-1] < costs[0]

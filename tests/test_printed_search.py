@@ -8,7 +8,7 @@ import pytest
 from made.printed import SLIPS, algorithm1
 from twin.core.errors import ProtocolError
 from twin.planning.costs import length, length_and_stops, stops, total
-from twin.planning.fmt import Search, neighbours
+from twin.planning.fmt import FmtSearch, neighbours
 
 START, GOAL = np.array([0.1, 0.5]), np.array([0.9, 0.5])
 RADIUS = 0.2
@@ -100,7 +100,7 @@ def test_every_cost_is_minimised_and_obeys_the_triangle_inequality(kind):
     a, b, c = rng.uniform(0, 1, (3, 200, 2))
     assert np.all(cost(a, c) <= cost(a, b) + cost(b, c) + 1e-12)
     paths = [
-        Search(Wall(), START, GOAL, Wall.limits, np.random.default_rng(1), each).path(1000) for each in (cost, None)
+        FmtSearch(Wall(), START, GOAL, Wall.limits, np.random.default_rng(1), each).path(1000) for each in (cost, None)
     ]
     if kind is length:
         np.testing.assert_array_equal(*paths)
@@ -112,12 +112,12 @@ def test_every_cost_is_minimised_and_obeys_the_triangle_inequality(kind):
 def test_more_samples_shorten_the_path_and_a_closed_wall_is_said_to_enclose():
     costs = np.zeros((6, 3))
     for seed in range(6):
-        search = Search(Wall(), START, GOAL, Wall.limits, np.random.default_rng(seed))
+        search = FmtSearch(Wall(), START, GOAL, Wall.limits, np.random.default_rng(seed))
         costs[seed] = [total(length(np.ones(2)), search.path(n)) for n in (300, 1000, 3000)]
     assert costs.mean(axis=0)[0] > costs.mean(axis=0)[2]
     closed = Wall()
     closed.free_each = lambda a, b: (a[:, 0] < 0.15) == (b[:, 0] < 0.15)
-    search = Search(closed, START, GOAL, Wall.limits, np.random.default_rng(0))
+    search = FmtSearch(closed, START, GOAL, Wall.limits, np.random.default_rng(0))
     assert search.path(300) is None
     near, far = search.reached()
     assert near < 0.2 * 300 < 0.7 * 300 < far
@@ -129,7 +129,7 @@ def test_a_search_with_one_direction_is_grown_from_the_goal_against_the_motion()
     space = Wall()
     space.free_each = lambda a, b: (b[:, 1] >= a[:, 1]) & ((a[:, 0] < 0.15) == (b[:, 0] < 0.15))
     start, goal = np.array([0.1, 0.0]), np.array([0.9, 1.0])
-    search = Search(
+    search = FmtSearch(
         *(space, start, goal, Wall.limits, np.random.default_rng(0)),
         lambda a, b: np.where(b[:, 1] >= a[:, 1], way(a, b), np.inf),
     )
@@ -139,7 +139,7 @@ def test_a_search_with_one_direction_is_grown_from_the_goal_against_the_motion()
 
 
 def test_an_informed_search_draws_where_paths_can_be_shorter():
-    search = Search(Wall(), START, GOAL, Wall.limits, np.random.default_rng(0))
+    search = FmtSearch(Wall(), START, GOAL, Wall.limits, np.random.default_rng(0))
     first = search.path(300)
     search.inform(first)
     assert search.count < 300
@@ -160,4 +160,4 @@ def test_an_informed_search_draws_where_paths_can_be_shorter():
 )
 def test_bad_input_of_a_search_is_named(start, goal, count, text):
     with pytest.raises(ProtocolError, match=text):
-        Search(Wall(), start, goal, Wall.limits, np.random.default_rng(0)).path(count)
+        FmtSearch(Wall(), start, goal, Wall.limits, np.random.default_rng(0)).path(count)

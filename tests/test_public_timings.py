@@ -14,7 +14,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from twin.core.errors import TimingError
-from twin.planning import by_toppra
+from twin.planning import toppra_solver
 from twin.planning.timing import time_path
 
 FAILS = "fails"
@@ -168,9 +168,9 @@ def test_toppra_as_it_comes_fails_where_the_reports_say(name):
     problem = grid, path(grid, 1).T / acceleration[:, None], path(grid, 2).T / acceleration[:, None]
     if given.plain == FAILS:
         with pytest.raises(TimingError, match="not controllable"):
-            by_toppra.fastest(*problem, speed / acceleration)
+            toppra_solver.fastest(*problem, speed / acceleration)
         return
-    rates = by_toppra.fastest(*problem, speed / acceleration)
+    rates = toppra_solver.fastest(*problem, speed / acceleration)
     assert np.sum(2 * np.diff(grid) / (rates[1:] + rates[:-1])) == pytest.approx(given.plain, rel=1e-3)
 
 

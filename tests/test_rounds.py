@@ -14,15 +14,15 @@ from made.arm import arm, post, space_of
 from test_together import Robot, protocol_of
 from twin.core.result import Table, as_json
 from twin.planning.plan import plan
-from twin.planning.planned import Planned
-from twin.planning.rounds import Round, Rounds
+from twin.planning.plan_result import Planned
+from twin.planning.rounds import SearchRound, SearchRounds
 from twin.ui.report import rounds, write_report
 from twin.ui.report.style import png
 
 ENDS = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
 INF = float("inf")
-MANY = Rounds("length", [Round(60, INF, INF, 0.1, 0.2), Round(200, 0.41, 0.33, 0.3, 0.6)])
-ONE = Rounds("length_and_stops", [Round(60, 4.1, 3.3, 0.1, 0.2)])
+MANY = SearchRounds("length", [SearchRound(60, INF, INF, 0.1, 0.2), SearchRound(200, 0.41, 0.33, 0.3, 0.6)])
+ONE = SearchRounds("length_and_stops", [SearchRound(60, 4.1, 3.3, 0.1, 0.2)])
 
 
 @pytest.fixture(scope="module")

@@ -15,10 +15,10 @@ from twin.analysis.mutation import units
 from twin.core import spatial
 from twin.core.errors import DescriptionError, ProtocolError
 from twin.core.findings import verdict
-from twin.planning.given import between
 from twin.planning.plan import plan
-from twin.planning.playable import write_samples
+from twin.planning.plan_files import write_samples
 from twin.planning.protocol import load_protocol
+from twin.planning.sampled_phase import between
 from twin.ui.viewer.keep import append_phase
 
 UP, ASIDE, DOWN = (np.array(q) for q in ([0.5, 0.0, 0.0], [0.2, 0.3, 0.1], [-0.3, 0.2, 0.0]))

@@ -18,9 +18,9 @@ from twin.core import spatial
 from twin.core.errors import CancelledError, DescriptionError, ProtocolError
 from twin.core.units import MM
 from twin.model.body import Body
-from twin.planning.around import NoPathError, around, rounded
 from twin.planning.costs import COSTS, UNITS
 from twin.planning.nearest import nearest_free
+from twin.planning.obstacle_avoidance import NoPathError, around, rounded
 from twin.planning.plan import plan
 from twin.planning.protocol import load_protocol
 from twin.planning.smooth import line
@@ -324,7 +324,7 @@ def test_the_nearest_free_configuration_is_free_and_no_other_is_much_nearer():
 
 
 def test_no_way_says_what_was_tried(monkeypatch):
-    monkeypatch.setattr("twin.planning.around._ROUNDS", ((0.2, 20), (1.0, 30)))
+    monkeypatch.setattr("twin.planning.obstacle_avoidance._ROUNDS", ((0.2, 20), (1.0, 30)))
     space = space_of(arm(1), *[replace(post(0.15, 0.0), name="room/wall")])
     with pytest.raises(
         NoPathError,
@@ -337,7 +337,7 @@ def test_no_way_says_what_was_tried(monkeypatch):
 
 @pytest.mark.parametrize(("start", "goal", "end"), [(1.5, -1.5, "start"), (-1.5, 1.5, "goal")])
 def test_no_way_out_of_a_closed_place_names_the_end_that_is_enclosed(monkeypatch, start, goal, end):
-    monkeypatch.setattr("twin.planning.around._ROUNDS", ((0.2, 20), (1.0, 60)))
+    monkeypatch.setattr("twin.planning.obstacle_avoidance._ROUNDS", ((0.2, 20), (1.0, 60)))
     walls = [
         replace(post(0.15 * np.cos(a), 0.15 * np.sin(a)), name=f"room/{name}")
         for name, a in (("right", 1.05), ("left", 1.95))

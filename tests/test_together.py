@@ -29,14 +29,14 @@ from twin.model.body import Frame
 from twin.model.joined import joined, owners
 from twin.model.scene import Place, load_scene
 from twin.model.transmission import Actuator, Transmission
-from twin.planning.apart import Apart, Nearest
-from twin.planning.around import around
+from twin.planning.arm_distances import ArmDistances, Nearest
+from twin.planning.obstacle_avoidance import around
 from twin.planning.plan import plan as plan_
-from twin.planning.playable import Moved, props_files, protocol_files, write_playable
+from twin.planning.plan_files import RobotSamples, props_files, protocol_files, write_plan_scene
+from twin.planning.priority import Behind, beside
 from twin.planning.protocol import load_protocol
 from twin.planning.smooth import line
 from twin.planning.timing import time_path
-from twin.planning.together import Behind, beside
 from twin.planning.trajectory import without_equations
 from twin.reference import ReferenceModel
 from twin.reference.certificate import Certificate
@@ -352,7 +352,9 @@ def test_a_plan_tells_the_distance_between_the_arms_from_that_inside_an_arm_and_
 
 
 def test_a_phase_shorter_than_the_steps_of_the_distances_keeps_its_nearest_bodies():
-    apart_ = Apart(np.array([0.0, 1.0, 2.0]), {("a", "b"): Clearance(np.full(3, 0.1), (("a/x", "b/y"),) * 3, ())})
+    apart_ = ArmDistances(
+        np.array([0.0, 1.0, 2.0]), {("a", "b"): Clearance(np.full(3, 0.1), (("a/x", "b/y"),) * 3, ())}
+    )
     near = Nearest(Certificate(0.2, 0.3, ("a_x", "b_z"), 0.5), 1.45)
     assert near.among(apart_, 1.4, 1.5) is near
     assert near.among(apart_, 1.4, 2.0).seen.found == 0.1
@@ -383,10 +385,10 @@ def test_the_files_of_a_plan_have_different_names(tmp_path):
     for file in ("a.step", "a.obj"):
         (stand.parent / "step" / file).write_text("ISO-10303-21;", encoding="utf-8")
     scene = replace(load_scene(stand), props=props)
-    rest = Moved(protocol_of(tmp_path, UP, DOWN), [("a", True), ("b", True), ("c", True)], np.zeros((1, 3)))
+    rest = RobotSamples(protocol_of(tmp_path, UP, DOWN), [("a", True), ("b", True), ("c", True)], np.zeros((1, 3)))
     folder = tmp_path / "out"
     folder.mkdir()
-    write_playable(scene, {"scene": rest, "right": rest}, np.array([0.0, 1.0]), 0.005, folder)
+    write_plan_scene(scene, {"scene": rest, "right": rest}, np.array([0.0, 1.0]), 0.005, folder)
     table = tomllib.loads((folder / "scene.toml").read_text(encoding="utf-8"))
     for robot in table["robot"]:
         assert tomllib.loads((folder / robot["protocol"]).read_text(encoding="utf-8"))["phases"], robot
@@ -434,7 +436,7 @@ def test_the_arm_of_a_plan_is_bound_to_its_protocol(tmp_path, stand):
     ],
 )
 def test_waypoints_that_cannot_be_planned_are_named_before_any_search(tmp_path, stand, monkeypatch, left, right, text):
-    monkeypatch.setattr("twin.planning.around.around", lambda *a, **k: pytest.fail("it searched"))
+    monkeypatch.setattr("twin.planning.obstacle_avoidance.around", lambda *a, **k: pytest.fail("it searched"))
     made = {"left": left, "right": right}
     arms = {n: (Robot(motorised(most=2.0)), protocol_of(tmp_path, *map(np.array, made[n]))) for n in PLACES}
     with pytest.raises(ProtocolError, match=text):
@@ -651,7 +653,7 @@ def written_with_props(folder, mesh):
     (own / "scene.toml").write_text("robot = []")
     out.mkdir()
     scene = SimpleNamespace(file=own / "scene.toml", name="s", source="test", props=own / "props.toml")
-    write_playable(scene, {}, np.zeros(1), 0.0, out)
+    write_plan_scene(scene, {}, np.zeros(1), 0.0, out)
     return out
 
 

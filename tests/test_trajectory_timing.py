@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
-from twin.planning import by_toppra
+from twin.planning import toppra_solver
 from twin.planning.phase_path import build
 from twin.planning.protocol import Insertion, Limits, Pivot, Positioning, Protocol, Retraction, Tolerances, Waypoint
 from twin.planning.protocol.course import rotation
@@ -77,7 +77,7 @@ def test_limits_hold_and_one_of_them_is_used_at_any_scale(seed, exponent):
 
 
 def test_the_timing_agrees_with_toppra_s_own_constant_acceleration_trajectory():
-    algorithm, constraint = by_toppra.package()  # whose own warnings are not ours to mend
+    algorithm, constraint = toppra_solver.package()  # whose own warnings are not ours to mend
     from toppra import SplineInterpolator
 
     rng = np.random.default_rng(3)

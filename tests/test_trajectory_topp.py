@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import linprog
 
 from twin.core.errors import TimingError
-from twin.planning import by_toppra, timing, topp
+from twin.planning import timing, topp, toppra_solver
 from twin.planning.timing import time_path
 
 SAME = 1e-4
@@ -72,7 +72,7 @@ def duration(grid, rates):
 def test_durations_are_those_of_toppra(family, m):
     for seed in range(3):
         given_ = problem(family, m, seed)
-        ours, theirs = topp.fastest(*given_), by_toppra.fastest(*given_)
+        ours, theirs = topp.fastest(*given_), toppra_solver.fastest(*given_)
         assert duration(given_[0], ours) == pytest.approx(duration(given_[0], theirs), rel=SAME)
         assert ours[0] == ours[-1] == 0
 
@@ -147,7 +147,7 @@ def test_moves_of_micrometres_fail_in_toppra_as_it_is():
     for _ in range(20):
         first, second = scaled(random, rng, 6, 1e-6)(grid)
         try:
-            by_toppra.fastest(grid, first.T / 0.1, second.T / 0.1, np.full(6, 0.01) / 0.1)  # time in s
+            toppra_solver.fastest(grid, first.T / 0.1, second.T / 0.1, np.full(6, 0.01) / 0.1)  # time in s
         except TimingError:
             failed += 1
     assert failed >= 15
@@ -220,7 +220,7 @@ def wave(s):
 LIMITS = np.array([0.1, 0.1]), np.array([0.5, 0.5])
 
 
-SOLVERS = {"passes": topp, "toppra": by_toppra}
+SOLVERS = {"passes": topp, "toppra": toppra_solver}
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

@@ -18,8 +18,8 @@ from plans import Judge, obstacles
 
 import twin
 from twin.core.units import MM
-from twin.planning.around import searched
-from twin.planning.fmt import Search
+from twin.planning.fmt import FmtSearch
+from twin.planning.obstacle_avoidance import searched
 from twin.planning.timing import time_path
 from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
@@ -33,7 +33,7 @@ SPEED, ACCELERATION = np.array([0.8, 0.8, 0.06, 0.8, 0.8, 0.8, 0.8]), np.array([
 def planned(space, start, goal, box, samples, seed):
     """Return the path of one plan; None if none is found."""
     rng = np.random.default_rng(seed)
-    search = Search(space, start, goal, box, rng)
+    search = FmtSearch(space, start, goal, box, rng)
     for count in (samples, int(1.5 * samples), 2 * samples):
         if (way := searched(search, count, rng)[1]) is not None:
             return way.curve

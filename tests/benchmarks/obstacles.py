@@ -16,8 +16,8 @@ import numpy as np
 
 import twin
 from twin.api.standing import standing
-from twin.planning.around import shortcuts
-from twin.planning.fmt import Search
+from twin.planning.fmt import FmtSearch
+from twin.planning.obstacle_avoidance import shortcuts
 from twin.reference.following import Follower
 from twin.reference.space import JointSpace
 
@@ -56,14 +56,14 @@ def length(space, corners):
 def ours(space, start, goal, box, samples, seed):
     """Return (seconds, length in m; nan if there is no path) of our search."""
     began = time.process_time()
-    corners = Search(space, start, goal, box, np.random.default_rng(seed)).path(samples)
+    corners = FmtSearch(space, start, goal, box, np.random.default_rng(seed)).path(samples)
     return time.process_time() - began, np.nan if corners is None else length(space, corners)
 
 
 def ours_to(space, start, goal, box, seed, goal_length):
     """Return seconds until our search, with shortcuts, has a path that is not longer than `goal_length`."""
     rng, samples, began = np.random.default_rng(seed), 100, time.process_time()
-    search = Search(space, start, goal, box, rng)
+    search = FmtSearch(space, start, goal, box, rng)
     while time.process_time() - began < 60:
         corners = search.path(samples)
         if corners is not None and length(space, [corners, *shortcuts(space, corners, rng)][-1]) <= goal_length:

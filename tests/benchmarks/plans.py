@@ -35,7 +35,7 @@ from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.model.body import Body, Mesh
 from twin.model.scene import load_scene
-from twin.planning.around import around
+from twin.planning.obstacle_avoidance import around
 from twin.planning.smooth import line
 from twin.planning.timing import time_path
 from twin.reference import ReferenceModel

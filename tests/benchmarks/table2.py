@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 from obstacles import length, ompls, problem
 
-from twin.planning.around import around
 from twin.planning.costs import length as length_of
-from twin.planning.fmt import Search
+from twin.planning.fmt import FmtSearch
+from twin.planning.obstacle_avoidance import around
 
 sys.path.append(str(Path(__file__).parents[1]))
 from made.printed import algorithm1
@@ -37,11 +37,11 @@ PAPER = (3.7, 216.0)
 def table(seeds):
     """Return (time in s, length in m, nan without a path) (counts, seeds, 2), and reasons of the printed algorithm."""
     space, start, goal, box = problem()
-    Search(space, start, goal, box, np.random.default_rng(99)).path(100)  # loads grids, which a space keeps
+    FmtSearch(space, start, goal, box, np.random.default_rng(99)).path(100)  # loads grids, which a space keeps
     out, reasons = np.full((len(COUNTS), seeds, 2), np.nan), {}
     for i, count in enumerate(COUNTS):
         for seed in range(seeds):
-            search, began = Search(space, start, goal, box, np.random.default_rng(seed)), time.process_time()
+            search, began = FmtSearch(space, start, goal, box, np.random.default_rng(seed)), time.process_time()
             corners = search.path(count)
             out[i, seed, 0] = time.process_time() - began
             if corners is not None:

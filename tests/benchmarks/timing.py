@@ -9,7 +9,7 @@ from race import Contender, Effort, Fact, Table, installed, race, show
 from scipy.interpolate import CubicSpline
 
 from twin.core.errors import TimingError
-from twin.planning import by_toppra, timing, topp
+from twin.planning import timing, topp, toppra_solver
 
 PATHS = 3
 WAYPOINTS = np.linspace(0, 1, 10)
@@ -41,14 +41,14 @@ def at(effort: Effort, m: int, points: int) -> Table:
         first, second = (np.ascontiguousarray(path(grid, order).T) / size for order in (1, 2))
         problems.append((grid, first, second, rng.uniform(0.5, 2, m)))
         splines.append(waypoints / size)
-    durations = [_duration(grid, by_toppra.fastest(*p)) for p in problems]
+    durations = [_duration(grid, toppra_solver.fastest(*p)) for p in problems]
 
     def off(found: list[float]) -> float:
         return float(np.max(np.abs(np.array(found) / durations - 1)))
 
     mine = off([_duration(grid, topp.fastest(*p)) for p in problems])
     rows = [Contender("twin: two passes", lambda: [topp.fastest(*p) for p in problems], PATHS, mine)]
-    rows.append(Contender("toppra, seidel", lambda: [by_toppra.fastest(*p) for p in problems], PATHS, 0.0))
+    rows.append(Contender("toppra, seidel", lambda: [toppra_solver.fastest(*p) for p in problems], PATHS, 0.0))
     if installed(table, "pydrake", "Drake Toppra"):
         for name, scheme in (("interpolation", "kInterpolation"), ("collocation", "kCollocation")):
             run = drake(grid, splines, [p[3] for p in problems], scheme)

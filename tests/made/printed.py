@@ -2,7 +2,7 @@
 
 Symbols are those of the paper: z the current node, theta its neighbours, V the samples, J the cost to come. Line 11
 takes the open neighbours of theta from N_theta, which line 10 has just computed; the available text of the paper has
-Theta_near there, which contains no open node. `fmt.Search` is the algorithm that twin uses.
+Theta_near there, which contains no open node. `fmt.FmtSearch` is the algorithm that twin uses.
 """
 
 from __future__ import annotations

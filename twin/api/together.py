@@ -17,11 +17,11 @@ from twin.core.spatial import Array
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
     from twin.model.scene import Place, Scene
+    from twin.planning.group_result import PlannedTogether
     from twin.planning.path import Path
-    from twin.planning.planned_together import PlannedTogether
-    from twin.planning.playable import Moved
+    from twin.planning.plan_files import RobotSamples
     from twin.planning.protocol import Protocol
-    from twin.planning.rounds import Rounds
+    from twin.planning.rounds import SearchRounds
     from twin.planning.trajectory import Keep
     from twin.reference.space import JointSpace
 
@@ -33,7 +33,7 @@ class _Arm:
     """An arm to plan, with joint values and tool poses at the start and the end of each of its phases."""
 
     def __init__(self, place: Place, robot: Robot, protocol: Protocol) -> None:
-        from twin.planning.led import Led, stops
+        from twin.planning.arm_group import GroupArm, stops
         from twin.planning.protocol import Free
 
         self.place, self.name, self.protocol = place, place.name, protocol
@@ -52,7 +52,7 @@ class _Arm:
                 )
         robot = robot.bound(protocol)
         self.mechanism, self.kinematics = robot.mechanism, robot.path_kinematics()
-        self.led = Led(self.name, protocol, self.kinematics, self.mechanism.frame_in_tool(protocol.frame))
+        self.led = GroupArm(self.name, protocol, self.kinematics, self.mechanism.frame_in_tool(protocol.frame))
         self.q, self._Ts = stops(self.led)
         self.waypoints = [protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))]
 
@@ -88,7 +88,7 @@ class _Arm:
         to this arm. The values of this arm are the last columns of q.
         """
         from twin.planning.feasible import Anchor
-        from twin.planning.freeing import kept
+        from twin.planning.free_phase import kept
 
         row, n, T_base_world = self.at(phase), self.q.shape[1], spatial.inverse(self.place.T_world_base)
         own = kept(self.kinematics, Anchor.at(self.kinematics, self._Ts[[row]], self.q[[row]]))
@@ -128,7 +128,7 @@ def plan_together(
             has too little clearance; no arm moves in a phase; or no path was found.
         TimingError: no timing within the limits was found.
     """
-    from twin.planning.playable import props_files
+    from twin.planning.plan_files import props_files
     from twin.planning.protocol import avoiding
 
     if not 0 < clearance < float("inf"):
@@ -224,10 +224,10 @@ class _Plan:
             ProtocolError: no path was found.
             TimingError: no timing within the limits was found.
         """
-        from twin.planning.apart import distances, nearest_at
-        from twin.planning.led import trajectories
-        from twin.planning.planned_together import CommonPhase, PlannedTogether
-        from twin.planning.playable import Moved, Span
+        from twin.planning.arm_distances import distances, nearest_at
+        from twin.planning.arm_group import trajectories
+        from twin.planning.group_result import CommonPhase, PlannedTogether
+        from twin.planning.plan_files import PhaseTimes, RobotSamples
         from twin.reference.certificate import nearest
 
         paths, rounds = zip(*(self._path(phase) for phase in range(self.count)), strict=True)
@@ -261,8 +261,8 @@ class _Plan:
             phases.append(CommonPhase(self._named(phase), span.t0, span.t1, whole, near, span.solver or "", searched))
         moved = {}
         for a, m in zip(self.arms, made, strict=True):
-            spans = [Span(p.name, p.waypoint or "", p.t0, p.t1) for p in m.phases]
-            moved[a.name] = Moved(a.protocol, _joints(a.mechanism), q[a.name], spans)
+            spans = [PhaseTimes(p.name, p.waypoint or "", p.t0, p.t1) for p in m.phases]
+            moved[a.name] = RobotSamples(a.protocol, _joints(a.mechanism), q[a.name], spans)
         checked = {a.name: m.findings for a, m in zip(self.arms, made, strict=True)}
         names, robots = list(moved), {**moved, **self._resting()}
         return PlannedTogether(self.read, self.clearance, robots, names, longest.t, phases, checked, apart)
@@ -274,9 +274,9 @@ class _Plan:
             return "to_scene"
         return "inside_arm" if first == second else "between_arms"
 
-    def _resting(self) -> dict[str, Moved]:
+    def _resting(self) -> dict[str, RobotSamples]:
         """Return the scene's robots that are not planned, each at rest in the pose that it has as an obstacle."""
-        from twin.planning.playable import Moved
+        from twin.planning.plan_files import RobotSamples
 
         out = {}
         for place in self.read.places:
@@ -286,24 +286,24 @@ class _Plan:
             robot = self.load(place.robot)
             protocol = robot.protocol(place.protocol or None)
             robot = robot.bound(protocol)
-            out[place.name] = Moved(protocol, _joints(robot.mechanism), robot.reference().home().q[None])
+            out[place.name] = RobotSamples(protocol, _joints(robot.mechanism), robot.reference().home().q[None])
         return out
 
     def _named(self, phase: int) -> str:
         return " / ".join(a.named(phase) for a in self.arms)
 
-    def _path(self, phase: int) -> tuple[Path, Mapping[str, Rounds]]:
+    def _path(self, phase: int) -> tuple[Path, Mapping[str, SearchRounds]]:
         """Return the common path of all arms in a phase, and {arm: rounds of its path search}."""
-        from twin.planning.around import around
-        from twin.planning.rounds import Round, Rounds
-        from twin.planning.together import beside
+        from twin.planning.obstacle_avoidance import around
+        from twin.planning.priority import beside
+        from twin.planning.rounds import SearchRound, SearchRounds
 
         out, before, found = None, [], {}
         for arm, every in zip(self.arms, self.spaces, strict=True):
             space = every.keeping(arm.keep(phase))
             start, goal = arm.ends(phase)
             label = f"{arm.name}: path around obstacles{' and ' + ', '.join(before) if before else ''}"
-            rounds: list[Round] = []
+            rounds: list[SearchRound] = []
             more = {"seed": self.seed, "progress": lambda f, t=label: self.progress(t, f), "ended": rounds.append}
             try:
                 out = around(space, start, goal, **more) if out is None else beside(space, out, start, goal, **more)
@@ -312,7 +312,7 @@ class _Plan:
                 raise ProtocolError(f"{arm.name}, phase '{arm.named(phase)}'{moving}: {error}") from error
             before.append(arm.name)
             if rounds:
-                found[arm.name] = Rounds("length", tuple(rounds))
+                found[arm.name] = SearchRounds("length", tuple(rounds))
         assert out is not None
         return out, found
 

@@ -36,7 +36,7 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Tree:
+class SearchTree:
     """The tree of a search.
 
     Attributes:
@@ -64,7 +64,7 @@ class Tree:
         return self.q[rows[::-1]]
 
 
-class Search:
+class FmtSearch:
     """A search between two points; each call of `path` adds further samples.
 
     Attributes:
@@ -115,9 +115,9 @@ class Search:
         return len(self._q) - 2
 
     @property
-    def tree(self) -> Tree:
+    def tree(self) -> SearchTree:
         """The tree of the last call of `path`, even if this call found no path or ended by an exception."""
-        return Tree(self._q[: len(self._parent)].copy(), self._parent.copy())
+        return SearchTree(self._q[: len(self._parent)].copy(), self._parent.copy())
 
     def path(self, samples: int, progress: Progress = lambda fraction: None) -> Array | None:
         """Return the corners (k, n) of the shortest path found; None if no path was found.

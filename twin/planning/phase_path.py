@@ -77,7 +77,7 @@ class PhasePath(Course):
 
 
 class Guide(Interface):
-    """Interface of an object that replaces each path by the mechanism's actual motion; see `following.Follower`."""
+    """Interface of an object that replaces paths by the mechanism's motion; see `mechanism_path.MechanismFollower`."""
 
     def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
         """Return angles (3,) in rad and position (3,) in m of the moved frame at the start of the protocol."""

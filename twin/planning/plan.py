@@ -12,17 +12,17 @@ from twin.core.errors import ProtocolError, TimingError
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.planning.check import check, rcm_error
+from twin.planning.clearance_finding import clearance
 from twin.planning.demands import demands, timed
 from twin.planning.feasible import pose_margins, require_feasible
-from twin.planning.following import Follower, freed, with_auxiliary
-from twin.planning.freeing import Progress, Searched
-from twin.planning.given import Given
+from twin.planning.free_phase import Progress, Searched
+from twin.planning.mechanism_path import MechanismFollower, with_auxiliary, with_free_paths
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
 from twin.planning.protocol import Free, Protocol, Samples
 from twin.planning.protocol.course import Motion
-from twin.planning.proven import clearance
-from twin.planning.rounds import Rounds
+from twin.planning.rounds import SearchRounds
+from twin.planning.sampled_phase import SampledPhase
 from twin.planning.timing import Timing
 from twin.planning.trajectory import PathKinematics, PhaseCurve, PhaseSpan, Trajectory
 from twin.planning.turns import hint, long_turns
@@ -75,7 +75,7 @@ def plan(
     legs: list[Leg] = []
     findings = list(protocol.findings)
     say = progress or (lambda label: None)
-    rounds: dict[str, Rounds] = {}
+    rounds: dict[str, SearchRounds] = {}
     guide = _guide(protocol, kinematics, T_tool_frame, say, rounds.__setitem__)
     paths = build(protocol, T_tool_frame, guide)
     for path in paths:
@@ -83,7 +83,7 @@ def plan(
             findings += long_turns(path, path.phase.name, protocol.waypoints[path.waypoint])
     if guide is None:
         paths = with_auxiliary(paths, kinematics, protocol.name)
-        paths = freed(paths, kinematics, protocol.name, say, rounds.__setitem__)
+        paths = with_free_paths(paths, kinematics, protocol.name, say, rounds.__setitem__)
     for path in paths:
         say(path.phase.name)
         leg, found = _leg(path, protocol, kinematics, dt)
@@ -98,7 +98,7 @@ def plan(
 
 def _guide(
     protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: Progress, searched: Searched
-) -> Follower | None:
+) -> MechanismFollower | None:
     """Return a follower if the mechanism determines the path of the protocol; None if the equations determine it."""
     by_joints = any(w.joints is not None for w in protocol.waypoints.values())
     by_joints = by_joints or any(isinstance(p, Samples) for p in protocol.phases)
@@ -111,7 +111,7 @@ def _guide(
             return None
     if kinematics.carrier is None:
         raise ProtocolError(f"{protocol.name}: joint values and free directions require a mechanism, but there is none")
-    return Follower(protocol, kinematics, kinematics.carrier, progress, searched)
+    return MechanismFollower(protocol, kinematics, kinematics.carrier, progress, searched)
 
 
 def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Finding]:
@@ -123,7 +123,7 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
 
 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[Leg, list[Finding]]:
-    if isinstance(path, Given):
+    if isinstance(path, SampledPhase):
         return Leg(path, *path.sampled(dt)), []
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
     try:

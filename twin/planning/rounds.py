@@ -11,7 +11,7 @@ from twin.planning.costs import UNITS
 
 
 @dataclass(frozen=True)
-class Round:
+class SearchRound:
     """State of a path search at the end of one of its rounds.
 
     Costs are those of the straight connections between the corners of a path, in the unit of the search's cost.
@@ -33,7 +33,7 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Rounds:
+class SearchRounds:
     """The rounds of the path search in one phase, in order; at least one.
 
     Attributes:
@@ -42,7 +42,7 @@ class Rounds:
     """
 
     cost: str
-    rounds: Sequence[Round]
+    rounds: Sequence[SearchRound]
 
     @property
     def unit(self) -> str:

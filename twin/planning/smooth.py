@@ -22,7 +22,7 @@ _ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
-class Smooth:
+class ChebyshevPath:
     """A vector function of s in [0, 1], as a Chebyshev series.
 
     Attributes:
@@ -41,12 +41,12 @@ class Smooth:
         return np.asarray(chebyshev.chebval(2 * np.asarray(s, float) - 1, c), np.float64).T
 
 
-def line(start: Array, end: Array) -> Smooth:
+def line(start: Array, end: Array) -> ChebyshevPath:
     """Return the straight path from start (n,) to end (n,)."""
-    return Smooth(np.array([start + end, end - start]) / 2, np.zeros(len(start)))
+    return ChebyshevPath(np.array([start + end, end - start]) / 2, np.zeros(len(start)))
 
 
-def fit(function: Callable[[Array], Array]) -> Smooth:
+def fit(function: Callable[[Array], Array]) -> ChebyshevPath:
     """Fit a series to a function of s (k,) in [0, 1] with values (k, n).
 
     The degree is increased until the last coefficients are at the level of rounding errors.
@@ -68,5 +68,5 @@ def fit(function: Callable[[Array], Array]) -> Smooth:
         if done or noisy or 2 * count - 1 > _MOST:
             keep = np.abs(c) > np.maximum(_ROUNDING * scale / 10, 3 * tail if not done else 0)
             degree = int(np.max(np.nonzero(keep.any(axis=1))[0], initial=0))
-            return Smooth(np.where(keep, c, 0.0)[: max(degree + 1, 2)], tail)
+            return ChebyshevPath(np.where(keep, c, 0.0)[: max(degree + 1, 2)], tail)
         count = 2 * count - 1

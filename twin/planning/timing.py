@@ -3,7 +3,7 @@
 Solvers have absolute tolerances, with which moves of micrometres would fail or lose accuracy. Every problem is
 therefore made dimensionless first: time is divided by the shortest possible duration, each coordinate by its
 acceleration limit. A move of 1 um is then the same problem as a move of 1 m. Either of two solvers can be chosen: our
-own passes (`topp`), or the package toppra (`by_toppra`). Between grid points the limits may
+own passes (`topp`), or the package toppra (`toppra_solver`). Between grid points the limits may
 still be exceeded a little. Each result is therefore checked within every grid interval, the grid is refined, and the
 remaining excess is removed by slowing down the whole motion slightly.
 """
@@ -18,7 +18,7 @@ import numpy as np
 
 from twin.core.errors import TimingError
 from twin.core.spatial import Array
-from twin.planning import by_toppra, topp
+from twin.planning import topp, toppra_solver
 from twin.planning.path import Path
 from twin.planning.protocol.model import Solver
 from twin.planning.sampling import Samples, sample
@@ -254,7 +254,7 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
     size = (acceleration * unit**2)[:, None]
     first, second = (np.ascontiguousarray(d.T) / size for d in (first, second))
     problem = grid, first, second, speed * unit / size[:, 0]
-    fastest = topp.fastest if solver == "passes" else by_toppra.fastest
+    fastest = topp.fastest if solver == "passes" else toppra_solver.fastest
     try:
         rates = fastest(*problem)
     except TimingError as error:

@@ -18,7 +18,7 @@ from twin.model.mechanism import Mechanism
 from twin.planning.path import Path
 from twin.planning.protocol import RcmMode, Solver
 from twin.planning.protocol.course import Motion
-from twin.planning.rounds import Rounds
+from twin.planning.rounds import SearchRounds
 from twin.planning.space import Space
 
 
@@ -64,7 +64,7 @@ class Carrier(Interface):
 
 
 @dataclass(frozen=True)
-class Motors:
+class MotorLimits:
     """The k actuators of transmissions, which have their own limits; directly driven joints are not included.
 
     Attributes:
@@ -87,10 +87,10 @@ class Motors:
         return display_unit(self.revolute[motor])
 
 
-NO_MOTORS = Motors((), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), ())
+NO_MOTORS = MotorLimits((), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0), ())
 
 
-def motors_of(mechanism: Mechanism) -> Motors:
+def motors_of(mechanism: Mechanism) -> MotorLimits:
     """Return the actuators of a mechanism's transmissions; `NO_MOTORS` if there are none."""
     by_name = {a.name: a for a in mechanism.actuators}
     order = [i for i, n in enumerate(mechanism.motor_names) if n in by_name]
@@ -98,7 +98,7 @@ def motors_of(mechanism: Mechanism) -> Motors:
         return NO_MOTORS
     found = [by_name[mechanism.motor_names[i]] for i in order]
     limits = np.array([a.limits or (-np.inf, np.inf) for a in found], float)
-    return Motors(
+    return MotorLimits(
         names=tuple(a.name for a in found),
         rows=mechanism.motors(np.eye(len(mechanism.active))).T[order],
         lower=limits[:, 0],
@@ -139,7 +139,7 @@ class PathKinematics:
             margin is NaN where the mechanism is not at this pose. None: limits of passive joints are not checked.
         takes: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always true. If
             false (fewer than six degrees of freedom, or no equations), the mechanism determines the path; see
-            `following`.
+            `mechanism_path`.
     """
 
     joint_names: tuple[str, ...]
@@ -156,7 +156,7 @@ class PathKinematics:
     max_jerk: Array | None = None
     branch: Callable[[Array, Array], np.ndarray] | None = None
     gaps: tuple[Gap, ...] = ()
-    motors: Motors = NO_MOTORS
+    motors: MotorLimits = NO_MOTORS
     revolute: tuple[bool, ...] = ()
     why: Callable[[Array], str] | None = None
     carrier: Carrier | None = None
@@ -262,7 +262,7 @@ class PhaseSpan:
     smoothing: float
     for_jerk: float
     curve: PhaseCurve | None = field(default=None, repr=False, compare=False)
-    rounds: Rounds | None = None
+    rounds: SearchRounds | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the phase as plain data, without its curve."""
@@ -293,7 +293,7 @@ class Trajectory:
         reach: reach margins (k,) in m, by limb.
         singularity: singularity measures (k,), by name.
         findings: findings of the check of every sample.
-        followed: whether the mechanism, not the equations, determines joint values and poses; see `following`.
+        followed: whether the mechanism, not the equations, determines joint values and poses; see `mechanism_path`.
     """
 
     protocol: str
@@ -420,7 +420,7 @@ class Trajectory:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, Rounds):
+    if isinstance(value, SearchRounds):
         return value.as_dict()
     if isinstance(value, np.ndarray):
         return [_plain(v) for v in value.tolist()] if np.isnan(value).any() else value.tolist()

@@ -12,7 +12,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.body import Body
-from twin.planning.around import around
+from twin.planning.obstacle_avoidance import around
 from twin.reference import ReferenceModel
 from twin.reference.obstacles import obstacles
 from twin.reference.pairs import Still
@@ -27,7 +27,7 @@ _FINE = 200
 
 
 class Ways:
-    """Plans ways (collision-free paths) for the arms of a scene, one arm at a time, with `planning.around`."""
+    """Plans ways (collision-free paths) for the arms of a scene, one at a time, with `planning.obstacle_avoidance`."""
 
     def __init__(self, setup: Setup) -> None:
         """Prepare for the robots, props and objects of a scene; nothing is computed yet."""

@@ -9,7 +9,7 @@ from twin.core.quantity import Quantity, moved
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM, display_unit
 from twin.model.mechanism import Mechanism
-from twin.planning.trajectory import Motors, PathKinematics, Trajectory
+from twin.planning.trajectory import MotorLimits, PathKinematics, Trajectory
 from twin.reference import ReferenceModel, Run
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
@@ -81,7 +81,7 @@ def _joint_margin(q: Array, limits: tuple[float, float], is_angle: bool, clock: 
     return f"{distance / scale:.2f} {unit} to its {end} limit ({share:.0f} % of its range), {clock.when(k)}"
 
 
-def _motor_margin(trajectory: Trajectory, motors: Motors, i: int, clock: Clock) -> str:
+def _motor_margin(trajectory: Trajectory, motors: MotorLimits, i: int, clock: Clock) -> str:
     """Return a text with the smallest distance of motor i from its limits, if it has any, and its largest speed."""
     unit, scale = motors.unit(i)
     m = trajectory.q @ motors.rows[i]

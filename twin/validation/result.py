@@ -14,7 +14,7 @@ from twin.core.provenance import Parameter
 from twin.core.quantity import si
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
-from twin.planning.rounds import Rounds
+from twin.planning.rounds import SearchRounds
 from twin.validation.cause import SIDES, Cause, causes
 
 RowKind = Literal[
@@ -126,7 +126,7 @@ class PhaseSummary:
     t1: float
     rcm: tuple[float, float, float] | None = None
     rcm_mode: str = ""
-    rounds: Rounds | None = None
+    rounds: SearchRounds | None = None
     solver: str = ""
 
     def as_dict(self) -> dict[str, Any]:

@@ -10,15 +10,15 @@ from twin.core.findings import Finding
 from twin.core.format import quantity
 from twin.core.result import Table
 from twin.model.mechanism import Mechanism
-from twin.planning import by_toppra, topp
-from twin.planning.planned import Planned
+from twin.planning import topp, toppra_solver
+from twin.planning.plan_result import Planned
 from twin.planning.protocol import Protocol, Solver
 from twin.planning.trajectory import Trajectory
 from twin.validation.durations import Fastest, durations
 from twin.validation.result import Residual, state
 
 OTHERS: Mapping[Solver, tuple[Solver, Fastest]] = {
-    "passes": ("toppra", by_toppra.fastest),
+    "passes": ("toppra", toppra_solver.fastest),
     "toppra": ("passes", topp.fastest),
 }
 """{solver that timed a phase: (solver that judges it, this solver)}."""

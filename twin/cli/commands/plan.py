@@ -14,7 +14,7 @@ from twin.core.units import MM
 
 if TYPE_CHECKING:
     from twin.api import Robot
-    from twin.planning.rounds import Rounds
+    from twin.planning.rounds import SearchRounds
 
 EXAMPLES = """\
   twin plan sils
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     from twin import api
     from twin.cli import show
     from twin.core import assets
-    from twin.planning.planned import FILES, Planned
+    from twin.planning.plan_result import FILES, Planned
     from twin.planning.protocol import avoiding
 
     if args.avoid is None:
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
     return show.finish(planned, args, folder, [FILES[0], *drawn])
 
 
-def _drawn(what: str, searches: Mapping[str, Rounds], folder: Path) -> list[str]:
+def _drawn(what: str, searches: Mapping[str, SearchRounds], folder: Path) -> list[str]:
     """Plot the path cost in each round of the path searches, if there are any; return the written file names."""
     if not searches:
         return []

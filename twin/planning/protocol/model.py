@@ -20,7 +20,7 @@ Direction = Literal["x", "y", "z", "turn_x", "turn_y", "turn_z"]
 """Direction of motion of a frame: along or about an axis of base."""
 
 Solver = Literal["passes", "toppra"]
-"""Solver of the timing: our own passes (`planning.topp`), or the package toppra (`planning.by_toppra`)."""
+"""Solver of the timing: our own passes (`planning.topp`), or the package toppra (`planning.toppra_solver`)."""
 
 SOLVERS: tuple[Solver, ...] = ("passes", "toppra")
 

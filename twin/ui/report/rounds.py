@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.format import count, pretty_unit, quantity
 from twin.core.units import MM
-from twin.planning.rounds import Rounds
+from twin.planning.rounds import SearchRounds
 from twin.ui.report.style import INK, PALETTE, panels, styled
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ _SIDE = 2.3
 
 
 @styled()
-def figure(title: str, searches: Mapping[str, Rounds]) -> Figure:
+def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
     """Return a figure of the path cost after each round of each search; `searches` are by phase name.
 
     The x axis is the number of samples. Unlike processor time, this number is the same in each run; thus the bytes of
@@ -47,7 +47,7 @@ def _colors(n: int) -> list[str]:
     return [PALETTE[i % len(PALETTE)] for i in range(n)]
 
 
-def _draw(ax: Axes, name: str, search: Rounds, color: str) -> None:
+def _draw(ax: Axes, name: str, search: SearchRounds, color: str) -> None:
     """Draw the rounds of one search."""
     x = np.array([r.samples for r in search.rounds], float)
     scale = MM if search.unit == "m" else 1.0

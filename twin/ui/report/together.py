@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from twin.core.units import MM
-from twin.planning.planned_together import PlannedTogether
+from twin.planning.group_result import PlannedTogether
 from twin.ui.report.scene import LEAST, Row, distances
 from twin.ui.report.style import at, mark, styled
 

@@ -190,7 +190,7 @@ def plan(
         CancelledError: the function `cancelled` has returned True.
         TwinError: there is no plan; the message has the reason.
     """
-    from twin.planning.around import NoPathError, around
+    from twin.planning.obstacle_avoidance import NoPathError, around
 
     def check() -> None:
         if cancelled():

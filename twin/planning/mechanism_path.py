@@ -18,13 +18,13 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
-from twin.planning.freeing import Progress, Searched, way
-from twin.planning.given import given
+from twin.planning.free_phase import Progress, Searched, free_path
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import DIRECTIONS, Auxiliary, Free, Protocol, Samples
 from twin.planning.protocol.course import Motion, angles_of, rotation
-from twin.planning.smooth import Smooth, fit, line
+from twin.planning.sampled_phase import sampled_phase
+from twin.planning.smooth import ChebyshevPath, fit, line
 from twin.planning.trajectory import Carrier, PathKinematics
 
 _STATIONS = 33
@@ -47,7 +47,7 @@ This value is the smallest singular value of the directions' Jacobian, divided b
 
 
 @dataclass(frozen=True)
-class Followed(PhasePath):
+class MechanismPath(PhasePath):
     """A phase with the actual motion of the mechanism.
 
     Attributes:
@@ -85,7 +85,7 @@ class Followed(PhasePath):
         return angles_of(R, self.order, self.angles0 + s * (self.angles1 - self.angles0))
 
 
-class Follower:
+class MechanismFollower:
     """Moves the mechanism through a protocol phase by phase; each phase starts at the end of the previous one.
 
     Attributes:
@@ -149,7 +149,7 @@ class Follower:
         if isinstance(phase := path.phase, Samples):
             self._require_driven(phase, where)
             ends = self.q, self._names, self._carrier, start
-            made, self.q, self._state = given(path, phase, self._protocol, *ends, where)
+            made, self.q, self._state = sampled_phase(path, phase, self._protocol, *ends, where)
             return made
         course, directions = self._course(path, where), ~self._free()
         if course is not None:
@@ -199,7 +199,7 @@ class Follower:
         except AssemblyError as error:
             raise ProtocolError(f"{where}: found no path to the goal that keeps the loops closed: {error}") from error
         ends = self.q, goal
-        return way(path.phase, self._kinematics, ends, Ts[[0, -1]], where, self._progress, self._searched)
+        return free_path(path.phase, self._kinematics, ends, Ts[[0, -1]], where, self._progress, self._searched)
 
     def _led_to(self, path: PhasePath, name: str, where: str) -> Array:
         """Return the driven joint values (n,) at a waypoint with a pose, reached by a straight motion of the tool."""
@@ -303,7 +303,7 @@ class Follower:
         )
 
 
-def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where: str) -> tuple[Followed, Array]:
+def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where: str) -> tuple[MechanismPath, Array]:
     """Move a mechanism along the joint path `course` from state `start`; return (phase with this motion, end state).
 
     Raises:
@@ -322,7 +322,7 @@ def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where
     return replace(_followed(path, taken), values=course), X[-1]
 
 
-def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Array]]) -> Followed:
+def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Array]]) -> MechanismPath:
     """Return a phase with the motion of the mechanism, as series fitted to `taken`.
 
     `taken` is a function of s (k,) that returns states (k, nq), driven joint values (k, n) and tool poses (k, 4, 4).
@@ -337,13 +337,15 @@ def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Arra
 
     series = fit(rows)
     c, tail = series.coefficients, series.tail
-    out = Followed(**vars(path), values=Smooth(c[:, 12:], tail[12:]), place=Smooth(c[:, :12], tail[:12]))
+    place = ChebyshevPath(c[:, :12], tail[:12])
+    values = ChebyshevPath(c[:, 12:], tail[12:])
+    out = MechanismPath(**vars(path), values=values, place=place)
     end = out.motion(np.ones(1))
     angles1 = angles_of(end.Ts_base_tool[0, :3, :3], path.order, path.angles1)
     return replace(out, angles1=angles1, tip1=end.p[0])
 
 
-def freed(
+def with_free_paths(
     paths: Sequence[PhasePath],
     kinematics: PathKinematics,
     protocol: str,
@@ -352,10 +354,10 @@ def freed(
 ) -> tuple[PhasePath, ...]:
     """Return the phases, with each free phase replaced by a path around obstacles between its end poses.
 
-    `progress` and `searched` are functions that are called as in `freeing.way`.
+    `progress` and `searched` are functions that are called as in `free_phase.free_path`.
 
     Raises:
-        ProtocolError: a free phase cannot be carried out; see `freeing.way`.
+        ProtocolError: a free phase cannot be carried out; see `free_phase.free_path`.
     """
     out = []
     for path in paths:
@@ -365,7 +367,7 @@ def freed(
             if carrier is None:
                 raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
             Ts = path.motion(both).Ts_base_tool
-            course = way(path.phase, kinematics, (q[0], q[1]), Ts, where, progress, searched)
+            course = free_path(path.phase, kinematics, (q[0], q[1]), Ts, where, progress, searched)
             x, drawn = carrier.drawn()
             try:
                 X, _ = carrier.carry(line(drawn, q[0])(np.linspace(0.0, 1.0, _STATIONS)), x)
@@ -380,21 +382,21 @@ def freed(
 
 def placed(
     q: Array,
-    given: Mapping[str, float],
+    values: Mapping[str, float],
     in_degrees: frozenset[str],
     names: tuple[str, ...],
     angles: tuple[bool, ...],
     where: str,
 ) -> Array:
-    """Return a copy of q (n,), in m or rad, in which the joints named in `given` have the values of `given`.
+    """Return a copy of q (n,), in m or rad, in which the joints named in `values` have these values.
 
     `in_degrees` names the joints whose values are in deg in the protocol file; other values are in mm there.
 
     Raises:
-        ProtocolError: a given joint is not driven, or its unit is wrong; the message begins with `where`.
+        ProtocolError: a named joint is not driven, or its unit is wrong; the message begins with `where`.
     """
     out = q.copy()
-    for joint, value in given.items():
+    for joint, value in values.items():
         if joint not in names:
             raise ProtocolError(f"{where}: {unknown('driven joint', joint, names)}")
         i = names.index(joint)
@@ -450,8 +452,10 @@ def _vee(A: Array) -> Array:
 
 def _missed(T: Array, goal: Array, T_tool_frame: Array) -> Array:
     """Return the deviation (6,) of T from `goal`, in base: moved frame's origin in m, then rotation vector in rad."""
-    way = (T[:3, 3] + T[:3, :3] @ T_tool_frame[:3, 3]) - (goal[:3, 3] + goal[:3, :3] @ T_tool_frame[:3, 3])
-    return np.concatenate([way, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])
+    lever = T_tool_frame[:3, 3]
+    position = T[:3, 3] + T[:3, :3] @ lever
+    wanted = goal[:3, 3] + goal[:3, :3] @ lever
+    return np.concatenate([position - wanted, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])
 
 
 def _words(off: Array, which: np.ndarray) -> str:

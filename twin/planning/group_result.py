@@ -12,11 +12,11 @@ from twin.core.result import Part, Result, Table, as_json
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.scene import Scene
-from twin.planning.apart import Apart, Nearest
-from twin.planning.planned import searches
-from twin.planning.playable import SCENE, Moved, protocol_files, write_playable
-from twin.planning.proven import clearance
-from twin.planning.rounds import Rounds
+from twin.planning.arm_distances import ArmDistances, Nearest
+from twin.planning.clearance_finding import clearance
+from twin.planning.plan_files import SCENE, RobotSamples, protocol_files, write_plan_scene
+from twin.planning.plan_result import searches
+from twin.planning.rounds import SearchRounds
 from twin.planning.space import Certificate
 
 FILE = "plan.json"
@@ -49,7 +49,7 @@ class CommonPhase:
     seen: Certificate
     near: Mapping[str, Nearest]
     solver: str
-    rounds: Mapping[str, Rounds] = field(default_factory=dict)
+    rounds: Mapping[str, SearchRounds] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ class PlannedTogether(Result):
     kind: ClassVar[str] = "plan-together"
     scene: Scene
     required: float
-    robots: Mapping[str, Moved]
+    robots: Mapping[str, RobotSamples]
     order: Sequence[str]
     t: Array
     phases: Sequence[CommonPhase]
     checked: Mapping[str, Sequence[Finding]]
-    apart: Apart
+    apart: ArmDistances
 
     @property
     def q(self) -> Mapping[str, Array]:
@@ -96,7 +96,7 @@ class PlannedTogether(Result):
         ]
 
     @property
-    def rounds(self) -> Mapping[str, Rounds]:
+    def rounds(self) -> Mapping[str, SearchRounds]:
         """Rounds of all searches, by arm and phase."""
         return {f"{arm}, {p.name}": rounds for p in self.phases for arm, rounds in p.rounds.items()}
 
@@ -164,9 +164,9 @@ class PlannedTogether(Result):
         return [SCENE, FILE, *own]
 
     def write(self, folder: Path) -> None:
-        """Write plan.json, and a scene that plays the motion (`playable.write_playable`)."""
+        """Write plan.json, and a scene that plays the motion (`plan_files.write_plan_scene`)."""
         (folder / FILE).write_text(as_json(super().as_dict()), encoding="utf-8")
-        write_playable(self.scene, self.robots, self.t, self.required, folder)
+        write_plan_scene(self.scene, self.robots, self.t, self.required, folder)
 
 
 def _between_arms(phase: CommonPhase, who: str) -> list[Finding]:

@@ -35,7 +35,7 @@ _DIGITS = 12
 
 
 @dataclass(frozen=True)
-class Span:
+class PhaseTimes:
     """A phase of one robot: its name, the name of the waypoint at its end, and its start and end in s."""
 
     name: str
@@ -45,7 +45,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Moved:
+class RobotSamples:
     """A robot with its samples.
 
     Attributes:
@@ -58,7 +58,7 @@ class Moved:
     protocol: Protocol
     joints: Sequence[tuple[str, bool]]
     q: Array
-    phases: Sequence[Span] = ()
+    phases: Sequence[PhaseTimes] = ()
 
 
 def protocol_files(robots: Iterable[str], scene: Scene) -> dict[str, str]:
@@ -73,7 +73,9 @@ def protocol_files(robots: Iterable[str], scene: Scene) -> dict[str, str]:
     return out
 
 
-def write_playable(scene: Scene, robots: Mapping[str, Moved], t: Array, clearance: float, folder: Path) -> None:
+def write_plan_scene(
+    scene: Scene, robots: Mapping[str, RobotSamples], t: Array, clearance: float, folder: Path
+) -> None:
     """Write <robot>.csv and a protocol (`protocol_files`) for each robot, the scene file, and the props.
 
     Args:
@@ -139,7 +141,7 @@ def write_samples(path: Path, joints: Sequence[tuple[str, bool]], t: Array, q: A
     np.savetxt(path, table, fmt="%.15g", delimiter=",", header=",".join(header), comments="")
 
 
-def _protocol(name: str, robot: Moved, end: float, scene: Scene) -> dict[str, Any]:
+def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[str, Any]:
     """Return the protocol of a robot as TOML."""
     p, angles = robot.protocol, dict(robot.joints)
     if robot.phases:

@@ -17,10 +17,10 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
-from twin.planning.around import around
 from twin.planning.costs import Cost, length
+from twin.planning.obstacle_avoidance import around
 from twin.planning.path import Path
-from twin.planning.rounds import Round
+from twin.planning.rounds import SearchRound
 from twin.planning.smooth import line
 from twin.planning.space import Certificate, Space
 
@@ -185,7 +185,7 @@ def beside(
     seed: int = 0,
     progress: Callable[[float], None] = lambda fraction: None,
     cancelled: Callable[[], bool] | None = None,
-    ended: Callable[[Round], None] = lambda round: None,
+    ended: Callable[[SearchRound], None] = lambda round: None,
 ) -> Composed:
     """Return a common path of all arms: a new arm moves from start to goal while the earlier arms follow `first`.
 

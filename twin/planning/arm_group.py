@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.planning.check import check
 from twin.planning.demands import demands, timed
 from twin.planning.feasible import require_feasible
-from twin.planning.following import Follower
+from twin.planning.mechanism_path import MechanismFollower
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
 from twin.planning.plan import Leg, assemble, sampled
@@ -28,7 +28,7 @@ _DT = 1e-3
 
 
 @dataclass(frozen=True)
-class Led:
+class GroupArm:
     """A robot that follows given joint paths.
 
     Attributes:
@@ -53,10 +53,10 @@ class Led:
         return self.kinematics.carrier
 
 
-class _Guide(Follower):
+class _Guide(MechanismFollower):
     """Moves the mechanism along the given paths."""
 
-    def __init__(self, robot: Led, courses: Sequence[Path]) -> None:
+    def __init__(self, robot: GroupArm, courses: Sequence[Path]) -> None:
         super().__init__(robot.protocol, robot.kinematics, robot.carrier)
         self._courses = iter(courses)
 
@@ -64,7 +64,7 @@ class _Guide(Follower):
         return next(self._courses)
 
 
-def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]]) -> list[Trajectory]:
+def trajectories(robots: Sequence[GroupArm], courses: Sequence[Sequence[Path]]) -> list[Trajectory]:
     """Return the timed trajectory of each robot, with the findings of the check of every sample.
 
     All robots have the same timing in a phase, by the solver that the first protocol names. This timing is the fastest
@@ -104,13 +104,13 @@ def trajectories(robots: Sequence[Led], courses: Sequence[Sequence[Path]]) -> li
     return out
 
 
-def stops(robot: Led) -> tuple[Array, Array]:
+def stops(robot: GroupArm) -> tuple[Array, Array]:
     """Return (q (k, n), T_base_tool (k, 4, 4)) at the start and at each phase's end, reached on straight joint paths.
 
     Raises:
         ProtocolError: a waypoint has no joint values, or the loops open on the straight path to a waypoint.
     """
-    protocol, guide = robot.protocol, Follower(robot.protocol, robot.kinematics, robot.carrier)
+    protocol, guide = robot.protocol, MechanismFollower(robot.protocol, robot.kinematics, robot.carrier)
     state, here = robot.carrier.drawn()
     q, Ts = [], []
     for name in (protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))):

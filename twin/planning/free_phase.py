@@ -12,12 +12,12 @@ from twin.core.units import ROUNDING
 from twin.planning.feasible import Anchor, margins_at, said
 from twin.planning.path import Path
 from twin.planning.protocol import Free
-from twin.planning.rounds import Round, Rounds
+from twin.planning.rounds import SearchRound, SearchRounds
 from twin.planning.trajectory import Keep, PathKinematics
 
 Progress = Callable[[str], None]
 
-Searched = Callable[[str, Rounds], None]
+Searched = Callable[[str, SearchRounds], None]
 """Function of (name of a free phase, rounds of its search); called only if there was a search."""
 
 
@@ -33,7 +33,7 @@ def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
     return keep
 
 
-def way(
+def free_path(
     phase: Free,
     kinematics: PathKinematics,
     ends: tuple[Array, Array],
@@ -60,8 +60,8 @@ def way(
         ProtocolError: start or goal collides or exceeds a limit, or no path was found; the message names bodies, sizes
             and searches.
     """
-    from twin.planning.around import around  # imports scipy, which loads slowly
     from twin.planning.costs import COSTS
+    from twin.planning.obstacle_avoidance import around  # imports scipy, which loads slowly
 
     if kinematics.space is None:
         raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
@@ -75,7 +75,7 @@ def way(
 
     try:
         space = kinematics.space(phase.scene, phase.clearance, kept(kinematics, anchor))
-        plain, rounds = phase.cost == "length", list[Round]()
+        plain, rounds = phase.cost == "length", list[SearchRound]()
         path = around(
             space,
             *ends,
@@ -89,5 +89,5 @@ def way(
     except TwinError as error:
         raise ProtocolError(f"{where} cannot be carried out: {error}") from error
     if rounds:
-        searched(phase.name, Rounds(phase.cost, tuple(rounds)))
+        searched(phase.name, SearchRounds(phase.cost, tuple(rounds)))
     return path

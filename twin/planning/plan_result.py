@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 from twin.core.findings import Finding, by_severity
 from twin.core.format import quantity
 from twin.core.result import Part, Result, Table, as_json
-from twin.planning.rounds import Rounds
+from twin.planning.rounds import SearchRounds
 from twin.planning.tracks import write_csv
 from twin.planning.trajectory import Trajectory
 
@@ -37,7 +37,7 @@ class Planned(Result):
         return self.trajectory.findings
 
     @property
-    def rounds(self) -> Mapping[str, Rounds]:
+    def rounds(self) -> Mapping[str, SearchRounds]:
         """{name of the phase: rounds of the search for its path}; phases without a search are missing."""
         return {p.name: p.rounds for p in self.trajectory.phases if p.rounds is not None}
 
@@ -77,7 +77,7 @@ class Planned(Result):
         rest.write_text(as_json(self.content()), encoding="utf-8")
 
 
-def searches(found: Mapping[str, Rounds]) -> Table:
+def searches(found: Mapping[str, SearchRounds]) -> Table:
     """Return a table with one row for each round of each search; `found` has the rounds by name of the phase."""
     rows = [
         (name, str(r.samples), *(_cost(x, s.unit) for x in (r.tree, r.best)), f"{r.processor:.2f}", f"{r.wall:.2f}")

@@ -21,7 +21,7 @@ _SHOWN = 201
 
 
 @dataclass(frozen=True)
-class Apart:
+class ArmDistances:
     """Distances of each pair of arms at the times t (k,) in s; each key of `by_pair` names two arms."""
 
     t: Array
@@ -52,7 +52,7 @@ class Nearest:
             "t_s": self.t,
         }
 
-    def among(self, apart: Apart, t0: float, t1: float) -> Nearest:
+    def among(self, apart: ArmDistances, t0: float, t1: float) -> Nearest:
         """Return the smaller of two distances: this one, or the smallest distance in `apart` from t0 to t1 in s."""
         if not ((apart.t >= t0) & (apart.t <= t1)).any():  # the phase is shorter than the time step of `apart`
             return self
@@ -73,7 +73,7 @@ def nearest_at(seen: Certificate, path: Path, q: Array, t: Array) -> Nearest:
 
 def distances(
     arms: Mapping[str, tuple[Mechanism, Array]], q: Mapping[str, Array], t: Array, check: Callable[[], None]
-) -> Apart:
+) -> ArmDistances:
     """Return the distances of each pair of arms over time.
 
     Args:
@@ -90,4 +90,4 @@ def distances(
         found = model.link_poses(model.run(q[name][rows]).x)
         poses[name] = {body: T_world_base @ T for body, T in found.items()}
     check()
-    return Apart(t[rows], between({name: mechanism for name, (mechanism, _) in arms.items()}, poses))
+    return ArmDistances(t[rows], between({name: mechanism for name, (mechanism, _) in arms.items()}, poses))

@@ -13,10 +13,10 @@ import numpy as np
 from twin.core.errors import CancelledError, ProtocolError
 from twin.core.spatial import Array
 from twin.planning.costs import Cost, length, total
-from twin.planning.fmt import Search, Tree
+from twin.planning.fmt import FmtSearch, SearchTree
 from twin.planning.nearest import nearest_free
-from twin.planning.rounds import Round
-from twin.planning.smooth import Smooth, fit, line
+from twin.planning.rounds import SearchRound
+from twin.planning.smooth import ChebyshevPath, fit, line
 from twin.planning.space import Space
 
 _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
@@ -59,9 +59,9 @@ def around(
     cost: Cost | None = None,
     straight: bool = True,
     samples: int = 0,
-    grown: Callable[[Tree], None] = lambda tree: None,
-    ended: Callable[[Round], None] = lambda round: None,
-) -> Smooth:
+    grown: Callable[[SearchTree], None] = lambda tree: None,
+    ended: Callable[[SearchRound], None] = lambda round: None,
+) -> ChebyshevPath:
     """Return a smooth collision-free path from start to goal; the same seed gives the same path.
 
     Args:
@@ -77,7 +77,7 @@ def around(
         samples: maximum number of samples in the improvement of the first path found; 0: no improvement.
         grown: called with the tree of each search, after the search; not called if the straight path is returned
             without a search.
-        ended: called at the end of each round (a search or an improvement) with its `Round`; not called if the
+        ended: called at the end of each round (a search or an improvement) with its `SearchRound`; not called if the
             straight path is returned without a search.
 
     Raises:
@@ -109,11 +109,11 @@ def around(
         low, high = np.minimum(start, goal) - wider, np.maximum(start, goal) + wider
         box = np.column_stack([np.maximum(low, space.limits[:, 0]), np.minimum(high, space.limits[:, 1])])
         box[still] = start[still, None]
-        search = Search(space, start, goal, box, rng, cost)
+        search = FmtSearch(space, start, goal, box, rng, cost)
         found, way = searched(search, count, rng, progress)
         grown(search.tree)
         if way is not None and not straight and space.free_along(direct):
-            way = min(way, Way(np.array([start, goal]), direct), key=lambda w: total(search.cost, w.corners))
+            way = min(way, FreePath(np.array([start, goal]), direct), key=lambda w: total(search.cost, w.corners))
         record(search.tree, search.cost, None if way is None else way.corners)
         if way is not None:
             return improved(search, way, samples, rng, progress, informed=cost is None, record=record).curve
@@ -146,33 +146,33 @@ def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
     return check
 
 
-def _recorder(ended: Callable[[Round], None]) -> Callable[[Tree, Cost, Array | None], None]:
-    """Return a function of (tree, cost, corners (k, n) of the best path) that calls `ended` with their `Round`.
+def _recorder(ended: Callable[[SearchRound], None]) -> Callable[[SearchTree, Cost, Array | None], None]:
+    """Return a function of (tree, cost, corners (k, n) of the best path) that calls `ended` with their `SearchRound`.
 
     The times of all rounds are measured from this call.
     """
     processor, wall = time.process_time(), time.perf_counter()
 
-    def record(tree: Tree, cost: Cost, best: Array | None) -> None:
+    def record(tree: SearchTree, cost: Cost, best: Array | None) -> None:
         spent, passed = time.process_time() - processor, time.perf_counter() - wall
         found, kept = (np.inf if corners is None else total(cost, corners) for corners in (tree.corners, best))
-        ended(Round(len(tree.q) - 2, found, kept, spent, passed))
+        ended(SearchRound(len(tree.q) - 2, found, kept, spent, passed))
 
     return record
 
 
 @dataclass(frozen=True)
-class Way:
+class FreePath:
     """A free path `curve` with rounded corners, and its `corners` (k, n), between which straight lines seem free."""
 
     corners: Array
-    curve: Smooth
+    curve: ChebyshevPath
 
 
 def searched(
-    search: Search, samples: int, rng: np.random.Generator, progress: Callable[[float], None] = lambda fraction: None
-) -> tuple[bool, Way | None]:
-    """Return (whether a search found corners, the `Way` along these corners or None if they cannot be rounded).
+    search: FmtSearch, samples: int, rng: np.random.Generator, progress: Callable[[float], None] = lambda fraction: None
+) -> tuple[bool, FreePath | None]:
+    """Return (whether a search found corners, the `FreePath` along these corners or None if they cannot be rounded).
 
     The smoothest path with all shortcuts is tested first, over its whole length, because it is often free. Only if this
     path is not free are the connections between the corners tested over their whole length. If some connections are
@@ -185,15 +185,15 @@ def searched(
         stages = [corners, *shortcuts(space, corners, rng, search.cost)]
         smoothest = rounded(stages[-1], space.weights, _WIDTHS[0])
         if space.free_along(smoothest):
-            return True, Way(stages[-1], smoothest)
+            return True, FreePath(stages[-1], smoothest)
         if not search.block(corners):
             return True, _way(space, stages)
         corners = search.path(samples, progress)
     return False, None
 
 
-def _way(space: Space, stages: Sequence[Array]) -> Way | None:
-    """Return the `Way` along the last of `stages` whose rounded path is free; None if there is none.
+def _way(space: Space, stages: Sequence[Array]) -> FreePath | None:
+    """Return the `FreePath` along the last of `stages` whose rounded path is free; None if there is none.
 
     Each stage has the corners (k, n) of a path with one shortcut more than the stage before. A path with many shortcuts
     passes so near obstacles that its rounded corners are often not free. If the rounded path of the last stage is not
@@ -208,23 +208,23 @@ def _way(space: Space, stages: Sequence[Array]) -> Way | None:
     if k < 0:
         return None
     curves = (rounded(stages[k], space.weights, width) for width in reversed(_WIDTHS))
-    return Way(stages[k], [next(curves), *takewhile(space.free_along, curves)][-1])
+    return FreePath(stages[k], [next(curves), *takewhile(space.free_along, curves)][-1])
 
 
 def improved(
-    search: Search,
-    way: Way,
+    search: FmtSearch,
+    way: FreePath,
     samples: int,
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda fraction: None,
     *,
     informed: bool,
-    record: Callable[[Tree, Cost, Array], None] = lambda tree, cost, best: None,
-) -> Way:
+    record: Callable[[SearchTree, Cost, Array], None] = lambda tree, cost, best: None,
+) -> FreePath:
     """Continue a search in rounds, each with twice as many samples, up to `samples`; return the best way found.
 
     In each round, shortcuts are tried `_POLISHED` times as often as for a first path. With `informed`, samples that
-    cannot make the path shorter are left out (`Search.inform`). `record` is called after each round with the
+    cannot make the path shorter are left out (`FmtSearch.inform`). `record` is called after each round with the
     tree, the cost, and the corners (k, n) of the best way.
     """
     count, best = search.count, way
@@ -239,7 +239,7 @@ def improved(
     return best
 
 
-def _polished(search: Search, way: Way, rng: np.random.Generator) -> Way:
+def _polished(search: FmtSearch, way: FreePath, rng: np.random.Generator) -> FreePath:
     """Return a way with further shortcuts, added in `_POLISHED` passes; its rounded path is free after each pass."""
     for _ in range(_POLISHED):
         stages = [way.corners, *shortcuts(search.space, way.corners, rng, search.cost, partial=True)]
@@ -320,7 +320,7 @@ def _shortcut(points: Array, along: Array, i: int, j: int, ends: Array, straight
     return np.concatenate([[points[i], a], between, [b, points[j + 1]]])
 
 
-def rounded(corners: Array, weights: Array, width: float) -> Smooth:
+def rounded(corners: Array, weights: Array, width: float) -> ChebyshevPath:
     """Return a path with rounded corners: the path along the corners (k, n), convolved with a Gaussian.
 
     `width` is the standard deviation w of the Gaussian, divided by the length of the path; `weights` (n,) are in m per
@@ -348,7 +348,7 @@ def rounded(corners: Array, weights: Array, width: float) -> Smooth:
     low, high = c.T @ (-1.0) ** np.arange(len(c)), c.sum(axis=0)
     c[0] += (corners[0] - low + corners[-1] - high) / 2
     c[1] += (corners[-1] - high - corners[0] + low) / 2
-    return Smooth(c, series.tail)
+    return ChebyshevPath(c, series.tail)
 
 
 def _along(points: Array) -> Array:

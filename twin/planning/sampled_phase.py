@@ -34,7 +34,7 @@ _LOOKS = 19
 
 
 @dataclass(frozen=True)
-class Given(PhasePath):
+class SampledPhase(PhasePath):
     """A phase with given joint values over time.
 
     Attributes:
@@ -69,7 +69,7 @@ class Given(PhasePath):
         return timing, motion, q, qd, qdd
 
 
-def given(
+def sampled_phase(
     path: PhasePath,
     phase: Samples,
     protocol: Protocol,
@@ -78,7 +78,7 @@ def given(
     carrier: Carrier,
     state: Array,
     where: str,
-) -> tuple[Given, Array, Array]:
+) -> tuple[SampledPhase, Array, Array]:
     """Return (the phase, driven joint values (n,) at the end of the phase, state (nq,) at the end of the phase).
 
     Args:
@@ -121,7 +121,7 @@ def given(
     duration = float(phase.t[-1])
     rows = values(np.linspace(0.0, duration, max(int(duration / _COARSE), 1) + 1))
     X, Ts = carry(rows)
-    made = Given(**vars(path), duration=duration, values=values, carry=lambda rows: carry(rows)[1])
+    made = SampledPhase(**vars(path), duration=duration, values=values, carry=lambda rows: carry(rows)[1])
     T = Ts[-1] @ path.T_tool_frame
     made = replace(made, angles1=angles_of(Ts[-1, :3, :3], path.order, path.angles1), tip1=T[:3, 3])
     return made, rows[-1], X[-1]
