@@ -1,6 +1,7 @@
 """`twin audit --robot`: no lookalike of a robot passes, and no file of the robot itself is accused.
 
-TWIN_LOOKALIKES=40 draws forty lookalikes over six robots; the default is a few.
+TWIN_LOOKALIKES=40 draws forty lookalikes over six robots, every second one beside tracks of the true robot; the default
+is a few without tracks.
 """
 
 from __future__ import annotations
@@ -42,13 +43,28 @@ def files(tmp_path_factory):
     return copied
 
 
+@pytest.fixture(scope="module")
+def add_tracks(tmp_path_factory):
+    """Return a function that adds the tracks of a robot's default protocol to a folder."""
+    kept = tmp_path_factory.mktemp("tracks")
+
+    def added(name: str, folder: Path) -> None:
+        source = kept / name
+        if not source.exists():
+            protocol = robot(name).protocol().name
+            twin.export(robot(name), folder=source, formats=["tracks"], protocols=[protocol])
+        shutil.copytree(source / "tracks", folder / "tracks")
+
+    return added
+
+
 def placed(report) -> list[str]:
     """Return the checks of geometry against the mechanism."""
     return [c.check for c in report.checks if c.against == "the mechanism" and c.unit in ("m", "rad")]
 
 
 @pytest.mark.slow
-def test_no_lookalike_passes(files, tmp_path):
+def test_no_lookalike_passes(files, add_tracks, tmp_path):
     """A lookalike with the names of the robot disagrees; one with other names disagrees or is unchecked."""
     rng = np.random.default_rng(38)
     found = 0
@@ -59,18 +75,24 @@ def test_no_lookalike_passes(files, tmp_path):
         renamed = i % 3 == 2
         if renamed:
             lookalikes.rename(folder, kind)
+        with_tracks = LONG and i % 2 == 1
+        if with_tracks:
+            add_tracks(name, folder)
         report = twin.audit(folder, robot(name))
         told = [(f.severity, f.code, f.message) for f in report.findings]
-        print(name, kind, "renamed" if renamed else "named", report.verdict, done)
+        print(name, kind, "renamed" if renamed else "named", "tracks" if with_tracks else "", report.verdict, done)
         assert report.verdict != "agree", (name, kind, done, told)
         found += renamed or report.verdict == "disagree"
     assert found >= 0.95 * LOOKALIKES
 
 
 @pytest.mark.parametrize("kind", lookalikes.FORMATS)
-def test_a_true_file_passes_and_says_what_was_compared(kind, files, tmp_path):
-    for name in ROBOTS:
-        report = twin.audit(files(name, kind, tmp_path / name), robot(name))
+def test_a_true_file_passes_and_says_what_was_compared(kind, files, add_tracks, tmp_path):
+    for i, name in enumerate(ROBOTS):
+        folder = files(name, kind, tmp_path / name)
+        if LONG and i % 2 == 1:
+            add_tracks(name, folder)
+        report = twin.audit(folder, robot(name))
         assert report.verdict == "agree", report.findings
         assert placed(report), name
 

@@ -87,11 +87,12 @@ def read_collada(path: Path) -> tuple[Array, np.ndarray, str]:
 
 def _triangles(part) -> np.ndarray | None:
     """Return the vertex indices (m, 3) of a part's triangles; None if the part has lines, or nothing."""
-    import collada
+    from collada.polylist import Polylist
+    from collada.triangleset import TriangleSet
 
-    if isinstance(part, collada.polylist.Polylist):
+    if isinstance(part, Polylist):
         part = part.triangleset()
-    if not isinstance(part, collada.triangleset.TriangleSet) or part.vertex is None or part.vertex_index is None:
+    if not isinstance(part, TriangleSet) or part.vertex is None or part.vertex_index is None:
         return None
     return np.asarray(part.vertex_index, int).reshape(-1, 3)
 

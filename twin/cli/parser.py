@@ -67,7 +67,7 @@ class Command(_Parser):
 
     _filled = False
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Import the file of the command and add its arguments, then parse."""
         if not self._filled:
             self._filled = True

@@ -48,12 +48,9 @@ class Result(ABC):
     kind: ClassVar[str]
     judges: ClassVar[bool] = True
 
-    if TYPE_CHECKING:  # at run time, the property would be the default value of a dataclass field in a subclass
-
-        @property
-        def findings(self) -> Sequence[Finding]:
-            """The findings, from which the verdict is computed."""
-            ...
+    if TYPE_CHECKING:
+        # A sequence of findings, from which the verdict is computed: a field in some subclasses, a property in others.
+        findings: Any
 
     @property
     def verdict(self) -> Verdict:

@@ -16,7 +16,7 @@ from itertools import pairwise
 from math import gamma, log, pi
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
@@ -277,7 +277,7 @@ class FmtSearch:
 
 def neighbours(x: Array, radius: float) -> list[np.ndarray]:
     """Return, for each point of x (k, n), the rows of the points within `radius` of it, in ascending order."""
-    pairs = cKDTree(x).query_pairs(radius, output_type="ndarray")
+    pairs = KDTree(x).query_pairs(radius, output_type="ndarray")
     a, b = np.concatenate([pairs, pairs[:, ::-1]]).T
     order = np.lexsort((b, a))
     return np.split(b[order], np.cumsum(np.bincount(a, minlength=len(x)))[:-1])

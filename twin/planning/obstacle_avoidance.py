@@ -103,6 +103,7 @@ def around(
         return direct
     record, rng, drawn, reached = _recorder(ended), np.random.default_rng(seed), 0, (0, 0)
     tried = []
+    count = 0
     still = (start == goal) & ~space.leads
     for beyond, count in _ROUNDS:
         wider = beyond * np.ptp(space.limits, axis=1)

@@ -143,15 +143,17 @@ def time_path(
     def paced(window: int, slower: float) -> tuple[Samples, float]:
         """Return (samples of the motion, slowed down until limits are satisfied, their jerk divided by its limit)."""
         steps = 1
+        worst = np.inf
         for _ in range(_TRIES):
             # At least one step more: with few steps, rounding up the duration could undo the slowdown.
             steps = max(steps + 1, int(np.ceil(optimal * slower / dt - 1e-9)))
             samples = sample(grid, rates * (optimal / (steps * dt)), steps, dt, window)
             v, a = (float(np.max(x)) for x in judge(*samples[1:]))
-            if max(v, a) <= 1.0 + OVER:
+            worst = max(v, a)
+            if worst <= 1.0 + OVER:
                 return samples, jerk(*samples[1:]) if jerk else 0.0
             slower *= max(v, np.sqrt(a))  # the curvature of the path is so large that the grid missed its worst point
-        raise TimingError(f"a sample exceeds its limit by {100 * (max(v, a) - 1):.2g} % even after slowing down")
+        raise TimingError(f"a sample exceeds its limit by {100 * (worst - 1):.2g} % even after slowing down")
 
     window = 0
     slowest = slower
@@ -171,8 +173,10 @@ def _averaged(
 
     If no window suffices, the motion is slowed down further; the slowdown is `slower` times the factor for this.
     """
+    least = np.inf
     while slower < _SLOWEST:
-        low, high, least, longest = 0, 1, np.inf, int(2 * slower * steps)
+        least = np.inf
+        low, high, longest = 0, 1, int(2 * slower * steps)
         while low < longest:
             samples, excess = paced(high, slower)
             if excess <= 1:

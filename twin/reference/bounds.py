@@ -196,7 +196,7 @@ class Grid:
     def of(triangles: Array) -> Grid:
         """Return the grid of the surface of triangles (k, 3, 3)."""
         from scipy.ndimage import distance_transform_edt
-        from scipy.spatial import cKDTree
+        from scipy.spatial import KDTree
 
         points = triangles.reshape(-1, 3)
         low = points.min(axis=0)
@@ -215,7 +215,7 @@ class Grid:
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         # near the surface: distance from the nearest centre minus `spread`; the centre is a point of the surface
         near = np.argwhere(steps <= _BAND)
-        tree = cKDTree(middles, balanced_tree=False, compact_nodes=False)
+        tree = KDTree(middles, balanced_tree=False, compact_nodes=False)
         distance, _ = tree.query(start + near * cell, workers=1)
         values[tuple(near.T)] = np.maximum(distance - spread, 0.0)
         # values of nodes beyond the band are at least `known`

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
@@ -130,7 +130,7 @@ class Closing:
         if thorough:
             usable = np.flatnonzero(self._sure)
             divisors = _FINER
-        known = cKDTree(self._q[usable] * self._weights)
+        known = KDTree(self._q[usable] * self._weights)
         _, nearest = known.query(q[new] * self._weights, p=np.inf)
         near = usable[nearest]
         good[new] = False

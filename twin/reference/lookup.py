@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from twin.core.machine import compiled
+from twin.core.machine import Call, compiled
 from twin.core.spatial import Array
 
 BALL = 5
@@ -273,7 +273,7 @@ def _text() -> str:
 
 
 @cache
-def _kernel() -> tuple[ctypes._CFuncPtr, object]:
+def _kernel() -> tuple[Call, Any]:
     return compiled(_text())
 
 

@@ -104,6 +104,11 @@ def load(path: Path) -> Tables:
     return load_toml(path, Tables)
 
 
+def _p_value(result: Any) -> float:
+    """Return the p-value of a test's result, whose attributes scipy defines at run time."""
+    return float(result.pvalue)
+
+
 def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
     """Return (recomputed rows, findings on the printed values)."""
     from scipy import stats
@@ -113,13 +118,13 @@ def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
     for m in tables.measure:
         a, b = np.array(m.physical), np.array(m.simulation)
         tests = {
-            "paired t": float(stats.ttest_rel(a, b).pvalue),
-            "Student t": float(stats.ttest_ind(a, b).pvalue),
-            "Welch t": float(stats.ttest_ind(a, b, equal_var=False).pvalue),
-            "Mann-Whitney": float(stats.mannwhitneyu(a, b, method="asymptotic").pvalue),
+            "paired t": _p_value(stats.ttest_rel(a, b)),
+            "Student t": _p_value(stats.ttest_ind(a, b)),
+            "Welch t": _p_value(stats.ttest_ind(a, b, equal_var=False)),
+            "Mann-Whitney": _p_value(stats.mannwhitneyu(a, b, method="asymptotic")),
         }
         if (a != b).all():  # the exact test requires differences other than zero
-            tests["Wilcoxon"] = float(stats.wilcoxon(a, b, method="exact").pvalue)
+            tests["Wilcoxon"] = _p_value(stats.wilcoxon(a, b, method="exact"))
         means = (float(a.mean()), float(b.mean()))
         row = Row(m.name, m.printed_p, tests, {"printed": m.printed_mean, "of the rows": means})
         rows.append(row)

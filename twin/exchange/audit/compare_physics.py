@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
@@ -106,8 +106,8 @@ def _surface(a: Array, b: Array) -> float:
     return float(max(there.max(), back.max()))
 
 
-def _tree(points: Array) -> cKDTree:
-    return cKDTree(points, balanced_tree=False, compact_nodes=False)
+def _tree(points: Array) -> KDTree:
+    return KDTree(points, balanced_tree=False, compact_nodes=False)
 
 
 ALIKE = 3e-6

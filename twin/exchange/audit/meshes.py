@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.colors import surface_area
@@ -113,7 +113,7 @@ def weld_near(vertices: Array, triangles: Array) -> Array:
     opens a closed mesh.
     """
     points, place = np.unique(vertices, axis=0, return_inverse=True)
-    pairs = cKDTree(points, balanced_tree=False, compact_nodes=False).query_pairs(NEAR, output_type="ndarray")
+    pairs = KDTree(points, balanced_tree=False, compact_nodes=False).query_pairs(NEAR, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     return connected_components(links, directed=False)[1][place.ravel()][triangles]
 

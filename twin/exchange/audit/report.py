@@ -330,11 +330,10 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
 
 def told_apart(a: float, b: float) -> tuple[str, str]:
     """Return two numbers as text with enough digits, at least four, to show that they differ."""
-    for digits in range(4, 17):
-        one, two = f"{a:.{digits}g}", f"{b:.{digits}g}"
-        if one != two:
-            break
-    return one, two
+    digits = 4
+    while digits < 16 and f"{a:.{digits}g}" == f"{b:.{digits}g}":
+        digits += 1
+    return f"{a:.{digits}g}", f"{b:.{digits}g}"
 
 
 _LENGTHS = ((1e-3, 1e6, "um"), (1.0, 1e3, "mm"), (math.inf, 1.0, "m"))

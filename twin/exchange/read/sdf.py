@@ -98,12 +98,14 @@ class _Sdf:
         grounded = any(j.parent == "world" for j in made)
         if grounded and "world" in links:
             self.xml.fail("link 'world'", "the name 'world' is reserved for the world")
+        base = WORLD
         if not grounded:
             root = self._base(made, body_names)
             mount = self._mount(root, body_names, set(joint_names.values()))
             made = [*mount, *made]
             grounded = bool(mount)
-        base = WORLD if grounded else root
+            if not mount:
+                base = root
         bodies = [Body(WORLD)] if grounded else []
         for n, e in links.items():
             meshes = self._meshes(n, e)

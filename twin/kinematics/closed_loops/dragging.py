@@ -527,7 +527,8 @@ class _Walk:
         damping = _DAMPINGS[0] * size
         y = np.zeros(len(total))
         # The step slides along the bounds in `active`; each pass adds the reached bounds that the step would pass.
-        for _ in range(len(G) + 1):
+        # Each pass adds at least one, so that the loop ends.
+        while True:
             P = np.eye(len(total)) - np.linalg.pinv(G[active]) @ G[active]
             U, gains, _ = np.linalg.svd(J_now @ P)
             strong = U[:, : int(np.sum(gains > _WEAK))]

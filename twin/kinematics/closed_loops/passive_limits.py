@@ -13,7 +13,7 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
@@ -175,7 +175,7 @@ class PassiveCheck:
         while placed.any() and not placed.all():
             known = np.flatnonzero(placed)
             open_poses = np.flatnonzero(~placed)
-            _, nearest = cKDTree(places[known]).query(places[open_poses])
+            _, nearest = KDTree(places[known]).query(places[open_poses])
             seeds = known[nearest]
             # A seed that has failed before would fail again.
             new = seeds != tried_seeds[open_poses]

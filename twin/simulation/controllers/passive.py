@@ -44,7 +44,7 @@ def needed_damping(stiffness: float, damping: float, dt: float) -> float:
     z = np.exp(1j * np.linspace(1e-3, np.pi, 4000))
     a = smoothing(dt)
     surface = stiffness + damping * (z - 1) / (dt * z) * a / (1 - (1 - a) / z)
-    return float((dt / 2 / (1 - z.real) * ((1 - 1 / z) * surface).real).max())
+    return float(np.max(dt / 2 / (1 - np.real(z)) * np.real((1 - 1 / z) * surface)))
 
 
 def require_passive(stiffness: float, damping: float, largest: float, device_damping: float, dt: float) -> None:

@@ -303,6 +303,7 @@ class GuidingSurgeon(SurgeonHands):
             name: self._signals[f"{name}.q"].copy() for name in (*(e.robot for e in self.arms.values()), self.camera)
         }
         things = {self.ring.name: self._pose().copy()}
+        problem: Exception | None = None
         for trial in range(_TRIES):
             try:
                 if q is None:

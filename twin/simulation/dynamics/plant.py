@@ -145,6 +145,7 @@ class MujocoPlant:
             return
         start = self.q.copy()
         steps = max(1, int(np.ceil(np.max(np.abs(q - start) / np.where(self._angles, *_STRIDES[::-1])))))
+        J = np.zeros((0, self.model.nv))
         for s in np.linspace(0, 1, steps + 1)[1:]:
             data.qpos[self._places] = start + s * (q - start)
             J = self._close()
@@ -154,15 +155,18 @@ class MujocoPlant:
     def _close(self) -> Array:
         """Close the loops by Gauss-Newton, at fixed active joints; return the Jacobian of MuJoCo's constraints."""
         mujoco, model, data = self._mujoco, self.model, self.data
+        gap = np.inf
         for _ in range(20):
             mujoco.mj_fwdPosition(model, data)
-            r, J = data.efc_pos.copy(), data.efc_J.reshape(-1, model.nv).copy()
-            if np.abs(r).max() < 1e-12:
+            r = data.efc_pos.copy()
+            J = data.efc_J.reshape(-1, model.nv).copy()
+            gap = np.abs(r).max()
+            if gap < 1e-12:
                 return J
             step = np.zeros(model.nv)
             step[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ r
             mujoco.mj_integratePos(model, data.qpos, step, 1.0)
-        raise MechanismError(f"the loops of the plant do not close at the start: {np.abs(r).max():.1e} m or rad remain")
+        raise MechanismError(f"the loops of the plant do not close at the start: {gap:.1e} m or rad remain")
 
     def advance(self, efforts: Array, duration: float) -> None:
         """Advance by a duration in s, a multiple of the step, under constant joint efforts (n,) in N m or N."""

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
 from twin.simulation.console_scene import PEDALS
@@ -25,7 +26,7 @@ class CameraReferee(Block):
         time: time in s from the first moment at which the hands control the camera to the last motion of the camera.
     """
 
-    outputs: Mapping[str, Array] = {}
+    outputs: Mapping[str, ArrayLike] = {}
     complete = False
     ending = ""
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
 from twin.core.spoken import spoken
@@ -106,7 +107,7 @@ class ProcedureReferee(Block):
         out: distance in m of the middle of the organ from the nearest port.
     """
 
-    outputs: Mapping[str, Array] = {}
+    outputs: Mapping[str, ArrayLike] = {}
 
     def __init__(self, setup: Setup, clips: Sequence[str], period: float) -> None:
         """Begin with no sample.

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from numpy.typing import ArrayLike
+
 from twin.core.spatial import Array
 from twin.simulation.world import Block, Recording, Signals
 
@@ -60,7 +62,7 @@ class InstrumentReferee(Block):
         ending: sentence for the end of an attempt in which the task was completed.
     """
 
-    outputs: Mapping[str, Array] = {}
+    outputs: Mapping[str, ArrayLike] = {}
     ending = ""
     _touched = "the board"
 

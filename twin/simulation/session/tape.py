@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
 from twin.simulation.world import Block, Signals
@@ -13,7 +14,7 @@ from twin.simulation.world import Block, Signals
 class Tape(Block):
     """Stores all signals at the end of every tick until `take` is called; it must be the last plant of a World."""
 
-    outputs: Mapping[str, Array] = {}
+    outputs: Mapping[str, ArrayLike] = {}
 
     def __init__(self) -> None:
         self._rows: list[Array] = []

@@ -94,7 +94,7 @@ class ScaleTopic:
         while True:
             try:
                 async with self._connection() as client:
-                    codes = await client.subscribe(f"{self.topic}/set", qos=1)
+                    codes: Any = await client.subscribe(f"{self.topic}/set", qos=1)
                     if any(code.is_failure for code in codes):
                         raise self._mqtt.MqttError(f"the broker refuses the topic {self.topic}/set ({codes[0]})")
                     self.connected, self.problem = True, None

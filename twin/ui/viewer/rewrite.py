@@ -93,7 +93,7 @@ def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) 
         for item in below:
             fresh.append(None, item)
     if key is None:
-        parent.append(fresh)
+        document[table].append(fresh)
     else:
         parent[key] = fresh
 

@@ -136,7 +136,7 @@ class WatchFront(Loop):
             self.nodes[robot].write(placed)
         for name, vertices in fields.items():
             if name in self._meshes:
-                self._meshes[name].vertices = vertices
+                self._meshes[name].vertices = np.asarray(vertices, np.float32)
                 continue
             surface = self.stream.surfaces[name]
             red, green, blue = (round(255 * srgb(c)) for c in surface.color)

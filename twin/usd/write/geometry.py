@@ -11,7 +11,7 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.body import Material, Mesh
-from twin.model.mechanism import Mechanism
+from twin.model.mechanism import Mechanism, Point
 from twin.usd import gf
 from twin.usd.write.layers import Leaves, describe, new_layer, save
 
@@ -159,7 +159,7 @@ def _write_marks(stage: Usd.Stage, mechanism: Mechanism) -> None:
             mark_type = Sdf.ValueTypeNames.Token
             prim.CreateAttribute("twin:kind", mark_type, True, Sdf.VariabilityUniform).Set(kind)
             place = xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
-            if kind == "point":
+            if isinstance(mark, Point):
                 place.Set(gf.vec3d(mark.p_body))
             else:
                 place.Set(gf.vec3d(mark.T_body_frame[:3, 3]))

@@ -189,7 +189,7 @@ class Pairs:
         for e in defined:
             if e.define and not e.define[1] and e.define[0] in judge.truth.symbols:
                 extra[e.define[0]] = plain.inside(step.plain, judge.truth.symbols[e.define[0]])
-        picks = dict(zip(_NAMES, self._pick, strict=True))
+        picks: dict[str, Any] = dict(zip(_NAMES, self._pick, strict=True))
         called = [h.function.__globals__ for h in judge.helpers(step)] if self._foreign(change) else []
         for scope in called:
             scope.update(picks)

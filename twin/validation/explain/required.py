@@ -89,7 +89,7 @@ class _Shift:
     def __init__(self, k: int) -> None:
         self.shift: Array = np.zeros(k)
         self.value: Array = np.zeros(k)
-        self.known = np.ones(k, bool)
+        self.known: np.ndarray = np.ones(k, bool)
         self.scope: dict[str, Any] = {}
 
     def __call__(self, value: Any, scope: dict[str, Any]) -> Any:
@@ -199,7 +199,7 @@ class Required:
         if not np.abs(r[known]).max() <= 1:
             return None
         residual(values)
-        shift.known = known
+        shift.known = np.asarray(known)
         return shift
 
     def _residual(self, edit: Edit, shift: _Shift) -> dict[Key, Array] | None:

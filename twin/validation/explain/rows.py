@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import CodeType, FunctionType
+from types import CodeType
 from typing import Any
 
 from twin.formula.contract import Equation, Stage
@@ -94,4 +95,4 @@ class Helper:
     """A plain function that rows call: source text and numeric version of the function."""
 
     source: Source
-    function: FunctionType
+    function: Callable[..., Any]
