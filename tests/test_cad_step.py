@@ -6,6 +6,7 @@ The files in data/cad are drawn by data/cad/draw.py; what they hold is stated th
 from __future__ import annotations
 
 import json
+import os
 import struct
 from pathlib import Path
 
@@ -328,3 +329,17 @@ def test_the_cache_forgets_its_oldest_entries(fresh):
         (fresh / f"{i:03}.glb").write_bytes(b"old")
     read_step(DATA / "inch.step")
     assert len(list(fresh.glob("*.glb"))) == step._CACHED + 1
+
+
+def test_what_is_in_use_stays_in_the_cache(fresh):
+    read_step(DATA / "inch.step")
+    (used,) = fresh.glob("*.glb")
+    os.utime(used, (1, 1))
+    for i in range(step._CACHED + 5):
+        other = fresh / f"{i:03}.glb"
+        other.write_bytes(b"old")
+        os.utime(other, (10 + i, 10 + i))
+    read_step(DATA / "inch.step")  # from the cache
+    read_step(DATA / "metre.step")  # is written: the oldest entries are removed
+    assert used.is_file()
+    assert not (fresh / "000.glb").exists()

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import re
 import struct
 from collections import Counter
@@ -39,8 +40,8 @@ PROP_TOLERANCE = 0.5 * MM
 MASS_TOLERANCE = 0.005 * MM
 """Chord tolerance in m of the meshes for mass computation; the volume of a convex part is slightly too small."""
 
-_CACHED = 32
-"""Maximum number of converted STEP files in the cache."""
+_CACHED = 128
+"""Maximum number of converted STEP files in the cache; the built-in robots and scenes need about 40."""
 
 _SPACE = bytes(i for i in range(256) if chr(i).isspace())
 
@@ -178,6 +179,8 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
     with contextlib.suppress(OSError):
         data = cached.read_bytes()
         if data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data):
+            with contextlib.suppress(OSError):  # a cache of another user is read, not written
+                os.utime(cached)  # the files that were longest unused are removed first
             return data  # complete; a truncated file is written again
     with Scratch() as work:
         glb, copy = Path(work) / "step.glb", Path(work) / "read.step"
