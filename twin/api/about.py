@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from twin.api.robot import Progress, Robot, silent
 from twin.core import assets
 from twin.core.findings import Finding
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Part, Result, Table
 from twin.core.units import MM, display_unit
 
@@ -45,11 +46,11 @@ class Info(Result):
     """
 
     kind: ClassVar[str] = "info"
-    data: Mapping[str, Any]
+    data: JsonMapping
     bodies: int
     findings: tuple[Finding, ...]
 
-    def content(self) -> Mapping[str, Any]:
+    def content(self) -> JsonMapping:
         """Return the facts about the robot as plain data."""
         return self.data
 
@@ -93,10 +94,10 @@ class SceneInfo(Result):
     """
 
     kind: ClassVar[str] = "info"
-    data: Mapping[str, Any]
+    data: JsonMapping
     findings: tuple[Finding, ...] = ()
 
-    def content(self) -> Mapping[str, Any]:
+    def content(self) -> JsonMapping:
         """Return the facts about the scene as plain data."""
         return self.data
 
@@ -133,11 +134,11 @@ class Listing(Result):
     """
 
     kind: ClassVar[str] = "list"
-    robots: Sequence[Mapping[str, Any]]
-    scenes: Sequence[Mapping[str, Any]]
+    robots: Sequence[JsonMapping]
+    scenes: Sequence[JsonMapping]
     findings: tuple[Finding, ...] = ()
 
-    def content(self) -> Mapping[str, Any]:
+    def content(self) -> JsonMapping:
         """Return the list of the robots and the list of the scenes as plain data."""
         return {"robots": self.robots, "scenes": self.scenes}
 
@@ -259,7 +260,7 @@ def listing() -> Listing:
     return Listing(robots, told)
 
 
-def _joint(j: Joint, mechanism: Mechanism) -> dict[str, Any]:
+def _joint(j: Joint, mechanism: Mechanism) -> JsonObject:
     return {
         "name": j.name,
         "type": j.type,
@@ -272,7 +273,7 @@ def _joint(j: Joint, mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-def _joint_row(j: Mapping[str, Any]) -> tuple[str, ...]:
+def _joint_row(j: JsonMapping) -> tuple[str, ...]:
     limits = _range(j["limits"], j["type"] == "revolute")
     role = "auxiliary" if j["auxiliary"] else "driven" if j["active"] else "closes a loop" if j["closes_loop"] else ""
     return j["name"], j["type"], f"{j['parent']} -> {j['child']}", limits, role
@@ -283,7 +284,7 @@ def _range(limits: Sequence[float] | None, angle: bool) -> str:
     return "" if limits is None else f"{limits[0] / scale:g} .. {limits[1] / scale:g} {unit}"
 
 
-def _motors(actuators: Sequence[Mapping[str, Any]], transmissions: Sequence[Mapping[str, Any]]) -> Iterator[Part]:
+def _motors(actuators: Sequence[JsonMapping], transmissions: Sequence[JsonMapping]) -> Iterator[Part]:
     """Yield a table of the motors and a line for each transmission; without transmissions, yield nothing."""
     if not transmissions:
         return
@@ -302,7 +303,7 @@ def _motors(actuators: Sequence[Mapping[str, Any]], transmissions: Sequence[Mapp
     yield ""
 
 
-def _parameters(parameters: Sequence[Mapping[str, Any]]) -> Table:
+def _parameters(parameters: Sequence[JsonMapping]) -> Table:
     marks = ["*" if p["provenance"] == "ASSUMED" else " " for p in parameters]
     rows = [
         (
@@ -316,7 +317,7 @@ def _parameters(parameters: Sequence[Mapping[str, Any]]) -> Table:
     return Table((), rows, fit=True)
 
 
-def _label(r: Mapping[str, Any]) -> str:
+def _label(r: JsonMapping) -> str:
     """Return a robot's name in a scene, followed in parentheses by the name of the built-in robot if it differs."""
     return r["name"] if r["name"] == r["robot"] else f"{r['name']} ({r['robot']})"
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.core.extras import EXTRAS
 from twin.core.findings import Finding, by_severity, disagreement, info, warning
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity, mm
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
@@ -255,7 +256,7 @@ class ConsoleSession(Result):
                 camera_task.AGREE / DEG,
             )
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the measures; the keys of quantities end with the unit."""
         c = self.console
         return {

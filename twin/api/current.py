@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import filecmp
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from twin.api import make
 from twin.api.robot import Progress, Robot, silent
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, disagreement
+from twin.core.json_types import JsonMapping
 from twin.core.result import Part, Result
 
 
@@ -46,7 +47,7 @@ class StageCheck(Result):
             for name in names
         ]
 
-    def content(self) -> Mapping[str, Any]:
+    def content(self) -> JsonMapping:
         """Return {"differing": file names, "unexpected": file names}."""
         return {"differing": self.differing, "unexpected": self.unexpected}
 

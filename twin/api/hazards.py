@@ -11,11 +11,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from twin.api.machine import machine_parts
 from twin.api.robot import Progress, Robot, load, silent
 from twin.core.errors import OutputError, TwinError
+from twin.core.json_types import JsonObject
 
 if TYPE_CHECKING:
     from twin.simulation.hazards.attacked import Arena
@@ -99,9 +100,9 @@ def hazards(
     log = _log(folder, robot, path, plan, parts)
     left = [i for i in range(len(plan)) if i not in log.rows][: len(plan) if sessions is None else sessions]
     count, many = max(1, min(processes or os.cpu_count() or 1, len(left))), len(left)
-    streams: list[Stream[dict[str, Any]]] = [Stream(outcomes) for _ in range(count if left else 0)]
+    streams: list[Stream[JsonObject]] = [Stream(outcomes) for _ in range(count if left else 0)]
 
-    def give(stream: Stream[dict[str, Any]]) -> None:
+    def give(stream: Stream[JsonObject]) -> None:
         """Send the next sessions to a process: fewer in each call, so that all processes end at about the same time."""
         size = -(-len(left) // (2 * count))
         share, left[:size] = tuple(left[:size]), []
@@ -181,7 +182,7 @@ def _require_own(plan: Campaign, log: Log) -> None:
             )
 
 
-def outcomes(share: Share) -> Iterator[dict[str, Any]]:
+def outcomes(share: Share) -> Iterator[JsonObject]:
     """Run the sessions of `share` in a child process; yield the log line of each session as {key: value}."""
     from twin.simulation.hazards.attacked import Session
 
@@ -237,7 +238,7 @@ def campaign_file(robot: Robot, campaign: str | Path) -> Path:
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)
     path = robot.files.cad / "campaigns" / f"{campaign}.toml"
-    known: dict[str, Any] = {}
+    known: JsonObject = {}
     with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign reports the error
         known = tomllib.loads(path.read_text(encoding="utf-8"))
     other = known.get("same_as") if len(known) == 1 else None

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from twin.api.console_session import ConsoleSession
 from twin.api.robot import Progress, silent
 from twin.api.session import replay_session
 from twin.core.errors import DescriptionError
 from twin.core.foreign.text import load_json
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.validation.ranks import Ranks, Users, compare_users
 
 
@@ -51,7 +51,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
     return compare_users(users)
 
 
-def measures(content: Mapping[str, Any]) -> dict[str, float]:
+def measures(content: JsonMapping) -> dict[str, float]:
     """Return {name with unit: value} of the measures to compare between sessions, from one session's plain data."""
     out = {"time_s": content["time_s"]}
     out |= {f"{name}_path_mm": hand["path_mm"] for hand in content["hands"] for name in [hand["robot"]]}
@@ -74,7 +74,7 @@ def measures(content: Mapping[str, Any]) -> dict[str, float]:
     return {n: float("nan") if v is None else float(v) for n, v in out.items()}
 
 
-def _content(path: Path) -> dict[str, Any]:
+def _content(path: Path) -> JsonObject:
     """Return a session's plain data: from session.json (or its folder), or by replaying a session file."""
     if path.is_dir():
         path /= "session.json"

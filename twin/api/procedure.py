@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from twin.api.standing import load_scene
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, warning
+from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, Table
 from twin.core.units import MM
 from twin.model.procedure import ProcedureTable
@@ -96,7 +96,7 @@ class ProcedureSession(Result):
             out.append(warning("session.interrupted", self.source, self.lost))
         return out
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the checks and measures; the keys of quantities end with the unit."""
         m = self.measures
         return {

@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from twin.api.robot import Progress, Robot, load, silent
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
 from twin.core.findings import Finding, by_severity, verdict
+from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, Table
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ class Study(Result):
     what: str
     titles: tuple[tuple[str, str], ...]
     tables: tuple[Table, ...]
-    data: dict[str, Any]
+    data: JsonObject
     findings: tuple[Finding, ...]
 
     kind = "study"
@@ -48,7 +49,7 @@ class Study(Result):
         """What to do about values that do not follow from the printed rows, in one line; "" if all values follow."""
         return _NEXT if self.verdict == "disagree" else ""
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the suggestion and the recomputed tables as plain data."""
         return {"what_to_do": self.what_to_do, **self.data}
 
@@ -182,7 +183,7 @@ class Masses(Result):
         """Findings on physically impossible and implausible masses."""
         return tuple(f for s in self.sources for f in s.all_findings)
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the robot's name, and the bodies of each source, as plain data."""
         data = [{"title": s.title, "bodies": [b.as_dict() for b in s.bodies]} for s in self.sources]
         return {"name": self.robot, "sources": data}
@@ -282,7 +283,7 @@ class PublishedMotion(Result):
         """Findings on terms that differ between equations and mechanism, and on properties that are violated."""
         return tuple(self.judged.findings)
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the compared rows, the cause of the differences, and the violated properties, as plain data."""
         j = self.judged
         rows = [{"term": r.term, "worst": r.worst, "unit": r.unit, "limit": r.limit} for r in j.rows]

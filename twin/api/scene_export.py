@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from twin.api.make import export
 from twin.api.robot import Progress, Robot, load, silent
 from twin.core import assets
 from twin.core.findings import Finding, by_severity, disagreement
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
@@ -50,7 +50,7 @@ class SceneBundle(Result):
     scene: Scene
     formats: tuple[str, ...]
     bundles: Mapping[str, Bundle]
-    checks: tuple[dict[str, Any], ...]
+    checks: tuple[JsonObject, ...]
 
     kind = "scene-export"
 
@@ -60,7 +60,7 @@ class SceneBundle(Result):
         own = [f for b in self.bundles.values() for f in b.findings]
         return (*own, *(_finding(c) for c in self.checks if c["verdict"] != "agree"))
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the bundles and checks as plain data; the keys of quantities end with the unit."""
         bundles = self.bundles
         return {
@@ -225,7 +225,7 @@ def _start(bundle: Bundle) -> dict[str, float]:
     return {n: round(v, 13) + 0.0 for n, v in ReferenceModel(bundle.order.mechanism).home().q_full.items()}
 
 
-def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> dict[str, Any]:
+def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> JsonObject:
     """Return the maximum deviation between the link poses in the scene's USD stage and in the robots' bundles."""
     from twin.exchange.audit.scene import Shown, deviation
 
@@ -242,7 +242,7 @@ def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:
     return np.zeros(1), {n: T[None] for n, T in home_poses(bundle.order.mechanism).items()}
 
 
-def _row(worst: float, where: str, when: str) -> dict[str, Any]:
+def _row(worst: float, where: str, when: str) -> JsonObject:
     return {
         "check": "every link in the world frame, at the first, middle and last key",
         "tool": "pxr",
@@ -254,7 +254,7 @@ def _row(worst: float, where: str, when: str) -> dict[str, Any]:
     }
 
 
-def _finding(check: dict[str, Any]) -> Finding:
+def _finding(check: JsonObject) -> Finding:
     off = None if check["worst"] is None else Quantity(check["worst"], "m")
     what = f"{check['where']} in the scene's stage is missing or not a number"
     if off is not None:

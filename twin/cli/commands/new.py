@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from twin.cli.parser import Command
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 
 if TYPE_CHECKING:
     from twin.core.findings import Finding
@@ -73,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _make(
     args: argparse.Namespace, name: str, source: Path, target: Path, progress
-) -> tuple[dict[str, Any], list[Finding]]:
+) -> tuple[JsonObject, list[Finding]]:
     from twin.exchange.read import kind_of, read
     from twin.exchange.read.closing import close
     from twin.exchange.read.folder import require_free, write_folder

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin.core.errors import TwinError
 from twin.core.extras import require
+from twin.core.json_types import JsonObject
 from twin.ui.door.reports import Reports
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class ScaleTopic:
         self._scale, self._changed = scale, asyncio.Event()
 
     @property
-    def state(self) -> dict[str, Any]:
+    def state(self) -> JsonObject:
         """State of the connection as plain data, which the server publishes: broker, topic, connected, problem."""
         return {"broker": self.broker, "topic": self.topic, "connected": self.connected, "problem": self.problem}
 

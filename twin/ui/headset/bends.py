@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset.scene_frame import pack_field
 from twin.ui.session.feed import Feed, Follower, vertices_of
@@ -28,7 +28,7 @@ class Bends:
     def __init__(self, feed: Feed | None) -> None:
         """Set the source of the vertices, and pack the vertices at time 0."""
         self.feed, self.packed, self._broken = feed, (), ""
-        self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.send: Callable[[JsonObject], object] = lambda document: None
         self.at(0.0)
 
     packed: tuple[bytes, ...]

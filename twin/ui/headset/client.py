@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 from websockets.asyncio.server import broadcast
 
+from twin.core.json_types import JsonObject
 from twin.ui.door.connection import Connection
 from twin.ui.door.limits import Bucket
 from twin.ui.headset import protocol as wire
@@ -33,13 +34,13 @@ class Source(Protocol):
     """
 
     replays: bool
-    send: Callable[[dict[str, Any]], object]
+    send: Callable[[JsonObject], object]
 
     @property
     def version(self) -> int: ...  # noqa: D102
     def frame(self, tick: float, server_time: float) -> bytes | None: ...  # noqa: D102
-    def state(self) -> dict[str, Any]: ...  # noqa: D102
-    def welcome(self) -> list[dict[str, Any]]: ...  # noqa: D102
+    def state(self) -> JsonObject: ...  # noqa: D102
+    def welcome(self) -> list[JsonObject]: ...  # noqa: D102
     def ask(self, client: str, message: wire.Message) -> None: ...  # noqa: D102
     def release(self, client: str) -> None: ...  # noqa: D102
     def holds(self, client: str) -> bool: ...  # noqa: D102

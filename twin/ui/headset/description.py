@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.model.body import Frame
 from twin.model.joint import Joint
@@ -26,7 +26,7 @@ def describe(
     protocols: Mapping[str, str],
     patients: Mapping[str, Patient],
     place: Place | None = None,
-) -> dict[str, Any]:
+) -> JsonObject:
     """Return the content of robot.json; lengths in m, angles in rad, poses as x y z and quaternion x y z w.
 
     Args:
@@ -67,7 +67,7 @@ def describe(
     }
 
 
-def _joint(j: Joint, order: list[str]) -> dict[str, Any]:
+def _joint(j: Joint, order: list[str]) -> JsonObject:
     unit = {"revolute": "rad", "prismatic": "m"}.get(j.type)
     low, high = j.limits or (None, None)
     return {
@@ -84,7 +84,7 @@ def _joint(j: Joint, order: list[str]) -> dict[str, Any]:
     }
 
 
-def _frame(f: Frame) -> dict[str, Any]:
+def _frame(f: Frame) -> JsonObject:
     return {"name": f.name, "link": f.body, "T_link_frame": pose(f.T_body_frame)}
 
 
@@ -118,7 +118,7 @@ def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[
     return out
 
 
-def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> dict[str, Any]:
+def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> JsonObject:
     """Return the floor's height in m and, for each protocol, its patient or the reason why it has no patient."""
     none = {}
     for name, source in protocols.items():

@@ -8,8 +8,8 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
+from twin.core.json_types import JsonObject
 from twin.ui.door.answers import File
 
 _TYPES = {
@@ -53,7 +53,7 @@ def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
     return out
 
 
-def robot_files(glb: bytes, description: dict[str, Any], folder: str = "") -> dict[str, File]:
+def robot_files(glb: bytes, description: JsonObject, folder: str = "") -> dict[str, File]:
     """Return the robot's geometry and description files by path; `folder` is "" or ends with "/"."""
     tag = _tag(description)
     return {
@@ -62,7 +62,7 @@ def robot_files(glb: bytes, description: dict[str, Any], folder: str = "") -> di
     }
 
 
-def scene_file(description: dict[str, Any]) -> dict[str, File]:
+def scene_file(description: JsonObject) -> dict[str, File]:
     """Return the file /scene.json with the descriptions of all robots and the props."""
     return {"/scene.json": File(_json(description), _TYPES[".json"], _tag(description))}
 
@@ -72,11 +72,11 @@ def glb_file(name: str, glb: bytes) -> dict[str, File]:
     return {f"/{name}": File(glb, _TYPES[".glb"])}
 
 
-def _json(description: dict[str, Any]) -> bytes:
+def _json(description: JsonObject) -> bytes:
     return json.dumps(description, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
 
 
-def _tag(description: dict[str, Any]) -> str:
+def _tag(description: JsonObject) -> str:
     return str(description["model_hash"]).partition(":")[2][:16]
 
 

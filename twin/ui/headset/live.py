@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from twin.core.errors import unknown
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.bends import Bends
@@ -34,7 +35,7 @@ class Live:
         """Create the source for robots that use this clock."""
         self.twins = {t.name: t for t in twins}
         self.clock, self.feed, self._bends = clock, feed, Bends(feed)
-        self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.send: Callable[[JsonObject], object] = lambda document: None
         self._bends.send = lambda document: self.send(document)
         self.alone = feed is None and len(twins) == 1 and twins[0].place is None
         self._tick, self._sent, self._seq = -1, -HEARTBEAT, 0
@@ -192,17 +193,17 @@ class Live:
 
     # -- documents ------------------------------------------------------------------------------------
 
-    def _sender(self, twin: Twin) -> Callable[[dict[str, Any]], object]:
+    def _sender(self, twin: Twin) -> Callable[[JsonObject], object]:
         return lambda document: self.send(self._signed(twin, document))
 
-    def _signed(self, twin: Twin, document: dict[str, Any]) -> dict[str, Any]:
+    def _signed(self, twin: Twin, document: JsonObject) -> JsonObject:
         return document if self.alone else {**document, "robot": twin.name}
 
-    def welcome(self) -> list[dict[str, Any]]:
+    def welcome(self) -> list[JsonObject]:
         """Return the documents for a new client: tip paths and workspaces."""
         return [self._signed(t, d) for t in self.twins.values() for d in t.welcome()]
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> JsonObject:
         """Return the document `state`: the clock, and the state of each robot."""
         clock = self.clock
         shared = {

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import DEVIATIONS
@@ -30,7 +30,7 @@ class Mirrored:
     def __init__(self, mirror: Mirror) -> None:
         """Show the robot of a mirror."""
         self.mirror = mirror
-        self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.send: Callable[[JsonObject], object] = lambda document: None
         names = [b.name for b in mirror.robot.mechanism.bodies]
         robots = (mirror.name, mirror.ghost)
         self._posed = Posed(dict.fromkeys(robots, names), dict.fromkeys(robots, np.eye(4)))
@@ -48,7 +48,7 @@ class Mirrored:
         return tuple(f"{n}/{j.name}" for n in self._posed.bodies for j in self.mirror.robot.mechanism.active)
 
     @property
-    def about_machines(self) -> dict[str, Any]:
+    def about_machines(self) -> JsonObject:
         """The data of the machine for the file /scene.json."""
         m = self.mirror
         joints = [[j.name, j.is_angle] for j in m.robot.mechanism.active]
@@ -80,13 +80,13 @@ class Mirrored:
         ]
         return pack_scene(self._seq - 1, server_time, 0.0, 0, parts, ())
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> JsonObject:
         """Return the document `state`: run level of the machine, and the reason if the robot does not follow."""
         m = self.mirror
         one = {"level": m.level, "phase": "follow", "why": None, "problem": m.problem or None}
         return wire.still(self._posed.bodies) | {"machines": {"view": "real", "mode": "", "robots": {m.name: one}}}
 
-    def welcome(self) -> list[dict[str, Any]]:
+    def welcome(self) -> list[JsonObject]:
         """Return no documents: a new client needs only the state."""
         return []
 

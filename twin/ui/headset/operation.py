@@ -9,11 +9,11 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.tool import DOES
@@ -77,7 +77,7 @@ class Operation(LiveConsole):
         self._connection: asyncio.Future[None] | None = None
         self.files: dict[str, File] = {}
         super().__init__(loaded, exercise)
-        self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.send: Callable[[JsonObject], object] = lambda document: None
         self._bends = Bends(self.feed)
         self._bends.send = lambda document: self.send(document)
         bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.shown.items()}
@@ -93,7 +93,7 @@ class Operation(LiveConsole):
         self._plans = PlanDocuments(self.planning, {n: bodies[n] for n in self.members})
 
     @property
-    def about(self) -> dict[str, Any]:
+    def about(self) -> JsonObject:
         """The data of the console for the file /scene.json."""
         table, tools = self.table, self.scene.tools
         return {
@@ -108,7 +108,7 @@ class Operation(LiveConsole):
         }
 
     @property
-    def about_machines(self) -> dict[str, Any] | None:
+    def about_machines(self) -> JsonObject | None:
         """The data of the machines for the file /scene.json; None without machines."""
         if self.machines is None or (t := self.scene.trainer) is None:
             return None
@@ -302,17 +302,17 @@ class Operation(LiveConsole):
 
     # -- documents ------------------------------------------------------------------------------------
 
-    def welcome(self) -> list[dict[str, Any]]:
+    def welcome(self) -> list[JsonObject]:
         """Return the documents of planning mode; none while planning mode is off."""
         return self._plans.all()
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> JsonObject:
         """Return the document `state`: controlled arms, arms at a limit, and the reason if nothing moves."""
         machines = self.reading["machines"]
         more = {} if machines is None else {"machines": machines}
         return wire.still(self.shown) | {"console": self.reading} | more
 
-    def _read(self) -> dict[str, Any]:
+    def _read(self) -> JsonObject:
         packets = None if self.packets is None else self.packets.state(self.world.t, self.world.signals)
         return super()._read() | {"packets": packets, "mqtt": None if self.tablet is None else self.tablet.state}
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.simulation.devices.packets import Packets
 from twin.simulation.world import Signals
@@ -42,7 +42,7 @@ class PacketHands:
         for hand, force in enumerate(forces):
             self.door.answer(hand, force, t)
 
-    def state(self, t: float, signals: Signals) -> dict[str, Any]:
+    def state(self, t: float, signals: Signals) -> JsonObject:
         """Return port, senders at time t in s, and numbers of lost and ignored packets, as an entry of `state`."""
         device = self.door.device
         senders = [self.door.sender(hand, t) for hand in range(len(device.hands))]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonObject
 from twin.ui.headset.protocol import floats, sevens
 from twin.ui.session.plan_mode import PlanMode, Preview
 from twin.ui.session.plan_work import SHOWN
@@ -22,7 +22,7 @@ class PlanDocuments:
         self._ghost: Mapping[str, np.ndarray] = mode.ghost
         self._preview: Preview | None = None
 
-    def news(self) -> list[dict[str, Any]]:
+    def news(self) -> list[JsonObject]:
         """Return the documents whose content has changed since the last call."""
         mode, out = self._mode, []
         if mode.changes == self._seen:
@@ -39,7 +39,7 @@ class PlanDocuments:
             out.append(self._clearance(p))
         return out
 
-    def all(self) -> list[dict[str, Any]]:
+    def all(self) -> list[JsonObject]:
         """Return all documents that a new client needs."""
         mode = self._mode
         if mode.phase == "off":
@@ -49,12 +49,12 @@ class PlanDocuments:
             out += [self._plan(mode.preview), self._clearance(mode.preview)]
         return out
 
-    def _target(self) -> dict[str, Any]:
+    def _target(self) -> JsonObject:
         ghost = self._mode.ghost
         links = [ghost[n] for n in self._bodies.get(self._mode.robot, ())] if ghost else []
         return {"type": "target", "robot": self._mode.robot, "poses": floats(_sevens(np.array(links)))}
 
-    def _plan(self, preview: Preview | None) -> dict[str, Any]:
+    def _plan(self, preview: Preview | None) -> JsonObject:
         robot = self._mode.robot
         if preview is None:
             return {"type": "plan", "robot": robot, "poses": "", "tip": "", "tree": "", "every": SHOWN, "duration": 0.0}
@@ -71,7 +71,7 @@ class PlanDocuments:
             "duration": found.duration,
         }
 
-    def _clearance(self, preview: Preview) -> dict[str, Any]:
+    def _clearance(self, preview: Preview) -> JsonObject:
         clear, proven = preview.clear, preview.proven
         return {
             "type": "clearance",

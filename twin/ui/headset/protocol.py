@@ -19,6 +19,7 @@ from pydantic_core import from_json
 
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.schema import first_mistake
 
@@ -148,7 +149,7 @@ def near_signs(sevens: Array, last: Array | None) -> Array:
     return out
 
 
-def still(robots: Iterable[str]) -> dict[str, Any]:
+def still(robots: Iterable[str]) -> JsonObject:
     """Return the document `state` of a source that plays no protocol; `robots`: names of the displayed robots."""
     clock = {"playing": False, "time": 0.0, "duration": 0.0, "speed": 1.0, "loop": False}
     return {"type": "state", **clock, "robots": [{"name": n, "reason": None} for n in robots]}

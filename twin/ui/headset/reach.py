@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from twin.core.json_types import JsonObject
 from twin.ui.headset.protocol import RefusedError, floats
 from twin.ui.session.desk import Desk
 from twin.ui.session.workspace import Cloud, Job, without_meshes
@@ -27,8 +26,8 @@ class Reach:
 
     def __init__(self, desk: Desk, source: str) -> None:
         self.on = False
-        self.sent: list[dict[str, Any]] = []
-        self._new: list[dict[str, Any]] = []
+        self.sent: list[JsonObject] = []
+        self._new: list[JsonObject] = []
         self._desk, self._source, self._cloud = desk, source, Cloud()
         boxes = [m.vertices for b in desk.mechanism.bodies for m in b.meshes]
         self._size = max((float(np.linalg.norm(np.ptp(v, axis=0))) for v in boxes), default=0.5)
@@ -65,7 +64,7 @@ class Reach:
             )
         )
 
-    def poll(self) -> list[dict[str, Any]]:
+    def poll(self) -> list[JsonObject]:
         """Return the documents that are new since the last call: points, or an error."""
         if self._new:
             new, self._new = self._new, []

@@ -10,7 +10,7 @@ import binascii
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 from pydantic_core import from_json, to_json
@@ -18,6 +18,7 @@ from pydantic_core import from_json, to_json
 from twin.core.assets import atomic_folder
 from twin.core.errors import TwinError
 from twin.core.foreign.text import read_text
+from twin.core.json_types import JsonObject
 from twin.schema import Table, first_mistake
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.protocol import RefusedError
@@ -66,8 +67,8 @@ class Recording:
         """Begin a recording at a tick; an earlier recording must be finished."""
         self.running, self._first, self._size = True, tick, 0
         self._frames: list[tuple[int, bytes]] = []
-        self._documents: list[tuple[int, dict[str, Any]]] = []
-        self._requests: list[tuple[int, str, dict[str, Any]]] = []
+        self._documents: list[tuple[int, JsonObject]] = []
+        self._requests: list[tuple[int, str, JsonObject]] = []
 
     def check_room(self) -> None:
         """Check that another recording is allowed.
@@ -93,7 +94,7 @@ class Recording:
         """Return whether the recording has reached its maximum duration or size."""
         return self.running and (tick - self._first > LONGEST * RATE or self._size > LARGEST)
 
-    def add_document(self, tick: int, document: dict[str, Any]) -> None:
+    def add_document(self, tick: int, document: JsonObject) -> None:
         """Add a document sent to all clients; infinite and NaN numbers are stored as null, as they are sent."""
         if self.running:
             text = to_json(document, inf_nan_mode="null")
@@ -140,12 +141,12 @@ class Recording:
 class _Request(Table):
     tick: int
     client: str
-    message: dict[str, Any]
+    message: JsonObject
 
 
 class _Document(Table):
     tick: int
-    document: dict[str, Any]
+    document: JsonObject
 
 
 class _Frame(Table):
@@ -188,15 +189,15 @@ class Replay:
                 (wire.unpack if file.version == wire.ALONE else unpack_scene)(frame)
         except (binascii.Error, TwinError) as error:
             raise TwinError(f"{path}: frames: {error}") from error
-        self._documents: dict[int, list[dict[str, Any]]] = {}
+        self._documents: dict[int, list[JsonObject]] = {}
         for d in file.documents:
             self._documents.setdefault(d.tick, []).append(d.document)
         # A document may follow the last frame, because no frames are sent while the robot does not move.
         self.last, self.version = max(self._frames.keys() | self._documents.keys()), int(file.version)
-        self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.send: Callable[[JsonObject], object] = lambda document: None
         self._at, self._running, self._begun = -1, False, False
-        self._state: dict[str, Any] = {"type": "state"}
-        self._others: dict[tuple[str, str], dict[str, Any]] = {}
+        self._state: JsonObject = {"type": "state"}
+        self._others: dict[tuple[str, str], JsonObject] = {}
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
         """Play the next recorded tick, and return its frame with the recorded time; None if paused or without frame."""
@@ -216,11 +217,11 @@ class Replay:
             else:
                 self._others[str(document.get("type")), str(document.get("robot"))] = document
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> JsonObject:
         """Return the last played document `state`, with an additional entry `replay` (time and duration in s)."""
         return {**self._state, "replay": {"time": max(self._at, 0) / RATE, "duration": self.last / RATE}}
 
-    def welcome(self) -> list[dict[str, Any]]:
+    def welcome(self) -> list[JsonObject]:
         """Start the replay if this is the first client; return the last played document `path` of each robot."""
         self._running, self._begun = self._running or not self._begun, True
         return [d for (kind, _), d in self._others.items() if kind == "path"]

@@ -7,13 +7,14 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.units import DEG, MM
 from twin.model import alignment
 from twin.model.movable import together
@@ -66,7 +67,7 @@ class Served:
     late: dict[str, File] = field(default_factory=dict)
 
     @property
-    def hello(self) -> dict[str, Any]:
+    def hello(self) -> JsonObject:
         """Entries of the first document `hello` for a client: name of the robot or scene, and hash of the geometry."""
         return {"robot" if self.live.alone else "scene": self.name, "model_hash": self.model_hash}
 
@@ -167,7 +168,7 @@ def of_mirror(mirror: Mirror) -> Served:
     return Served(live, mirror.name, described["model_hash"], own, preload)
 
 
-def _placed(loaded: LoadedScene, live: Live | Operation, about: Sequence[dict[str, Any]]) -> Served:
+def _placed(loaded: LoadedScene, live: Live | Operation, about: Sequence[JsonObject]) -> Served:
     from twin.exchange.write.glb import glb_bytes
 
     scene, robots, props, own, placed = loaded.scene, loaded.robots, loaded.props, {}, []
@@ -202,7 +203,7 @@ def _placed(loaded: LoadedScene, live: Live | Operation, about: Sequence[dict[st
     return Served(live, scene.name, described["model_hash"], own, tuple(preload), late)
 
 
-def _describe(name: str, title: str, robots: Sequence[dict[str, Any]], feed: Feed | None) -> dict[str, Any]:
+def _describe(name: str, title: str, robots: Sequence[JsonObject], feed: Feed | None) -> JsonObject:
     return {
         "schema": "twin-scene",
         "version": 1,
@@ -217,7 +218,7 @@ def _describe(name: str, title: str, robots: Sequence[dict[str, Any]], feed: Fee
     }
 
 
-def _field(name: str, surface: Surface) -> dict[str, Any]:
+def _field(name: str, surface: Surface) -> JsonObject:
     triangles = np.ascontiguousarray(surface.triangles, "<u4")
     return {
         "name": name,
@@ -227,7 +228,7 @@ def _field(name: str, surface: Surface) -> dict[str, Any]:
     }
 
 
-def _ports(place: Place) -> list[dict[str, Any]]:
+def _ports(place: Place) -> list[JsonObject]:
     """Return the ports in the patient that a robot uses, with positions in the robot's base frame."""
     T = spatial.inverse(place.T_world_base)
     return [
@@ -236,7 +237,7 @@ def _ports(place: Place) -> list[dict[str, Any]]:
     ]
 
 
-def _cameras(scene: Scene, robots: Mapping[str, Robot]) -> list[dict[str, Any]]:
+def _cameras(scene: Scene, robots: Mapping[str, Robot]) -> list[JsonObject]:
     out = []
     for name, camera in scene.cameras.items():
         frame = next((f for f in robots[camera.robot].mechanism.frames if f.name == camera.frame), None)

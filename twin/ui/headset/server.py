@@ -8,7 +8,6 @@ import ssl
 import time
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
-from typing import Any
 
 from pydantic_core import to_json
 from websockets.asyncio.server import Server, ServerConnection
@@ -16,6 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.ui.door.answers import File, refusal
 from twin.ui.door.connection import Connection
 from twin.ui.door.entrance import listen, page, query_of, stranger, visit
@@ -51,7 +51,7 @@ class StreamServer:
     def __init__(
         self,
         source: Source,
-        hello: dict[str, Any],
+        hello: JsonObject,
         files: Mapping[str, File],
         gate: Gate,
         recording: Recording | None = None,
@@ -65,7 +65,7 @@ class StreamServer:
         self._left: dict[str, float] = {}
         self._tasks: set[asyncio.Future[None]] = set()
         self._frame: bytes | None = None
-        self._state: dict[str, Any] = {}
+        self._state: JsonObject = {}
         self._dirty = False
         self._tick, self._at, self._made_up = 0, 0.0, False
         self._begin = self._framed = time.monotonic()
@@ -173,7 +173,7 @@ class StreamServer:
             self._state = state
             self._tell(state)
 
-    def _tell(self, document: dict[str, Any]) -> None:
+    def _tell(self, document: JsonObject) -> None:
         """Send a document to every client."""
         if self.recording is not None:
             self.recording.add_document(self._tick, document)
@@ -303,7 +303,7 @@ class StreamServer:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def _answer(self, client: Client, document: dict[str, Any]) -> None:
+    def _answer(self, client: Client, document: JsonObject) -> None:
         client.queue(document["type"], to_json({k: v for k, v in document.items() if v is not None}).decode())
         client.flush(self._frame, time.monotonic())
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset.protocol import pose_of
 from twin.ui.session.desk import Desk
@@ -44,7 +43,7 @@ class Track:
     poses: Array
 
 
-def path(track: Track | None) -> dict[str, Any]:
+def path(track: Track | None) -> JsonObject:
     """Return the document `path`: the protocol's name and its tip path in m; without a protocol, no points."""
     if track is None:
         return {"type": "path", "protocol": None, "points": []}
@@ -58,7 +57,7 @@ def number(value: float | None) -> float | None:
     return float(f"{value:.9g}") if value is not None and np.isfinite(value) else None
 
 
-def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str, Any]]:
+def trocars(desk: Desk, playback: Playback | None, time: float) -> list[JsonObject]:
     """Return the entry `trocars` of the document `state`: for each trocar, its name, position, error and depth (in m).
 
     The error is the distance from the trocar to the shaft axis. The depth is the insertion depth of the tip.
@@ -75,7 +74,7 @@ def trocars(desk: Desk, playback: Playback | None, time: float) -> list[dict[str
     ]
 
 
-def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> float | None:
+def apart(shown: Shown, links: tuple[str, ...], tool: JsonMapping) -> float | None:
     """Return the distance in m between the ghost's origin and the tool's origin; None without a ghost."""
     if shown.ghost is None:
         return None
@@ -83,7 +82,7 @@ def apart(shown: Shown, links: tuple[str, ...], tool: Mapping[str, Any]) -> floa
     return float(np.linalg.norm(T[:3, 3] - shown.ghost[:3]))
 
 
-def measured(reading: Reading | None, ghost: float | None) -> dict[str, Any]:
+def measured(reading: Reading | None, ghost: float | None) -> JsonObject:
     """Return the readings for the document `state`; `ghost`: distance in m between ghost and tool, None: no ghost.
 
     With a ghost, the residual in the document is `ghost`. Without a ghost, the residual is the largest difference, a

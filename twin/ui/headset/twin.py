@@ -14,6 +14,7 @@ import numpy as np
 
 from twin.api import Robot
 from twin.core.errors import unknown
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.model.scene import Place
 from twin.reference.states import Assembly
@@ -69,7 +70,7 @@ class Twin:
                 patients of the robot's protocols can be shown.
         """
         self.robot, self.source, self.place = robot, source, place
-        self.send: Callable[[dict[str, Any]], object] = lambda document: None
+        self.send: Callable[[JsonObject], object] = lambda document: None
         self.planned: Callable[[], object] = lambda: None
         self.desk = Desk(robot)
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
@@ -406,11 +407,11 @@ class Twin:
 
         self._worker.ask("plan", job, done)
 
-    def welcome(self) -> list[dict[str, Any]]:
+    def welcome(self) -> list[JsonObject]:
         """Return the documents for a new client: tip path and workspace."""
         return [path(self._track), *self._reach.sent]
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> JsonObject:
         """Return the robot's part of the document `state`."""
         playback = None if self._track is None else self._track.playback
         shown = self._shown

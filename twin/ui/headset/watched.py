@@ -14,6 +14,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.scene_frame import unpack_scene
@@ -41,7 +42,7 @@ class Watched:
             TwinError: no server answers, or the server shows a different scene.
         """
         self._port, self._scene, self.problem = port, scene, ""
-        self.reading: dict[str, Any] | None = None
+        self.reading: JsonObject | None = None
         self._frame: bytes | None = None
         self._stop = threading.Event()
         about = self._about()
@@ -72,7 +73,7 @@ class Watched:
         """End the connection."""
         self._stop.set()
 
-    def _about(self) -> dict[str, Any]:
+    def _about(self) -> JsonObject:
         """Return the document scene.json of the server.
 
         Raises:
@@ -118,7 +119,7 @@ class Watched:
                 self.reading = document.get("console")
 
 
-def _surface(field: Mapping[str, Any]) -> Surface:
+def _surface(field: JsonMapping) -> Surface:
     triangles = np.frombuffer(base64.b64decode(field["triangles"]), "<u4").reshape(-1, 3)
     red, green, blue = field["color"]
     return Surface(triangles, (red, green, blue), field["opacity"])

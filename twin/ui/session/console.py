@@ -11,11 +11,12 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError, unknown
 from twin.core.jobs import Call
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.movable import Movable
@@ -480,7 +481,7 @@ class LiveConsole:
         """Present pan, tilt, depth and roll (4,) of the camera; the depth is in m, the angles are in rad."""
         return self.world.signals[f"{self._camera}.at"]
 
-    def _read(self) -> dict[str, Any]:
+    def _read(self) -> JsonObject:
         return {
             "owner": self.owner,
             "heard": self.device.heard,
@@ -492,11 +493,11 @@ class LiveConsole:
             "plan": self.planning.state(),
         }
 
-    def deviations(self) -> dict[str, dict[str, Any]]:
+    def deviations(self) -> dict[str, JsonObject]:
         """Return the deviation of each machine from its model; see `LiveMachines.deviations`."""
         return {} if self.machines is None else self.machines.deviations(self.world)
 
-    def _task(self) -> dict[str, Any] | None:
+    def _task(self) -> JsonObject | None:
         """Return the scoreboard of a task that is judged; None for other tasks."""
         if self.referee is None or self.task is None:
             return None

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.units import MM
 from twin.simulation import console_scene, operating_scene
 from twin.simulation.console_scene import HANDS, PEDALS
@@ -30,7 +30,7 @@ class ConsoleState:
         self._table = console_scene.console_of(setup.scene)
         self._world, self._pressed = world, 0.0
 
-    def read(self, arms: Mapping[str, str]) -> dict[str, Any]:
+    def read(self, arms: Mapping[str, str]) -> JsonObject:
         """Return the present state; `arms` maps each hand to the name of the robot that this hand controls."""
         signals, t = self._world.signals, self._world.t
         mode, silent = float(signals["console.mode"][0]), bool(signals[f"{PEDALS}.silent"][0])
@@ -48,7 +48,7 @@ class ConsoleState:
             "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
         }
 
-    def _hand(self, hand: str, arm: str) -> dict[str, Any]:
+    def _hand(self, hand: str, arm: str) -> JsonObject:
         signals, wall = self._world.signals, None
         if signals[f"{arm}.follows"][0]:
             wall = walls.of_arm(self._members[arm], signals[f"{arm}.q"], signals[f"{arm}.goal"].reshape(4, 4))
@@ -57,7 +57,7 @@ class ConsoleState:
         tools = self._tools(arm) if self._scene.tools else {}
         return {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps, **tools}
 
-    def _tools(self, arm: str) -> dict[str, Any]:
+    def _tools(self, arm: str) -> JsonObject:
         """Return an arm's chosen tool; in a procedure also the mounted tool, and why the two tools still differ."""
         signals, names = self._world.signals, [*self._scene.tools]
         tool = names[int(signals[f"{arm}.tool"][0])]
@@ -76,7 +76,7 @@ class ConsoleState:
         return {"tool": tool, "carries": carries, "waits": waits, "open": opened, "active": active}
 
 
-def log_changes(old: Mapping[str, Any], new: Mapping[str, Any], patience: float) -> list[str]:
+def log_changes(old: JsonMapping, new: JsonMapping, patience: float) -> list[str]:
     """Log silence, a stuck pedal, jumps and limits that are in the state `new` but not yet in the state `old`.
 
     Return the messages about jumps, because the pages do not show jumps otherwise. `patience` is the time in s after

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from twin.api.machine import Machines
+from twin.core.json_types import JsonObject
 from twin.model.scene import Scene
 from twin.simulation import machine_scene
 from twin.simulation.controllers.trainer import MODE, VIEW, Mode, Phase, Why, asked, mode_of, told
@@ -56,7 +55,7 @@ class LiveMachines:
         for link in self._machines.links.values():
             link.reader.press(button)
 
-    def state(self, world: World) -> dict[str, Any] | None:
+    def state(self, world: World) -> JsonObject | None:
         """Return the state of the trainer and of each machine as plain data; None without a trainer.
 
         "view" is "real" if the machines are drawn solid, "virtual" if the models are; "mode" is the requested mode.
@@ -78,7 +77,7 @@ class LiveMachines:
         view = "virtual" if signals[VIEW][0] > 0.5 else "real"
         return {"view": view, "mode": mode_of(signals[MODE][0]).name.lower(), "robots": out}
 
-    def deviations(self, world: World) -> dict[str, dict[str, Any]]:
+    def deviations(self, world: World) -> dict[str, JsonObject]:
         """Return, for each machine, its deviation from its model.
 
         "tip" is the distance in m between the tips of machine and model, "joints" the joint differences (n,) in rad or

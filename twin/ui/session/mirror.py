@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from twin.api import Robot
 from twin.core.errors import AssemblyError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.trainer import MODEL
@@ -97,7 +98,7 @@ class Mirror:
             self._misfit = f"{error}: check order and units of the machine's joints"
 
     @property
-    def deviation(self) -> dict[str, Any]:
+    def deviation(self) -> JsonObject:
         """Distance in m between the tips of robot and ghost ("tip"), and desired minus measured q (n,) ("joints")."""
         body, T = self._tool
         tips = [(self.links[n][body] @ T)[:3, 3] for n in (self.name, self.ghost)]

@@ -20,6 +20,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.jobs import Stream
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.model.scene import Scene
@@ -407,11 +408,11 @@ class PlanMode:
 
     # -- state ----------------------------------------------------------------------------------------
 
-    def state(self) -> dict[str, Any] | None:
+    def state(self) -> JsonObject | None:
         """Return the state of planning mode as plain data for displays; None if there is nothing to show."""
         if self.phase == "off" and (not self.said or self._world().t - self._told > _SAID):
             return None
-        out: dict[str, Any] = {"phase": self.phase, "hand": self.hand, "robot": self.robot}
+        out: JsonObject = {"phase": self.phase, "hand": self.hand, "robot": self.robot}
         return out | {
             "said": self.said,
             "bad": self.bad,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.ui.session.plan_mode import Phase, PlanMode, Preview
@@ -19,7 +19,7 @@ _PAUSE = 0.6
 """Time in s for which the ghost stays at the end of a previewed motion before it repeats the motion."""
 
 
-def status(state: Mapping[str, Any] | None, preview: Preview | None) -> tuple[str, str] | None:
+def status(state: JsonMapping | None, preview: Preview | None) -> tuple[str, str] | None:
     """Return the status of planning mode as (tone, text); tone: "good", "warn" or "bad". None if there is no status.
 
     Args:

@@ -14,6 +14,7 @@ from twin.core import spatial
 from twin.core.assets import atomic_folder
 from twin.core.errors import TwinError
 from twin.core.foreign.text import read_text
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.schema import Identifier, Table
@@ -158,7 +159,7 @@ class Session:
         return out
 
 
-def _small(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _small(pairs: list[tuple[str, Any]]) -> JsonObject:
     if len(pairs) > _KEYS:
         raise ValueError(f"an object has {len(pairs)} keys; an object of a session has at most {_KEYS}")
     return dict(pairs)

@@ -7,7 +7,7 @@ handles are the input of the World (`twin.ui.session.console`).
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from html import escape
 from typing import Any
 
@@ -16,6 +16,7 @@ import viser
 
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model import alignment
@@ -135,7 +136,7 @@ class ConsoleFront(Loop):
         self._at = {hand: self.console.moved(hand) for hand in HANDS}
         self._dragged: set[str] = set()
         self._touched: dict[str, float] = {}
-        self._written: dict[str, Any] = {}
+        self._written: JsonObject = {}
         self._through: set[int] = set()
         self._viewed = np.zeros((4, 4))
         self.arrows = {hand: self._arrows(hand) for hand in HANDS}
@@ -341,7 +342,7 @@ class ConsoleFront(Loop):
 
     def _choices(self, gui: viser.GuiApi) -> None:
         """Add the controls for the fulcrum and for the tools, if the scene has them."""
-        self._tools: dict[str, Any] = {}
+        self._tools: JsonObject = {}
         tools = {t.title: name for name, t in self.console.scene.tools.items()}
         for hand in HANDS if tools else ():
             choice = gui.add_dropdown(f"tool of the {hand} hand", list(tools), initial_value=self._tool(hand))
@@ -461,7 +462,7 @@ def _name(client: viser.ClientHandle) -> str:
     return f"page {client.client_id + 1}"
 
 
-def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -> tuple[str, str]:
+def status(reading: JsonMapping, planned: tuple[str, str] | None = None) -> tuple[str, str]:
     """Return (tone, text): the most important information on the state of a `LiveConsole`.
 
     The tone is "good", "warn", "bad" or "plain". `planned` is the status (tone, text) of planning mode; None: no
@@ -492,7 +493,7 @@ def status(reading: Mapping[str, Any], planned: tuple[str, str] | None = None) -
     return "good", f"{reading['owner']} controls {' and '.join(moved) or 'no arm'}."
 
 
-def hand_text(reading: Mapping[str, Any], hand: str) -> tuple[str, str]:
+def hand_text(reading: JsonMapping, hand: str) -> tuple[str, str]:
     """Return (tone, text) on one hand: its robot, and whether the robot follows, is at rest or is at a limit."""
     now = reading["hands"][hand]
     plan = reading["plan"]

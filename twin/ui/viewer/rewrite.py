@@ -15,8 +15,9 @@ from tomlkit.items import Table, Whitespace
 
 from twin.core.assets import atomic_folder
 from twin.core.errors import DescriptionError, OutputError, TwinError
+from twin.core.json_types import JsonObject
 
-Entry = tuple[str, str | None, dict[str, Any]]
+Entry = tuple[str, str | None, JsonObject]
 """(Table, key, values) of an entry to add. The values become the table `table.key` or, if the key is None, the last
 element of the list `table`."""
 
@@ -71,7 +72,7 @@ def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> 
         raise OutputError(text) from error
 
 
-def _append(document: Any, table: str, key: str | None, values: dict[str, Any]) -> None:
+def _append(document: Any, table: str, key: str | None, values: JsonObject) -> None:
     """Append values to the list `table` or, with a key, set the values in `table.key`; existing values are replaced."""
     parent: Any = document.get(table)
     if key is not None and parent is not None and key in parent:

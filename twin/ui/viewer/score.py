@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import viser
 
+from twin.core.json_types import JsonMapping
 from twin.core.spoken import spoken
 from twin.ui.session.console import LiveConsole
 
@@ -44,7 +45,7 @@ class ScorePanel:
         self._result: viser.GuiHtmlHandle | None = None
         self._written, self._closed = "", False
 
-    def show(self, task: Mapping[str, Any]) -> None:
+    def show(self, task: JsonMapping) -> None:
         """Show the scoreboard, which is the value "task" of the console's state."""
         said = f"<div style='{_BOX}'><b>{escape(task['title'])}</b>{_rows(task['rows'])}{_rings(task['rings'])}"
         said += f"{_events(task['events'])}</div>"
@@ -56,7 +57,7 @@ class ScorePanel:
             self._save.visible = ready
         self._show_result(task)
 
-    def _show_result(self, task: Mapping[str, Any]) -> None:
+    def _show_result(self, task: JsonMapping) -> None:
         if not task["over"]:
             self._close()
             self._window = self._result = None

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from html import escape
-from typing import Any
 
 import viser
 
+from twin.core.json_types import JsonObject
 from twin.core.units import MM
 from twin.simulation.controllers.trainer import Mode
 from twin.ui.session.console import LiveConsole
@@ -56,7 +56,7 @@ class TrainerPanel:
 
         During a replay, this call keeps the hands active, because silent hands would stop the replay.
         """
-        found: dict[str, Any] = self._console.reading["machines"]
+        found: JsonObject = self._console.reading["machines"]
         robots = found["robots"]
         if self._pens.client is not None and any(r["phase"] == "replay" for r in robots.values()):
             self._pens.use(self._pens.client)

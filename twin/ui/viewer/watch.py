@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import viser
 
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import srgb
 from twin.model.trainer import MODEL
@@ -41,7 +42,7 @@ class Stream(Protocol):
     surfaces: Mapping[str, Surface]
     robots: Sequence[str]
     objects: Sequence[str]
-    reading: dict[str, Any] | None
+    reading: JsonObject | None
     problem: str
 
     def take(self) -> tuple[Mapping[str, Mapping[str, Array]], Mapping[str, Array]] | None:
