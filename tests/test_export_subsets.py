@@ -19,6 +19,8 @@ import twin.exchange.audit as audits
 from twin import api
 from twin.api.robot import silent
 from twin.cli import main
+from twin.exchange.format import Holds
+from twin.exchange.formats import audited
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
@@ -28,8 +30,9 @@ from twin.exchange.write.clip import Budget
 COARSE = Budget(position=2e-3, rotation=0.05, joint_gap=1e-3)
 """Errors between keys that need few keys."""
 
-SUBSETS = [s for n in range(1, 8) for s in combinations(bundles.FORMATS, n)]
-SMALL = [s for s in SUBSETS if len(s) in (1, 2, 7)]
+FORMATS = bundles.chosen_formats(None)
+SUBSETS = [s for n in range(1, len(FORMATS) + 1) for s in combinations(FORMATS, n)]
+SMALL = [s for s in SUBSETS if len(s) in (1, 2, len(FORMATS))]
 
 ROBOTS = ["imported", pytest.param("davinci_ecm", marks=pytest.mark.nightly)]
 
@@ -64,19 +67,18 @@ def linked(source: str, target: str) -> None:
         os.link(source, target)
 
 
-def written_once(order, folder: Path) -> dict:
-    """Write each format to a folder of its own; return {format: writer that copies these files}."""
-    out = {}
-    for name, write in bundles._WRITERS.items():
+def written_once(order, folder: Path):
+    """Write each format to a folder of its own; return a function that copies the files of a format."""
+    findings = {}
+    for name in FORMATS:
         (folder / name).mkdir(parents=True)
-        findings = write(order, folder / name)
+        findings[name] = bundles.write_format(name, order, folder / name)
 
-        def again(order, work, *, at=folder / name, findings=findings):
-            shutil.copytree(at, work, dirs_exist_ok=True, copy_function=linked)
-            return findings
+    def again(name, order, work):
+        shutil.copytree(folder / name, work, dirs_exist_ok=True, copy_function=linked)
+        return findings[name]
 
-        out[name] = again
-    return out
+    return again
 
 
 def read_once(reader):
@@ -84,15 +86,17 @@ def read_once(reader):
     known: dict = {}
 
     def again(found, tell, states):
-        kinds = {name: list(files) for name, files in vars(found).items() if isinstance(files, list)}
-        for kind in ("tracks", "csv", "gltf", "stages", "usdz", "mjcf", "urdf"):
-            key = (kind, bool(found.tracks), tuple(found.name(p) for p in kinds[kind]))
+        tracks = found.files.get("tracks", [])
+        for format in audited():
+            files = found.files.get(format.name, [])
+            key = (format.name, bool(tracks), tuple(found.name(p) for p in files))
             if key not in known:
-                alone = audits.Found(found.root, **{kind: kinds[kind]})
-                if kind in ("mjcf", "urdf"):
-                    alone.tracks = found.tracks
+                alone = audits.Found(found.root, {format.name: files})
+                played = Holds.JOINT_TREE in format.holds
+                if played:
+                    alone.files["tracks"] = tracks
                 rows = list(reader(alone, tell, states))
-                known[key] = rows[len(alone.tracks) if kind in ("mjcf", "urdf") else 0 :]
+                known[key] = rows[len(tracks) if played else 0 :]
             yield from copy.deepcopy(known[key])
 
     return again
@@ -106,7 +110,7 @@ def test_subsets_of_formats_pass_their_own_audit(robot, tmp_path, monkeypatch):
     loaded = api.load(imported(tmp_path) if robot == "imported" else robot)
     content = order(loaded, None, None, COARSE, api.plan, silent)
     assert content.clips
-    monkeypatch.setattr(bundles, "_WRITERS", written_once(content, tmp_path / "formats"))
+    monkeypatch.setattr(bundles, "write_format", written_once(content, tmp_path / "formats"))
     monkeypatch.setattr(audits, "_read", read_once(audits._read))
     failed = []
     for formats in SMALL:

@@ -18,12 +18,14 @@ from twin.cli import main
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.exchange.audit.report import Check
+from twin.exchange.format import Format, Places
+from twin.exchange.formats import exported
 from twin.exchange.write import bundle as bundles
 from twin.exchange.write.clip import Budget
 
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
-FORMATS = ("usd", "usdz", "glb", "tracks", "mjcf", "urdf")
+FORMATS = tuple(format.name for format in exported() if format.variants)
 
 
 @pytest.fixture(scope="module")
@@ -94,24 +96,28 @@ def test_every_file_that_was_promised_is_there(made):
 
 @pytest.mark.slow
 def test_a_format_that_nothing_reads_again_does_not_pass(tmp_path, monkeypatch):
-    def listed(order, folder):
+    write = bundles.write_format
+
+    def chosen(name, order, folder):
+        if name != "csvlinks":
+            return write(name, order, folder)
         (folder / "links.csv").write_text("\n".join(b.name for b in order.mechanism.bodies))
         return []
 
-    monkeypatch.setitem(bundles._WRITERS, "csvlinks", listed)
-    monkeypatch.setattr(bundles, "FORMATS", tuple(bundles._WRITERS))
+    unread = Format("csvlinks", "CSV of links", Places(export=999))
+    monkeypatch.setattr(bundles, "exported", lambda: (*exported(), unread))
+    monkeypatch.setattr(bundles, "write_format", chosen)
     monkeypatch.setattr(bundles.readme, "text", lambda *a: "")
     out = twin.export(twin.load("sils"), folder=tmp_path / "out", formats=["urdf", "csvlinks"], protocols=[])
     assert [(f.code, f.where) for f in out.findings if f.severity == "error"] == [("export.unjudged", "links.csv")]
     assert (out.verdict, out.exit_code) == ("unchecked", 2)
 
 
-def test_the_command_and_the_function_name_every_format(capsys):
+def test_the_command_names_every_format(capsys):
     with pytest.raises(SystemExit):
         main(["export", "--help"])
-    texts = {"twin export --help": " ".join(capsys.readouterr().out.split()), "twin.export": twin.export.__doc__ or ""}
-    missing = [(where, name) for where, text in texts.items() for name in bundles.FORMATS if name not in text]
-    assert not missing
+    text = " ".join(capsys.readouterr().out.split())
+    assert ", ".join(format.name for format in exported()) in text
 
 
 def test_readers_of_their_own_agree(made, proof):
@@ -317,7 +323,7 @@ def test_what_cannot_be_exported_is_refused_before_anything_is_written(run, argv
 
 
 def test_formats_come_in_one_order_and_once():
-    assert bundles.chosen_formats(None) == bundles.FORMATS
+    assert bundles.chosen_formats(None) == tuple(format.name for format in exported())
     assert bundles.chosen_formats(["tracks", "glb", "tracks"]) == ("glb", "tracks")
 
 

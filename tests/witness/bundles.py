@@ -23,10 +23,11 @@ import numpy as np
 
 from made.motions import motions
 from twin.core.assets import files
+from twin.exchange.formats import exported
 
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "twin-out/witness"
-FORMATS = ("usd", "usdz", "glb", "tracks", "mjcf", "urdf")
+FORMATS = tuple(format.name for format in exported() if format.variants)
 FRAMES = 24
 POSITION = 1e-6
 """m that a foreign program may be off: single precision at one metre is 6e-8."""

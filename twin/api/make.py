@@ -98,7 +98,7 @@ def export(
         robot: a robot with CAD, or loaded from a USD stage (with the motion baked in the stage, if any).
         trajectory: a planned trajectory as the only motion; None: the motions of the protocols.
         folder: folder to write; default: ./twin-out/<robot>/export/.
-        formats: any of "usd", "usdz", "glb", "unity", "tracks", "mjcf", "urdf"; default: all.
+        formats: names of formats, which `twin.exchange.formats.exported` returns; default: all of them.
         protocols: names or paths; default: every protocol of the robot.
         budget: maximum interpolation errors between keys; the key rate is chosen accordingly.
         progress: see `Progress`.
@@ -119,7 +119,7 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
     """Compare exported files of a moving robot with each other; the readers share no code with the writers.
 
     Args:
-        path: a folder, an exported scene, or one .glb, .gltf, USD, .usdz, track, MJCF or URDF file.
+        path: a folder, an exported scene, or a file of a format that `twin.exchange.formats.audited` returns.
         robot: if given, each clip is also compared with this robot's poses in the protocol of the same name, files
             without motion with its poses at joint states drawn from its whole range, and links, joints and masses with
             its mechanism.

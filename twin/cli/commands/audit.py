@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from twin.cli.parser import Command
+from twin.exchange.formats import audited
 
 EXAMPLES = """\
   twin audit twin-out/sils/export/
@@ -15,7 +16,8 @@ EXAMPLES = """\
 
 def arguments(command: Command) -> None:
     """Add the arguments of `twin audit`."""
-    command.add_argument("path", help="a folder, or a .glb, .gltf, USD, .usdz, track, MJCF or URDF file")
+    known = ", ".join(format.title for format in audited())
+    command.add_argument("path", help=f"a folder, or a file of one of these formats: {known}")
     command.text("--robot", "NAME", "name or folder of the robot: also compare the poses with those of its mechanism")
     command.flag("--all", "show notes and all checks, not only the worst of each kind")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from twin.cli.parser import SHOWN, Command
 from twin.core.errors import TwinError
+from twin.exchange.formats import exported
 
 if TYPE_CHECKING:
     from twin.exchange.write.clip import Budget
@@ -26,7 +27,8 @@ def arguments(command: Command) -> None:
     command.robot(SHOWN)
     command.tool()
     command.out("./twin-out/<robot>/export/")
-    command.text("--to", "FORMATS", "comma-separated list of usd, usdz, glb, unity, tracks, mjcf, urdf (default all)")
+    known = ", ".join(format.name for format in exported())
+    command.text("--to", "FORMATS", f"comma-separated list of {known} (default all)")
     group = command.add_mutually_exclusive_group()
     text = "a protocol of the robot, or the path of a protocol file; may be given more than once"
     group.add_argument("--protocol", metavar="NAME", action="append", help=text)

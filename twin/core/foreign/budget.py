@@ -105,8 +105,12 @@ def read_bytes(path: Path, kind: str) -> bytes:
     return path.read_bytes()
 
 
-def check_size(path: Path, kind: str) -> None:
-    """Raise `BudgetError` for a file that is too large, and `OSError` if the file does not exist."""
-    size, most = path.stat().st_size, BUDGETS[kind].bytes
-    if size > most:
-        over(path, kind, "bytes", size, most)
+def check_size(path: Path, kind: str, budget: Budget | None = None) -> None:
+    """Raise `BudgetError` for a file that is too large, and `OSError` if the file does not exist.
+
+    `budget` contains the limits of a kind that is not in `BUDGETS`.
+    """
+    limits = BUDGETS[kind] if budget is None else budget
+    size = path.stat().st_size
+    if size > limits.bytes:
+        over(path, kind, "bytes", size, limits.bytes)

@@ -16,19 +16,19 @@ scene       audit an exported scene: the folder of each robot, then the scene's 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.core.foreign.admit import admit, admit_together
-from twin.core.foreign.archive import check_zip
+from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.claims import check_claims, check_proof_clips, check_readme
 from twin.exchange.audit.compare import Reference, compare, compare_hashes, compare_rest, compare_shapes, references
 from twin.exchange.audit.compare_physics import compare_physics
+from twin.exchange.audit.context import Context
 from twin.exchange.audit.folder import Found, find
 from twin.exchange.audit.motion import Content, check_names
 from twin.exchange.audit.physics import Physics
@@ -39,7 +39,8 @@ from twin.exchange.audit.scene import FILE as SCENE
 from twin.exchange.audit.scene import audit_scene
 from twin.exchange.audit.sense import check_sense
 from twin.exchange.audit.states import CLIP, States, compare_joints, compare_states, same_names
-from twin.exchange.audit.unity import check_package
+from twin.exchange.format import Format
+from twin.exchange.formats import audited
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
@@ -53,9 +54,6 @@ Progress = Callable[[str, float], None]
 """Function called during the audit with the current step, such as "read robot.glb", and the fraction done (0..1)."""
 
 
-Reader = Callable[[Path, Ledger], Content | None]
-
-
 def audit(
     path: str | Path,
     *,
@@ -67,7 +65,8 @@ def audit(
     """Read a file or a folder of exported files, check each file, and compare the files with each other.
 
     Args:
-        path: a .glb, .gltf, USD, .usdz, track, MJCF or URDF file, a folder with such files, or an exported scene.
+        path: a file of a format that `twin.exchange.formats.audited` returns, a folder with such files, or an exported
+            scene.
         truth: motions of the reference model; the poses in the files are compared with these motions. None: the poses
             are compared with the poses in the tracks. Not used for a scene.
         mechanism: the expected mechanism; masses, joints, drives and frames in the files are compared with it. None:
@@ -102,9 +101,6 @@ def _audited(
         ledgers.append(ledger)
         if content is not None:
             contents.append(content)
-    for folder in found.unity:
-        ledgers.append(Ledger(found.name(folder), "twin.exchange.audit unity", "1"))
-        guarded(check_package, folder, ledgers[-1])
     with np.errstate(all="ignore"):  # values that are not finite have already been reported
         declared = frozenset(n for c in contents for n in c.declared or ())
         for content in contents:
@@ -204,132 +200,37 @@ def key_times(path: str | Path) -> dict[str, np.ndarray]:
         TwinError: the path does not exist, or has no file that can be audited.
     """
     found = find(Path(path))
-    if found.tracks:  # tracks contain all key times and are fast to read
-        found = Found(found.root, tracks=found.tracks)
+    tracks = [p for p in found.files.get("tracks", []) if p.suffix.lower() == ".json"]
+    if tracks:  # tracks contain all key times and are fast to read
+        found = Found(found.root, {"tracks": tracks})
     contents = [c for _, c in _read(found, lambda label, fraction: None, None) if c is not None]
     return {name: ref.clip.times for name, ref in references(contents, {}).items()}
 
 
 def _read(found: Found, tell: Progress, states: Callable[[], States] | None) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
-    stages = (*found.stages, *found.usdz)
-    if stages:
+    guarded_together = [p for format in audited() if format.guard for p in found.files.get(format.name, [])]
+    if guarded_together:
         tell("test whether the stages can be opened", 0)
-    admitted = admit_together(stages)
-    jobs: list[tuple[Reader, Path]] = [
-        *((_tracks, p) for p in (*found.tracks, *found.csv)),
-        *((_gltf, p) for p in found.gltf),
-        *((partial(_usd, admitted=admitted), p) for p in stages),
-    ]
-    tracks: list[Content] = []
-    for trees in (found.mjcf, found.urdf):
-        models = [t.stem for t in trees]
-        jobs += [(partial(_tree, tracks=tracks, models=models, states=states), p) for p in trees]
-    for i, (read, path) in enumerate(jobs):
+    context = Context(states=states, admitted=admit_together(guarded_together))
+    jobs = [(format, path) for format in audited() for path in found.files.get(format.name, [])]
+    for i, (format, path) in enumerate(jobs):
         name = found.name(path)
         tell(f"read {name}", 0.9 * i / len(jobs))
-        ledger = Ledger(name)
+        ledger = Ledger(name, code=format.code)
+        context.models = [p.stem for p in found.files[format.name]]
         with np.errstate(all="ignore"):
-            content = guarded(partial(_filled, read), path, ledger)
+            content = guarded(partial(_filled, format, context), path, ledger)
         if content is not None and content.format == "tracks":
-            tracks.append(content)
+            context.tracks.append(content)
         yield ledger, content
 
 
-def _filled(read: Reader, path: Path, ledger: Ledger) -> Content | None:
-    if not path.stat().st_size:
-        raise ReadError("the file is empty", "file.empty")
-    return read(path, ledger)
-
-
-def _gltf(path: Path, ledger: Ledger) -> Content | None:
-    from twin.exchange.audit.gltf import read_gltf
-
-    ledger.tool, ledger.version = "twin.exchange.audit gltf", "2.0"
-    admit(path)
-    return read_gltf(path, ledger)
-
-
-def _usd(path: Path, ledger: Ledger, admitted: Collection[Path]) -> Content | None:
-    from pxr import Tf
-
-    from twin.exchange.audit.usd import read_usd
-    from twin.exchange.audit.usd_checks import check_usd, version
-    from twin.exchange.audit.usd_file import check_usdz, trouble
-
-    ledger.tool, ledger.version = "twin.exchange.audit on usd-core", version()
-    check_size(path, "USD")
-    if path.suffix.lower() == ".usdz":
-        check_zip(path, "USDZ")
-        if not check_usdz(path, ledger):
-            return None
-    if broken := trouble(path.read_bytes()):
-        raise ReadError(broken, "usd.header")
-    if path not in admitted:
-        admit(path)
-    try:
-        content = read_usd(path, ledger)
-        check_usd(path, bool(content.extra["physics"]), ledger)
-    except Tf.ErrorException as error:  # OpenUSD detects some faults only when it reads the data
-        reason = str(error).strip().splitlines()[-1].strip()[:200]
-        raise ReadError(f"OpenUSD cannot read the stage: {reason}") from error
-    return content
-
-
-def _tracks(path: Path, ledger: Ledger) -> Content | None:
-    from twin.exchange.audit.tracks import read_csv, read_json
-
-    ledger.tool, ledger.version = "twin.exchange.audit tracks", "1"
-    admit(path)
-    return read_csv(path, ledger) if path.suffix.lower() == ".csv" else read_json(path, ledger)
-
-
-def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
-    """Return whether the joint values of a clip are applied to a model file (MJCF or URDF) with the name `stem`.
-
-    A model named <robot>_<clip> is used only for the clip <clip>, and the clip uses no other model. If a clip has no
-    model of its own, the models without a clip in their names are used.
-    """
-    own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
-    return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
-
-
-def _tree(
-    path: Path,
-    ledger: Ledger,
-    tracks: list[Content],
-    models: Sequence[str],
-    states: Callable[[], States] | None,
-) -> Content | None:
-    """Read an MJCF or URDF file, and compute its link poses for the joint values of every track.
-
-    `models` contains the names, without suffix, of all model files of this format. A model can be valid for a single
-    clip, because each clip can have different trocar positions. Without a track, the link poses are computed for the
-    drawn `states` of the mechanism.
-    """
-    admit(path)
-    if path.suffix.lower() == ".urdf":
-        from twin.exchange.audit.urdf import Urdf
-
-        ledger.tool, ledger.version = "twin.exchange.audit urdf", "1"
-        tree = Urdf(path, ledger)
-    else:
-        import mujoco
-
-        from twin.exchange.audit.mjcf import Mjcf
-
-        ledger.tool, ledger.version = "mujoco", mujoco.__version__
-        tree = Mjcf(path, ledger)
-    for track in tracks:
-        for clip in track.clips:
-            if _plays(path.stem, clip.name, models):
-                tree.content.clips.append(tree.play(clip))
-        low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
-        tree.check_limits(track.file, low, high)
-    names = tree.content.rest
-    if not tree.content.clips and states is not None and same_names(names, states().links):
-        tree.content.clips.append(tree.play(states().clip()))
-    elif not tracks:
-        text = "there is no track with joint values, so this file's link poses along the motions are not checked."
-        ledger.add("compare.no_track", "info", text)
-    return tree.content
+def _filled(format: Format, context: Context, path: Path, ledger: Ledger) -> Content | None:
+    """Return the content of a file that is not empty and within the limits of its format."""
+    variant = format.variant(path)
+    if variant is not None:
+        if not path.stat().st_size:
+            raise ReadError("the file is empty", "file.empty")
+        check_size(path, variant.syntax, variant.budget)
+    return format.module("audit").read(path, ledger, context)

@@ -12,6 +12,8 @@ from twin.exchange.audit.diagnose import why
 from twin.exchange.audit.motion import Clip, Content, largest
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, Measured, quantity, told_apart, um
+from twin.exchange.format import Holds
+from twin.exchange.formats import family, holding, motion_groups, rank
 
 TIME_TOL = 1e-5
 """Maximum difference in s between the times of the same key in two files; glTF stores times in single precision."""
@@ -21,10 +23,6 @@ BETWEEN_TOL = 1e-5
 
 BOX_TOL = 2e-5
 """Maximum difference in m between the bounding boxes of one link's meshes in two files."""
-
-STAGES = ("usd", "usda", "usdc")
-_RANK = {"truth": 0, "tracks": 1, "usda": 2, "usd": 2, "usdc": 2, "glb": 3, "gltf": 3, "csv": 4, "usdz": 5}
-"""Preference for each format as reference; 0 is the highest. Formats with more digits and data are preferred."""
 
 
 @dataclass(frozen=True)
@@ -44,20 +42,26 @@ def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Map
     """
     out = {name: Reference(Clip(name, np.asarray(t, float), links), MECHANISM) for name, (t, links) in truth.items()}
     # A stage does not state the name of its clip, which is then that of the file: <robot>_<clip>. The other files do.
-    stated = {clip.name: clip for c in contents if c.format not in (*STAGES, "usdz") for clip in c.clips}
+    stated = {clip.name: clip for c in contents if not _unnamed(c) for clip in c.clips}
     tracked = any(c.format == "tracks" for c in contents)
     unusable = dict.fromkeys(str(c.facts.get("protocol")) for c in contents if c.format == "tracks" and not c.clips)
-    for content in sorted(contents, key=lambda c: _RANK.get(c.format, 9)):
-        if content.format == "usdz" and any(not r.source.endswith(".usdz") for r in out.values()):
+    repeating = {c.file for c in contents if holding(c.format, Holds.REPEATED_MOTION)}
+    for content in sorted(contents, key=lambda c: rank(c.format)):
+        if content.file in repeating and any(r.source not in repeating for r in out.values()):
             continue  # <robot>_ar.usdz has the motion of another file, which `_counterpart` finds
         for clip in content.clips:
             name = clip.name
-            if content.format in (*STAGES, "usdz"):
+            if _unnamed(content):
                 name = _named(clip.name, out) or _named(clip.name, {**stated, **unusable}) or clip.name
             if tracked and content.format != "tracks" and name not in unusable:
                 continue
             out.setdefault(name, Reference(clip, content.file))
     return out
+
+
+def _unnamed(content: Content) -> bool:
+    """Return whether the motion of a file has the name of the file."""
+    return holding(content.format, Holds.UNNAMED_MOTION)
 
 
 def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
@@ -93,7 +97,7 @@ def _named(name: str, known: Mapping[str, object]) -> str | None:
 def _prefixes(contents: Sequence[Content], refs: Mapping[str, Reference]) -> frozenset[str]:
     """Return the parts before the name of the clip in the names of stages, such as <robot>_ in <robot>_<clip>."""
     out = set()
-    for clip in (clip for c in contents if c.format in (*STAGES, "usdz") for clip in c.clips):
+    for clip in (clip for c in contents if _unnamed(c) for clip in c.clips):
         if (name := _named(clip.name, refs)) is not None:
             out.add(clip.name.removesuffix("_ar").removesuffix(name))
     return frozenset(out - {""})
@@ -103,7 +107,7 @@ def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference], pr
     """Return the name of the reference clip for a clip; None if the clip has a name of its own, or nothing is alike."""
     if clip.name in refs:
         return clip.name
-    if content.format not in (*STAGES, "usdz"):
+    if not _unnamed(content):
         return None
     if (name := _named(clip.name, refs)) is not None:
         return name
@@ -275,8 +279,7 @@ def _common(a: Array, b: Array) -> tuple[Array, Array]:
 def _blame(contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping) -> None:
     """Report the reference file as wrong if all other files differ from the reference, but agree with each other."""
     for name, rows in compared.items():
-        independent = {"csv": "tracks"}
-        bad = [(c, clip) for c, clip, fits in rows if not fits and independent.get(c.format, c.format) != "tracks"]
+        bad = [(c, clip) for c, clip, fits in rows if not fits and family(c.format) != "tracks"]
         source = next((c for c in contents if c.file == refs[name].source), None)
         if source is None or len(bad) < 2 or len(bad) < sum(1 for c, _, _ in rows if c.format != "csv"):
             continue
@@ -304,7 +307,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
     """Report glTF files without clips if another file has a clip in which a link moves."""
     moving = [n for n, r in refs.items() if any(not _agrees(T, T[:1]) for T in r.clip.links.values())]
     for content in contents:
-        if content.format in ("glb", "gltf") and content.declared and not content.clips and moving:
+        if holding(content.format, Holds.ALL_MOTIONS) and content.declared and not content.clips and moving:
             name = moving[0]
             text = f"the file has no motion; {refs[name].source} has the motion '{name}'."
             content.ledger.add("compare.no_motion", "warning", text, "animations")
@@ -313,11 +316,11 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
     """Report each clip that a glTF file lacks, and each clip that all USD stages, JSON tracks or CSV tracks lack."""
     for content in contents:
-        if content.format in ("glb", "gltf") and content.clips and content.declared:
+        if holding(content.format, Holds.ALL_MOTIONS) and content.clips and content.declared:
             for name in sorted(set(refs) - {c.name for c in content.clips}):
                 text = f"clip '{name}' of {refs[name].source} is missing."
                 content.ledger.wrong("compare.missing_clip", text, name)
-    for kinds in (STAGES, ("tracks",), ("csv",)):
+    for kinds in motion_groups():
         group = [c for c in contents if c.format in kinds and c.clips]
         prefixes = _prefixes(contents, refs)
         have = {_counterpart(c, clip, refs, prefixes) for c in group for clip in c.clips}
@@ -330,10 +333,13 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
 
 def compare_rest(contents: Sequence[Content]) -> None:
     """Compare the rest poses of files, and report differences in each file's ledger."""
-    having = [
-        c for c in contents if c.rest and c.declared and (c.format == "glb" or (c.format in STAGES and not c.clips))
-    ]
-    having.sort(key=lambda c: _RANK.get(c.format, 9))
+    having = []
+    for content in contents:
+        # The links of a file with one motion may be at its start.
+        moved = content.clips and holding(content.format, Holds.ONE_MOTION)
+        if content.rest and content.declared and holding(content.format, Holds.REST) and not moved:
+            having.append(content)
+    having.sort(key=lambda c: rank(c.format))
     for content in having[1:]:
         first = having[0]
         shared = [n for n in first.rest if n in content.rest]
@@ -370,7 +376,7 @@ def _begins(content: Content) -> str:
 def compare_shapes(contents: Sequence[Content]) -> None:
     """Compare the bounding boxes and volumes of the links' meshes, and report differences in each file's ledger."""
     having = [c for c in contents if c.shapes]
-    having.sort(key=lambda c: _RANK.get(c.format, 9))
+    having.sort(key=lambda c: rank(c.format))
     for content in having[1:]:
         first, worst, where = having[0], 0.0, ""
         for name in (n for n in first.shapes if n in content.shapes):
@@ -397,7 +403,7 @@ def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
     said: dict[str, dict[str, str]] = {}
     for c in contents:
         if c.model_hash:
-            said.setdefault(c.model_hash, {})["tracks" if c.format == "csv" else c.format] = c.file
+            said.setdefault(c.model_hash, {})[family(c.format)] = c.file
     if not said:
         return
     common = proof or max(said, key=lambda h: len(said[h]))

@@ -21,11 +21,8 @@ from twin.exchange.audit.motion import Content, Shape
 from twin.exchange.audit.physics import TOOL, WORLD, Joint, Physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured, quantity
-
-_TRUST = ("truth", "usda", "usd", "usdc", "mjcf", "tracks", "urdf", "csv", "glb", "gltf", "usdz")
-_FAMILY = {"usda": "usd", "usdc": "usd", "gltf": "glb", "csv": "tracks"}
-"""Name of the source for a format, if different from the format: formats written from the same data are one source."""
-
+from twin.exchange.format import Holds
+from twin.exchange.formats import family, family_rank, holding, trust
 
 _GEOMETRY = ("place", "axis", "pose", "zero")
 """Quantities that show where the joints of a robot are."""
@@ -198,7 +195,7 @@ class View:
     @property
     def family(self) -> str:
         """Name of the source; formats that are written from the same data have the same source."""
-        return _FAMILY.get(self.format, self.format)
+        return family(self.format)
 
     def say(self, subject: str, values: Mapping[str, Any]) -> None:
         """Store the values {quantity: value} of a subject; None means that the file does not state the value."""
@@ -228,7 +225,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     stems = {(v.format, v.file.rsplit(".", 1)[0]) for v in views}
     for view in views:
         _state(view, canonical, known, movable)
-        if view.format in ("mjcf", "urdf") and any(
+        if holding(view.format, Holds.JOINT_TREE) and any(
             f == view.format and view.file.startswith(f"{s}_") for f, s in stems
         ):
             # A file for a single motion has other trocar positions; its `play` checks whether the loops close.
@@ -289,15 +286,19 @@ def _check_transmissions(views: Sequence[View]) -> None:
 
 
 def _known_links(views: Sequence[View]) -> set[str]:
-    """Return the links of the first source with links, in the order mechanism, tracks, USD, GLB; else of all files.
+    """Return the links of the first source with links: the mechanism, or the file with the smallest rank.
 
-    MJCF and URDF may have auxiliary links, for example between the hinges of a ball joint.
+    Files with auxiliary links, for example between the hinges of a ball joint, are used only if there are no others.
     """
-    for family in ("truth", "tracks", "usd", "glb"):
-        for v in views:
-            if v.family == family and v.physics.links:
-                return set(v.physics.links)
+    exact = [v for v in views if v.physics.links and (v.format == "truth" or holding(v.format, Holds.LINKS))]
+    if exact:
+        return set(min(exact, key=_order).physics.links)
     return {n for v in views for n in v.physics.links}
+
+
+def _order(view: View) -> int:
+    """Return the smallest rank of the files in the format of a source, 0 for the mechanism."""
+    return 0 if view.format == "truth" else family_rank(view.format)
 
 
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
@@ -307,7 +308,7 @@ def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
     several = tuple(f"{name}_" for name, kind in elsewhere if kind not in ("", "fixed", "revolute", "prismatic"))
     # A GLB contains the names of joints, but not their kinds.
     turns = {f"{name}_{part}" for name, kind in elsewhere if not kind for part in ("x", "y", "z", "slide")}
-    for view in sorted(views, key=lambda v: v.format in ("mjcf", "urdf")):  # these formats may split joints
+    for view in sorted(views, key=lambda v: holding(v.format, Holds.JOINT_TREE)):  # these may divide joints
         for joint in view.physics.reduced(known):
             within = {joint.parent, joint.child} <= known | {""}
             if not within or not joint.names or _match(joint, out, view):
@@ -394,7 +395,7 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         if (
             p.complete
             or (view.format == "tracks" and joint.kind in ("revolute", "prismatic"))
-            or (view.format in ("glb", "gltf") and p.joints)
+            or (holding(view.format, Holds.ALL_MOTIONS) and p.joints)
         ):
             view.say(f"joint '{name}'", {"existence": False})
     frames = dict(p.frames)
@@ -479,7 +480,7 @@ def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> N
         if link in known:
             inertial = {"mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
             view.say(f"link '{link}'", inertial if link in p.assumed else {"weighed": True} | inertial)
-    if view.format in ("urdf", "mjcf", "usda", "usd", "usdc") and p.masses:
+    if holding(view.format, Holds.MASSES) and p.masses:
         for link in known & set(p.links) - set(p.masses) - (still or frozenset()) - {WORLD}:
             view.say(f"link '{link}'", {"weighed": False})
 
@@ -583,7 +584,7 @@ def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
 
 
 def _trust(view: View) -> int:
-    return _TRUST.index(view.format) if view.format in _TRUST else len(_TRUST)
+    return 0 if view.format == "truth" else trust(view.format)
 
 
 def _weight(group: Sequence[View]) -> tuple[bool, int, int]:

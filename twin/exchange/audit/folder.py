@@ -2,48 +2,41 @@
 
 from __future__ import annotations
 
-import json
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from twin.core.errors import TwinError
 from twin.core.foreign.budget import check_size
+from twin.exchange.format import Format
+from twin.exchange.formats import audited
 
 MOST_FILES = 20_000
 """Maximum number of files in an audited folder."""
 
-STAGES = (".usd", ".usda", ".usdc")
-
 _TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".md"), "text")}
 """File name suffixes of text formats."""
-
-_LISTS = {".glb": "gltf", ".gltf": "gltf", ".usdz": "usdz", ".urdf": "urdf", **dict.fromkeys(STAGES, "stages")}
-"""For each suffix that belongs to a single format: name of the list in `Found` for files with this suffix."""
-
-_SUBLAYER = re.compile(r"@([^@\0]+\.usd[ac]?)@")
 
 
 @dataclass
 class Found:
-    """The files found, by kind, each kind sorted by path."""
+    """The files found.
+
+    Attributes:
+        root: the audited folder, or the folder of the audited file.
+        files: {name of a format: its files, or the folders that are audited as one}, in the order of reading.
+        proofs, readmes: the files proof.json and README.txt.
+    """
 
     root: Path
-    gltf: list[Path] = field(default_factory=list)
-    stages: list[Path] = field(default_factory=list)
-    usdz: list[Path] = field(default_factory=list)
-    tracks: list[Path] = field(default_factory=list)
-    csv: list[Path] = field(default_factory=list)
-    mjcf: list[Path] = field(default_factory=list)
-    urdf: list[Path] = field(default_factory=list)
-    unity: list[Path] = field(default_factory=list)
+    files: dict[str, list[Path]] = field(default_factory=dict)
     proofs: list[Path] = field(default_factory=list)
     readmes: list[Path] = field(default_factory=list)
 
     @property
     def count(self) -> int:
         """Number of files that can be audited without other files."""
-        return sum(len(v) for k, v in vars(self).items() if k not in ("root", "readmes"))
+        return len(self.proofs) + sum(len(files) for files in self.files.values())
 
     def name(self, path: Path) -> str:
         """Return a path as reports show it: relative to the audited folder."""
@@ -58,12 +51,10 @@ def find(path: Path) -> Found:
     """
     if path.is_file():
         out = Found(path.parent)
-        _sort(out, path, alone=True)
+        _sort(out, [path], alone=True)
         if not out.count:
-            raise TwinError(
-                f"{path}: a file of this kind cannot be audited; supported are .glb, .gltf, .usd, .usda, .usdc, "
-                ".usdz, tracks (.json, .csv), MJCF (.xml), .urdf and proof.json."
-            )
+            known = ", ".join(_shown(format) for format in audited() if format.variants)
+            raise TwinError(f"{path}: a file of this kind cannot be audited; supported are {known} and proof.json.")
         return out
     if not path.is_dir():
         raise TwinError(f"{path}: the file or folder does not exist")
@@ -77,95 +68,58 @@ def find(path: Path) -> Found:
                 check_size(file, suffix)
         if len(files) > MOST_FILES:
             raise TwinError(f"{path} contains more than {MOST_FILES} files: give the folder of one export")
-    packages = [f.parent for f in files if f.name == "package.json" and _is_package(f)]
-    out.unity = [p for p in packages if not any(p != q and p.is_relative_to(q) for q in packages)]
-    for file in files:
-        if not any(file.is_relative_to(p) for p in out.unity):
-            _sort(out, file, alone=False)
-    _leave_sublayers(out)
+    wholes = _wholes(files)
+    for format, folders in wholes:
+        out.files[format.name] = folders
+    inside = [folder for _, folders in wholes for folder in folders]
+    _sort(out, [f for f in files if not any(f.is_relative_to(folder) for folder in inside)], alone=False)
     if not out.count:
-        kinds = ".glb, .gltf, USD, .usdz, tracks, MJCF, URDF or Unity package"
-        raise TwinError(f"{path}: the folder has no file that can be audited ({kinds})")
+        known = ", ".join(format.title for format in audited())
+        raise TwinError(f"{path}: the folder has no file that can be audited ({known})")
     return out
 
 
-def _sort(out: Found, file: Path, alone: bool) -> None:
-    suffix = file.suffix.lower()
-    if suffix in _LISTS:
-        getattr(out, _LISTS[suffix]).append(file)
-    elif suffix == ".xml" and (alone or _starts(file, b"<mujoco")):
-        out.mjcf.append(file)
-    elif file.name == "README.txt" and not alone:
-        out.readmes.append(file)
-    elif file.name == "proof.json":
-        out.proofs.append(file)
-    elif suffix == ".json" and (alone or (not file.name.endswith(".schema.json") and _is_track(file))):
-        out.tracks.append(file)
-    elif suffix == ".csv" and (alone or _is_table(file)):
-        out.csv.append(file)
+def _shown(format: Format) -> str:
+    """Return the suffixes of a format for a message, with its name if others use the suffixes too."""
+    suffixes = ", ".join(variant.suffix for variant in format.variants)
+    return suffixes if format.recognise is None else f"{format.title} ({suffixes})"
 
 
-def _starts(file: Path, mark: bytes) -> bool:
-    """Return whether the first 4 kB of a file contain a marker."""
-    try:
-        with file.open("rb") as f:
-            return mark in f.read(4096)
-    except OSError:
-        return False
+def _wholes(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
+    """Return (format, folders) for each format whose folders are audited as one; a folder in another is part of it."""
+    found = []
+    for format in audited():
+        if format.marker:
+            folders = [f.parent for f in files if f.name == format.marker and format.accepts(f)]
+            outer = [p for p in folders if not any(p != q and p.is_relative_to(q) for q in folders)]
+            found.append((format, outer))
+    return found
 
 
-def _is_track(file: Path) -> bool:
-    """Return whether a JSON file is a track: its entry `schema` says so, wherever it stands.
-
-    A file that names the schema, but is not JSON, is a damaged track.
-    """
-    try:
-        data = file.read_bytes()
-        if b'"twin-track"' not in data:
-            return False
-        told = json.loads(data)
-    except OSError:
-        return False
-    except (ValueError, RecursionError):
-        return True
-    return isinstance(told, dict) and told.get("schema") == "twin-track"
-
-
-def _is_table(file: Path) -> bool:
-    """Return whether a CSV file is a track: one of the lines `# name: value` at its start names the schema."""
-    try:
-        with file.open("rb") as f:
-            for line in f:
-                if not line.startswith(b"#"):
-                    return False
-                if b"twin-track" in line:
-                    return True
-    except OSError:
-        return False
-    return False
+def _sort(out: Found, files: Sequence[Path], alone: bool) -> None:
+    """Add files to `out`. A file that is audited alone has the format of its suffix, even if it is damaged."""
+    formats = audited()
+    by_format: dict[str, list[tuple[int, Path]]] = {}
+    for file in files:
+        if file.name == "README.txt" and not alone:
+            out.readmes.append(file)
+        elif file.name == "proof.json":
+            out.proofs.append(file)
+        elif (format := _format_of(file, formats, alone)) is not None:
+            variant = format.variant(file)
+            if variant is not None:
+                by_format.setdefault(format.name, []).append((variant.rank, file))
+    for format in formats:
+        rows = by_format.get(format.name, [])
+        rows.sort(key=lambda row: row[0])
+        chosen = format.outermost([file for _, file in rows])
+        if chosen:
+            out.files[format.name] = chosen
 
 
-def _is_package(file: Path) -> bool:
-    """Return whether a package.json belongs to a Unity package: its entry `unity` states the editor version."""
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return "unity" in file.parent.name.lower()
-    return isinstance(data, dict) and "unity" in data
-
-
-def _leave_sublayers(out: Found) -> None:
-    """Remove stages from `out.stages` that are sublayers of another stage and have no sublayers of their own."""
-    named: set[Path] = set()
-    naming: set[Path] = set()
-    for stage in out.stages:
-        if stage.suffix != ".usda":
-            continue
-        try:
-            text = stage.read_text(encoding="utf-8", errors="replace")[:200_000]
-        except OSError:
-            continue
-        for target in _SUBLAYER.findall(text):
-            named.add((stage.parent / target).resolve())
-            naming.add(stage.resolve())
-    out.stages = [s for s in out.stages if s.resolve() not in named or s.resolve() in naming]
+def _format_of(file: Path, formats: Sequence[Format], alone: bool) -> Format | None:
+    having = [format for format in formats if format.variant(file) is not None]
+    for format in having:
+        if format.accepts(file):
+            return format
+    return having[0] if alone and having else None

@@ -211,12 +211,14 @@ class Ledger:
     """Collection of checks and findings on one file, filled while the file is read.
 
     `file` is the name of the file as shown in reports, relative to the audited folder. `placed` is whether geometry
-    of the file (poses of links, positions of joints) has been compared with the mechanism.
+    of the file (poses of links, positions of joints) has been compared with the mechanism. `code` is the first word of
+    the code of the finding that the file cannot be read.
     """
 
     file: str
     tool: str = "twin.exchange.audit"
     version: str = ""
+    code: str = "usd"
     checks: list[Check] = field(default_factory=list)
     found: list[Finding] = field(default_factory=list)
     placed: bool = False
@@ -287,9 +289,6 @@ class Ledger:
 _STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError)
 """Exceptions that the readers may raise for malformed input."""
 
-_KINDS = {".csv": "tracks", ".json": "tracks", ".urdf": "urdf", ".xml": "mjcf"}
-"""<format> in the finding code `<format>.unreadable`, for each file name suffix; for all other suffixes: "usd"."""
-
 Read = TypeVar("Read")
 
 
@@ -298,7 +297,7 @@ def guarded(read: Callable[[Path, Ledger], Read], path: Path, ledger: Ledger) ->
     try:
         return read(path, ledger)
     except ReadError as error:
-        ledger.add(error.code or f"{_KINDS.get(path.suffix.lower(), 'usd')}.unreadable", "error", f"{error}.")
+        ledger.add(error.code or f"{ledger.code}.unreadable", "error", f"{error}.")
     except (BudgetError, SourceError) as error:
         ledger.add("file.budget", "error", f"{error}")
     except OSError as error:

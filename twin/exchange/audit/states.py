@@ -20,6 +20,8 @@ from twin.exchange.audit.motion import Clip, Content, largest
 from twin.exchange.audit.physics import Frame, Joint, Line, Physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, quantity, um
+from twin.exchange.format import Holds
+from twin.exchange.formats import holding
 
 CLIP = "drawn joint states"
 """Name of the clip of the drawn states."""
@@ -410,7 +412,7 @@ def _rename(content: Content, links: Mapping[str, str], joints: Mapping[str, str
 
 def compare_joints(content: Content, truth: Physics) -> None:
     """Compare the poses of a file at rest with the joints of the mechanism, which hold at any joint values."""
-    if not content.rest or content.format in ("urdf", "mjcf") or not same_names(content.rest, truth.links):
+    if not content.rest or holding(content.format, Holds.JOINT_TREE) or not same_names(content.rest, truth.links):
         return
     links = {n: T[None] for n, T in content.rest.items()}
     within = [j for j in truth.joints if {j.parent, j.child} <= set(links) and not truth.trocars & set(j.names)]

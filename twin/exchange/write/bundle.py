@@ -20,6 +20,7 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
+from twin.exchange.formats import exported, named
 from twin.exchange.write import readme
 from twin.exchange.write.clip import Between, Budget, Clip, model_hash
 from twin.exchange.write.order import Order, Progress
@@ -121,19 +122,20 @@ def _row(c: Clip) -> tuple[str, ...]:
 
 
 def chosen_formats(asked: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the chosen formats in the order of `FORMATS`; if `asked` is None, return all formats.
+    """Return the names of the chosen formats in the order of an export; if `asked` is None, return all formats.
 
     Raises:
         TwinError: `asked` is empty, or a format does not exist; the message lists the known formats.
     """
+    known = tuple(format.name for format in exported())
     if asked is None:
-        return FORMATS
+        return known
     for name in asked:
-        if name not in FORMATS:
-            raise TwinError(unknown("format", name, FORMATS))
+        if name not in known:
+            raise TwinError(unknown("format", name, known))
     if not asked:
-        raise TwinError(f"no format is given. Known formats: {', '.join(FORMATS)}.")
-    return tuple(f for f in FORMATS if f in asked)
+        raise TwinError(f"no format is given. Known formats: {', '.join(known)}.")
+    return tuple(name for name in known if name in asked)
 
 
 def write_bundle(
@@ -166,7 +168,7 @@ def write_bundle(
         for i, name in enumerate(formats):
             progress(f"write {name}", i / len(formats))
             before = _tree(work)
-            findings += _WRITERS[name](order, work) or []
+            findings += write_format(name, order, work)
             written[name] = {f for f in _tree(work) - before if not f.endswith(".schema.json")}
         (work / "README.txt").write_text(readme.text(order, formats, findings), encoding="utf-8")
         progress("audit", 0.0)
@@ -182,6 +184,11 @@ def write_bundle(
     return Bundle(folder, tuple(formats), tuple(files), order, tuple(findings), tuple(checks))
 
 
+def write_format(name: str, order: Order, folder: Path) -> list[Finding]:
+    """Write the files of one format into `folder`; return findings, such as what the format cannot hold."""
+    return named(name).module("write").write(order, folder)
+
+
 def _tree(folder: Path) -> set[str]:
     return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
 
@@ -193,82 +200,11 @@ def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding
             "export.unjudged",
             min(files),
             f"the audit read none of the files of format '{name}', so these files are unchecked",
-            suggestion="add a reader for the format in twin/exchange/audit",
+            suggestion="add a reader for the format: audit.py in its folder",
         )
         for name, files in written.items()
         if files and not any(f == j or f.startswith(f"{j}/") for f in files for j in judged)
     ]
-
-
-# ------------------------------------------------------------------------------------------------ formats
-
-
-def _usd(order: Order, work: Path) -> None:
-    from twin.exchange.write.usd import write_usd
-
-    write_usd(order.mechanism, order.clips, work / "usd")
-
-
-def _usdz(order: Order, work: Path) -> None:
-    from twin.exchange.write.usdz import write_usdz
-
-    name, clips = order.mechanism.name, {c.name: c for c in order.clips}
-    first = clips[order.quick_looks[0]] if order.quick_looks else None
-    write_usdz(order.mechanism, first, work / f"{name}_ar.usdz")
-    for clip in order.quick_looks[1:]:
-        write_usdz(order.mechanism, clips[clip], work / f"{name}_{clip}_ar.usdz")
-
-
-def _glb(order: Order, work: Path) -> None:
-    from twin.exchange.write.glb import write_glb
-
-    write_glb(order.mechanism, order.clips, work / f"{order.mechanism.name}.glb")
-
-
-def _unity(order: Order, work: Path) -> None:
-    from twin.exchange.write.unity import write_unity
-
-    write_unity(work / "unity")
-
-
-def _tracks(order: Order, work: Path) -> None:
-    from twin.exchange.write.tracks import write_schema, write_tracks
-
-    for scene in order.scenes:
-        write_tracks(scene.mechanism, scene.clip, work / "tracks", order.mechanism, order.assumed)
-    write_schema(work / "tracks")
-
-
-def _mjcf(order: Order, work: Path) -> list[Finding]:
-    from twin.exchange.write.mjcf import mjcf_findings, write_mjcf
-
-    write_mjcf(order.mechanism, work)
-    for scene in order.elsewhere:
-        write_mjcf(scene.mechanism, work, f"{order.mechanism.name}_{scene.clip.name}")
-    return mjcf_findings(order.mechanism)
-
-
-def _urdf(order: Order, work: Path) -> list[Finding]:
-    from twin.exchange.write.urdf import urdf_findings, write_urdf
-
-    write_urdf(order.mechanism, work)
-    for scene in order.elsewhere:
-        write_urdf(scene.mechanism, work, f"{order.mechanism.name}_{scene.clip.name}")
-    return urdf_findings(order.mechanism)
-
-
-_WRITERS: dict[str, Callable[[Order, Path], list[Finding] | None]] = {
-    "usd": _usd,
-    "usdz": _usdz,
-    "glb": _glb,
-    "unity": _unity,
-    "tracks": _tracks,
-    "mjcf": _mjcf,
-    "urdf": _urdf,
-}
-
-FORMATS = tuple(_WRITERS)
-"""Names of all formats, in the order of export."""
 
 
 # ------------------------------------------------------------------------------------------------ proof

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from twin.core.findings import Finding
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
+from twin.exchange.formats import named, used
 from twin.exchange.write.order import Order
-from twin.exchange.write.urdf import has_closures
 
 _WIDTH = 100
 
@@ -22,7 +22,7 @@ def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> s
         ("What is where", list(_files(order, formats))),
         ("Conventions", _CONVENTIONS),
         ("Motions", list(_motions(order))),
-        ("How to use it", [line for f, line in _USES if f in formats]),
+        ("How to use it", [format.use for format in used() if format.name in formats]),
         ("Findings of the export", [f"- {f.message}" for f in findings] or ["- nothing"]),
         ("What has not been tested", _UNTRIED),
         ("Assumed: numbers that are not published", list(_assumed(order))),
@@ -49,64 +49,11 @@ _UNTRIED = [
     "The package has a self-test to be run in the editor.",
 ]
 
-_USES = [
-    ("glb", "- Quest browser, three.js, Blender: open the .glb; each protocol is an animation of its name."),
-    ("usdz", "- iPhone, iPad, Vision Pro: open the .usdz in AR Quick Look; the motion plays in a loop."),
-    (
-        "usd",
-        "- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>_sim.usda to simulate (joint state is authored, loops "
-        "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion. "
-        "Newton starts at home by its default importer, but its MuJoCo solver closes loops with its own soft springs: "
-        "set solver.mj_model.eq_solref to (0.001, 1) and eq_solimp to (0.9999, 0.9999, 0.001, 0.5, 2), or load the "
-        "MJCF, whose springs it reads.",
-    ),
-    ("unity", "- Unity: add unity/ as a package from disk, then use its menu to import the GLB and the tracks."),
-    ("tracks", "- Other programs: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json."),
-    (
-        "mjcf",
-        "- MuJoCo 3.13 or newer: load <robot>.xml and step, 1 ms at a time. It starts at home with closed loops, which "
-        "equality constraints hold; a control is the displacement of a drive from home (ctrl = coordinate - ref), "
-        "so that "
-        "zero holds the robot at home. Newton (add_mjcf) and Drake keep its loops closed as well; Drake leaves out its "
-        "actuators and tendons.",
-    ),
-    (
-        "urdf",
-        "- URDF tools: load <robot>.urdf; it has no loops, which <robot>.yaml states. To play a track, set every joint "
-        "to the value in the column of its name; a ball joint has three columns, <ball>_x, <ball>_y and <ball>_z.",
-    ),
-]
-
 
 def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
-    name = order.mechanism.name
-    rows = {
-        "usd": [
-            (f"usd/{name}.usda", "the robot for simulators and editors: physics.usda over geometry.usdc"),
-            (f"usd/{name}_sim.usda", "the same robot in a physics scene: open this file to simulate"),
-            *((f"usd/{name}_{c.name}.usda", f"the same robot, playing {c.name}") for c in order.clips),
-        ],
-        "usdz": [
-            (f"{name}_ar.usdz", f"for AR Quick Look, playing {order.quick_looks[0]}" if order.clips else "at rest"),
-            *((f"{name}_{c}_ar.usdz", f"the same robot, playing {c}") for c in order.quick_looks[1:]),
-        ],
-        "glb": [(f"{name}.glb", "shapes and all motions, y up" if order.clips else "shapes, y up")],
-        "unity": [("unity/", "Unity package: player, stream client, interaction, tests")],
-        "tracks": [
-            *((f"tracks/{c.name}.json, .csv", "joint values and link poses at keys") for c in order.clips),
-            ("tracks/track.schema.json", "description of the entries of a track"),
-        ],
-        "mjcf": [(f"{name}.xml", "MJCF, loops closed by constraints; shapes in meshes/ (mm)")],
-        "urdf": [
-            (f"{name}.urdf", "URDF, loops cut open; shapes in meshes/ (mm)"),
-            *(
-                [(f"{name}.yaml", "loops and couplings that the URDF cannot hold")]
-                if has_closures(order.mechanism)
-                else []
-            ),
-        ],
-    }
-    shown = [row for f in formats for row in rows[f]]
+    shown = []
+    for name in formats:
+        shown += named(name).module("write").files(order)
     shown.append(("proof.json", "source and hash of every file, and the values measured by independent readers"))
     width = max(len(file) for file, _ in shown)
     yield from (f"{file.ljust(width)}  {what}" for file, what in shown)

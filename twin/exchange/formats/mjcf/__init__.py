@@ -1,0 +1,1 @@
+"""MJCF, the format of MuJoCo: a tree of joints, with equality constraints that close loops."""

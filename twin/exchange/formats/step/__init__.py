@@ -1,0 +1,1 @@
+"""STEP: shapes of an assembly, without joints."""

@@ -1,0 +1,1 @@
+"""URDF: a tree of joints; a YAML file beside it closes loops."""

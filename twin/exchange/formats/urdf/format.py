@@ -1,0 +1,18 @@
+"""URDF in lists of formats."""
+
+from __future__ import annotations
+
+from twin.core.foreign.budget import BUDGETS
+from twin.exchange.format import Format, Holds, Places, Variant
+
+FORMAT = Format(
+    name="urdf",
+    title="URDF",
+    places=Places(export=70, use=70, audit=60, new=10),
+    variants=(Variant("urdf", ".urdf", "XML", BUDGETS["XML"], trust=40),),
+    holds=Holds.MASSES | Holds.JOINT_TREE,
+    code="urdf",
+    sources=(".urdf",),
+    use="- URDF tools: load <robot>.urdf; it has no loops, which <robot>.yaml states. To play a track, set every joint "
+    "to the value in the column of its name; a ball joint has three columns, <ball>_x, <ball>_y and <ball>_z.",
+)

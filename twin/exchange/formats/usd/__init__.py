@@ -1,0 +1,1 @@
+"""OpenUSD: layers with shapes, joints, masses and one motion in each stage."""

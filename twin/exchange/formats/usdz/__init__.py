@@ -1,0 +1,1 @@
+"""USDZ: one flattened stage in an archive, for AR Quick Look."""
