@@ -95,6 +95,7 @@ class Format:
         code: first word of the codes of findings.
         guard: name of the parser in another process that tries all files of the formats with this guard together.
         sources: suffixes of the files that `twin new` reads.
+        takes: options of `twin new` that the format has: "closures", "root".
         use: what to do with the files, a line of README.txt.
         package: package of the modules; set by `twin.exchange.formats`.
     """
@@ -110,6 +111,7 @@ class Format:
     code: str = ""
     guard: str = ""
     sources: tuple[str, ...] = ()
+    takes: tuple[str, ...] = ()
     use: str = ""
     package: str = ""
 

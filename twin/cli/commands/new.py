@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from twin.cli.parser import Command
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
+from twin.exchange.formats import imported
 
 if TYPE_CHECKING:
     from twin.core.findings import Finding
@@ -28,7 +29,8 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin new`."""
     command.add_argument("name", help="name of the robot (lower-case letters, digits and _), or the file to read")
     command.add_argument("file", nargs="?", help="the file to read, as --from")
-    command.text("--from", "FILE", ".urdf, .xml (MJCF), .sdf, .usd* or .step", dest="source")
+    suffixes = ", ".join(suffix for format in imported() for suffix in format.sources)
+    command.text("--from", "FILE", f"a file with one of these suffixes: {suffixes}", dest="source")
     command.text("--closures", "FILE", "closure YAML of a URDF (default: the .yaml file of the same name)")
     text = "robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)"
     command.text("--root", "NAME", text)
@@ -39,7 +41,7 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read a description or CAD and write the robot folder."""
     from twin.cli import show
-    from twin.exchange.read import SUFFIXES
+    from twin.exchange.read import suffixes
     from twin.usd.read.names import identifier
 
     if args.source and args.file:
@@ -48,8 +50,9 @@ def run(args: argparse.Namespace) -> int:
     source = Path(given or args.name)
     name = args.name
     if given is None:
-        if source.suffix.lower() not in SUFFIXES:
-            raise TwinError(f"'{args.name}' is not a file to read: give a file with --from ({', '.join(SUFFIXES)})")
+        known = suffixes()
+        if source.suffix.lower() not in known:
+            raise TwinError(f"'{args.name}' is not a file to read: give a file with --from ({', '.join(known)})")
         name = identifier(source.stem)
     elif identifier(name) != name:
         raise TwinError(f"'{name}' is not a valid robot name; use [a-z][a-z0-9_]*, as in {identifier(name)}")
@@ -75,14 +78,14 @@ def run(args: argparse.Namespace) -> int:
 def _make(
     args: argparse.Namespace, name: str, source: Path, target: Path, progress
 ) -> tuple[JsonObject, list[Finding]]:
-    from twin.exchange.read import kind_of, read
+    from twin.exchange.read import format_of, read
     from twin.exchange.read.closing import close
     from twin.exchange.read.folder import require_free, write_folder
     from twin.reference import ReferenceModel
 
     require_free(target, args.force)
     progress(f"read {source.name}", 0.0)
-    if kind_of(source) == "STEP":
+    if format_of(source).name == "step":
         from twin.exchange.read.step import read_skeleton, write_skeleton
 
         if args.closures or args.root:

@@ -20,35 +20,29 @@ from __future__ import annotations
 from pathlib import Path
 
 from twin.core.errors import SourceError
-from twin.exchange.read.source import Imported
-
-SUFFIXES = {
-    ".urdf": "URDF",
-    ".xml": "MJCF",
-    ".mjcf": "MJCF",
-    ".sdf": "SDF",
-    ".usd": "USD",
-    ".usda": "USD",
-    ".usdc": "USD",
-    ".usdz": "USD",
-    ".step": "STEP",
-    ".stp": "STEP",
-}
-"""File format by file name suffix."""
+from twin.exchange.format import Format
+from twin.exchange.formats import imported
+from twin.exchange.read.source import Imported, Options
 
 
-def kind_of(path: Path) -> str:
+def suffixes() -> dict[str, Format]:
+    """Return the formats that can be read, by file name suffix."""
+    return {suffix: format for format in imported() for suffix in format.sources}
+
+
+def format_of(path: Path) -> Format:
     """Return the format of an existing file.
 
     Raises:
         SourceError: the file does not exist, or its suffix is not supported.
     """
-    kind = SUFFIXES.get(path.suffix.lower())
-    if kind is None:
-        raise SourceError(f"{path}: suffix '{path.suffix}' is not supported; use one of {', '.join(SUFFIXES)}")
+    known = suffixes()
+    format = known.get(path.suffix.lower())
+    if format is None:
+        raise SourceError(f"{path}: suffix '{path.suffix}' is not supported; use one of {', '.join(known)}")
     if not path.is_file():
         raise SourceError(f"{path}: the file does not exist")
-    return kind
+    return format
 
 
 def read(path: Path, closures: Path | None = None, root: str | None = None, guarded: bool = True) -> Imported:
@@ -65,34 +59,9 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
         SourceError: the file cannot be read, or its content cannot be expressed as a mechanism.
         TwinError: the stage is invalid.
     """
-    kind = kind_of(path)
-    if closures is not None and kind != "URDF":
-        raise SourceError(f"{path}: a {kind} file states its own loops; a closure YAML is for URDF only")
-    if root is not None and kind not in ("USD", "SDF", "MJCF"):
-        raise SourceError(f"{path}: a {kind} file contains one robot: --root does not apply")
-    if kind == "STEP":
-        raise SourceError(f"{path}: a STEP file has no joints: use `twin new`, which makes a skeleton from it")
-    if kind == "URDF":
-        from twin.exchange.read.urdf import read_urdf
-
-        beside = path.with_suffix(".yaml")
-        return read_urdf(path, closures or (beside if beside.is_file() else None))
-    if kind == "SDF":
-        from twin.exchange.read.sdf import read_sdf
-
-        return read_sdf(path, root)
-    if kind == "MJCF":
-        from twin.exchange.read.mjcf import refuse_nan
-
-        refuse_nan(path)
-    if guarded:
-        from twin.core.foreign.admit import admit
-
-        admit(path)
-    if kind == "MJCF":
-        from twin.exchange.read.mjcf import read_mjcf
-
-        return read_mjcf(path, root)
-    from twin.exchange.read.usd import read_usd
-
-    return read_usd(path, root)
+    format = format_of(path)
+    if closures is not None and "closures" not in format.takes:
+        raise SourceError(f"{path}: a {format.title} file states its own loops; a closure YAML is for URDF only")
+    if root is not None and "root" not in format.takes:
+        raise SourceError(f"{path}: a {format.title} file contains one robot: --root does not apply")
+    return format.module("read").read(path, Options(closures, root, guarded))

@@ -34,6 +34,21 @@ class Findings(list[Finding]):
         self.append(warning(code, message, where))
 
 
+@dataclass(frozen=True)
+class Options:
+    """Options of a reader; each format uses those that apply to it.
+
+    Attributes:
+        closures: path of the closure YAML of a URDF; None: the YAML file of the same name, if it exists.
+        root: selects one of several robots in the file; None: the only robot.
+        guarded: first parse the file in a separate process.
+    """
+
+    closures: Path | None = None
+    root: str | None = None
+    guarded: bool = True
+
+
 @dataclass
 class Imported:
     """A mechanism in SI units, with findings on renamed, guessed, missing and omitted data.

@@ -29,6 +29,7 @@ FORMAT = Format(
     holds=Holds.MASSES | Holds.JOINT_TREE,
     code="mjcf",
     sources=(".xml", ".mjcf"),
+    takes=("root",),
     use="- MuJoCo 3.13 or newer: load <robot>.xml and step, 1 ms at a time. It starts at home with closed loops, which "
     "equality constraints hold; a control is the displacement of a drive from home (ctrl = coordinate - ref), so that "
     "zero holds the robot at home. Newton (add_mjcf) and Drake keep its loops closed as well; Drake leaves out its "

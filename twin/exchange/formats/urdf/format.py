@@ -13,6 +13,7 @@ FORMAT = Format(
     holds=Holds.MASSES | Holds.JOINT_TREE,
     code="urdf",
     sources=(".urdf",),
+    takes=("closures",),
     use="- URDF tools: load <robot>.urdf; it has no loops, which <robot>.yaml states. To play a track, set every joint "
     "to the value in the column of its name; a ball joint has three columns, <ball>_x, <ball>_y and <ball>_z.",
 )

@@ -46,6 +46,7 @@ FORMAT = Format(
     code="usd",
     guard="USD",
     sources=(".usd", ".usda", ".usdc", ".usdz"),
+    takes=("root",),
     use="- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>_sim.usda to simulate (joint state is authored, loops "
     "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion. "
     "Newton starts at home by its default importer, but its MuJoCo solver closes loops with its own soft springs: "
