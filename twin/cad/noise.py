@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import nnls
 
 from twin.cad import meeting
 from twin.cad.description import Description
@@ -98,6 +97,8 @@ def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise
     except CadError:  # the features hardly define the frames
         return None
     scale = np.array(_UNIT) ** 2
+    from scipy.optimize import nnls  # takes longer to import than most commands need for the rest
+
     variances = nnls(effect / scale[:, None], _squares(gaps) / scale)[0]
     position, direction = np.sqrt(variances) * _UNIT
     largest = float(np.linalg.norm(gaps[:, :3], axis=1).max())
