@@ -34,6 +34,14 @@ def _ok(result: subprocess.CompletedProcess[str]) -> str:
     return result.stdout
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled_once(tmp_path_factory):
+    """What Python compiles goes into one folder of its own: twin alone could write into the environment."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("compiled")))
+        yield
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
     """The wheel, built from a copy: no build leaves anything in the checkout."""
@@ -146,17 +154,15 @@ def test_what_is_missing_is_named_with_its_extra(venv, tmp_path, module, argv):
 
 
 def test_installed_twin_runs_the_main_job_from_another_directory(venv, tmp_path):
-    # Python's own caches go elsewhere, so that whatever else appears in site-packages was written by twin.
-    cache = {"PYTHONPYCACHEPREFIX": str(tmp_path / "pyc"), "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    cache["MPLCONFIGDIR"] = str(tmp_path / "matplotlib")
+    cache = {"XDG_CACHE_HOME": str(tmp_path / "cache")}  # an empty one: the drawing is read here
     before = _files(venv)
     there = tmp_path / "elsewhere"
     there.mkdir()
-    robots = json.loads(_ok(_run(venv / "bin/twin", "list", "--json", cwd=there, **cache)))
+    robots = json.loads(_ok(_run(venv / "bin/twin", "list", "--json", cwd=there)))
     assert [r["name"] for r in robots["robots"]] == sorted(
         p.stem for p in (ROOT / "cad").glob("*/*.toml") if p.stem == p.parent.name
     )
-    _ok(_run(venv / "bin/twin", "doctor", cwd=there, **cache))
+    _ok(_run(venv / "bin/twin", "doctor", cwd=there))
 
     out = _ok(_run(venv / "bin/twin", "run", "hibou", "--json", "--out", tmp_path / "out", cwd=there, **cache))
     report = json.loads(out)
@@ -164,7 +170,7 @@ def test_installed_twin_runs_the_main_job_from_another_directory(venv, tmp_path)
     assert (tmp_path / "out/usd/hibou.usda").is_file()
     assert (tmp_path / "out/cavity/report.html").is_file()
 
-    refused = _run(venv / "bin/twin", "build", "sils", "--json", cwd=there, **cache)
+    refused = _run(venv / "bin/twin", "build", "sils", "--json", cwd=there)
     assert refused.returncode == 2
     assert "--out" in json.loads(refused.stdout)["message"]
     assert list(there.iterdir()) == []
