@@ -33,28 +33,48 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
         raise OutputError(unknown("report format", wrong, FORMATS))
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    out: dict[str, Path] = {}
+    written: dict[str, Path] = {}
     figures = {}
     if formats & {"html", "png"} and drawable():
         from twin.ui.report import plots
 
         figures = plots.figures(report)
+    # bytes, because text would get other line ends on Windows
     if "html" in formats:
-        out["html"] = folder / "report.html"
-        out["html"].write_bytes(render_html(report, figures).encode())
+        page = render_html(report, figures)
+        path = folder / "report.html"
+        path.write_bytes(page.encode())
+        written["html"] = path
     if "json" in formats:
-        out["json"] = folder / "report.json"
-        out["json"].write_bytes((report.to_json() + "\n").encode())
+        text = report.to_json() + "\n"
+        path = folder / "report.json"
+        path.write_bytes(text.encode())
+        written["json"] = path
     if "png" in formats and figures:
-        (folder / "plots").mkdir(exist_ok=True)
+        plots_folder = folder / "plots"
+        plots_folder.mkdir(exist_ok=True)
         for name, figure in figures.items():
-            path = out[f"plots/{name}"] = folder / "plots" / f"{name}.png"
+            path = plots_folder / f"{name}.png"
             path.write_bytes(png(figure))
-    return out
+            written[f"plots/{name}"] = path
+    return written
 
 
-_PICTURES = ("console", "hazards", "operate", "procedure", "scene", "session", "stroke", "study", "sweep", "tolerance")
-_PICTURES += ("track", "trends", "workspace")
+_PICTURES = (
+    "console",
+    "hazards",
+    "operate",
+    "procedure",
+    "scene",
+    "session",
+    "stroke",
+    "study",
+    "sweep",
+    "tolerance",
+    "track",
+    "trends",
+    "workspace",
+)
 """Kinds of results with a picture; the picture is drawn by `figure(result)` of the module with the kind's name."""
 
 
@@ -70,12 +90,17 @@ def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     from twin.ui.report.page import render
 
     name = name or result.kind
-    (folder / f"{name}.json").write_text(result.to_json() + "\n", encoding="utf-8")
+    data = folder / f"{name}.json"
+    data.write_text(result.to_json() + "\n", encoding="utf-8")
     result.write(folder)
-    drawn, shown = None, [f"{name}.html"]
+    page = folder / f"{name}.html"
+    shown = [page.name]
+    figure = None
     if result.kind in _PICTURES and drawable():
-        drawn = import_module(f"twin.ui.report.{result.kind}").figure(result)
-        (folder / f"{name}.png").write_bytes(png(drawn))
-        shown.append(f"{name}.png")
-    (folder / f"{name}.html").write_text(render(result, name, drawn), encoding="utf-8")
+        module = import_module(f"twin.ui.report.{result.kind}")
+        figure = module.figure(result)
+        picture = folder / f"{name}.png"
+        picture.write_bytes(png(figure))
+        shown.append(picture.name)
+    page.write_text(render(result, name, figure), encoding="utf-8")
     return shown

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from twin.core import format as fmt
 from twin.core.findings import Finding, by_severity
 from twin.core.provenance import Parameter
@@ -22,7 +24,11 @@ if TYPE_CHECKING:
     from markupsafe import Markup
     from matplotlib.figure import Figure
 
-VERDICTS = {"agree": "Equations (A), CAD (B) and USD (C) agree", "disagree": "", "unchecked": "Could not check"}
+VERDICTS = {
+    "agree": "Equations (A), CAD (B) and USD (C) agree",
+    "disagree": "",
+    "unchecked": "Could not check",
+}
 """Headline of the report for each verdict; "": the function `word` makes the headline."""
 
 CAPTIONS = {
@@ -60,17 +66,25 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
     from twin.ui.report import style
     from twin.ui.report.plots import figures as draw
 
-    drawn = draw(report) if figures is None else figures
+    if figures is None:
+        figures = draw(report)
     title = f"{report.robot} on {report.protocol}"
-    pictures = {
-        name: {
-            "svg": Markup(style.svg(figure, name, f"{CAPTIONS.get(name, name)} {title}")),
-            "caption": CAPTIONS.get(name, name),
-        }
-        for name, figure in drawn.items()
-    }
-    told = {id(f) for c in report.causes for f in c.findings}
-    untold = [f for f in by_severity(report.findings) if id(f) not in told]
+    pictures = {}
+    for name, figure in figures.items():
+        caption = CAPTIONS.get(name, name)
+        svg = style.svg(figure, name, f"{caption} {title}")
+        pictures[name] = {"svg": Markup(svg), "caption": caption}
+    grave = []
+    infos = []
+    for finding in by_severity(_without_cause(report)):
+        if finding.severity == "info":
+            infos.append(finding)
+        else:
+            grave.append(finding)
+    origins = []
+    for origin in _ORIGINS:
+        number = sum(parameter.provenance == origin for parameter in report.parameters)
+        origins.append((origin, number))
     return _template().render(
         report=report,
         word=word(report),
@@ -78,22 +92,30 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
         to_do=_with_commands(report),
         figures_strip=key_figures(report),
         causes=report.causes,
-        grave=[f for f in untold if f.severity != "info"],
-        infos=[f for f in untold if f.severity == "info"],
+        grave=grave,
+        infos=infos,
         counts=_counts(report),
         groups=_groups(report),
         pictures=pictures,
         drawable=style.drawable(),
         parameters=_parameters(report),
-        origins=[(o, sum(p.provenance == o for p in report.parameters)) for o in _ORIGINS],
+        origins=origins,
         command=command(report),
     )
+
+
+def _without_cause(report: Report) -> list[Finding]:
+    """Return the findings that belong to none of the report's causes."""
+    explained = set()
+    for cause in report.causes:
+        explained.update(id(finding) for finding in cause.findings)
+    return [finding for finding in report.findings if id(finding) not in explained]
 
 
 def word(report: Report) -> str:
     """Return the headline for the verdict; for a disagreement, it names the models that disagree."""
     text = VERDICTS[report.verdict] or SIDES[report.causes[0].side]
-    return text[:1].upper() + text[1:]
+    return _capitalised(text)
 
 
 def reason(report: Report) -> str:
@@ -102,16 +124,22 @@ def reason(report: Report) -> str:
         return f"{_sentence(report.causes[0].head)} Unchecked quantities have no verdict."
     if report.verdict == "disagree":
         return _sentence(report.causes[0].head)
-    failing = [r for r in report.residuals if not r.agrees]
     judged = [r for r in report.residuals if r.tolerance is not None]
     if not judged:
         return "No finding of a disagreement; no residual has a tolerance."
-    fewest, most = min(r.samples for r in judged), max(r.samples for r in judged)
-    span = fmt.count(most, "sample") if fewest == most else f"{fewest} to {fmt.count(most, 'sample')}"
-    over = f", each at {span}" if most > 1 else ""
+    failing = sum(not r.agrees for r in report.residuals)
     if failing:  # a failing residual without a finding
-        return f"No finding of a disagreement; residuals above their tolerance: {len(failing)}."
-    return f"All {len(judged)} residuals with a tolerance are within their tolerance{over}."
+        return f"No finding of a disagreement; residuals above their tolerance: {failing}."
+    samples = [r.samples for r in judged]
+    fewest = min(samples)
+    most = max(samples)
+    text = f"All {len(judged)} residuals with a tolerance are within their tolerance"
+    if most <= 1:
+        return f"{text}."
+    span = fmt.count(most, "sample")
+    if fewest < most:
+        span = f"{fewest} to {span}"
+    return f"{text}, each at {span}."
 
 
 def key_figures(report: Report) -> list[dict[str, str]]:
@@ -119,34 +147,40 @@ def key_figures(report: Report) -> list[dict[str, str]]:
 
     The state is "good", "near", "bad" or "none". If the models disagree, the first number is that of the first cause.
     """
-
-    def worst(name: str, rows: list[Residual]) -> dict[str, str]:
-        if not rows:
-            return {"label": name, "value": fmt.NONE, "note": "not compared", "state": "none"}
-        r = headline(rows)
-        note = "no tolerance" if r.tolerance is None else f"limit {fmt.quantity(r.tolerance, r.unit)}"
-        state = "none" if r.tolerance is None else "good" if r.agrees else "bad"
-        if not r.agrees and r.consequence_of:
-            note, state = f"follows from {r.consequence_of}", "near"
-        return {"label": name, "value": fmt.quantity(r.worst, r.unit), "note": note, "state": state}
-
-    out = [
-        *_headline_figure(report),
-        worst("Tool position, A–B", curves.rows(report, "tool", "m", "A-B")),
-        worst("Tool rotation, A–B", curves.rows(report, "tool", "rad", "A-B")),
-        worst("Loop gap, B", curves.rows(report, "loop", "m", "B")),
-        _rcm_figure(report),
-        _clearance_figure(report),
-    ]
     length = curves.duration(report)
     phases = fmt.count(len(report.phases), "phase")
-    out.append({"label": "Duration", "value": fmt.seconds(length), "note": phases, "state": "none"})
+    out = [
+        *_headline_figure(report),
+        _worst_figure("Tool position, A–B", curves.rows(report, "tool", "m", "A-B")),
+        _worst_figure("Tool rotation, A–B", curves.rows(report, "tool", "rad", "A-B")),
+        _worst_figure("Loop gap, B", curves.rows(report, "loop", "m", "B")),
+        _rcm_figure(report),
+        _clearance_figure(report),
+        _key_figure("Duration", fmt.seconds(length), phases),
+    ]
     if report.parameters:
-        n = len(report.assumed)
-        note = f"of {fmt.count(len(report.parameters), 'parameter')}"
-        entry = {"label": "Assumed", "value": str(n), "note": note, "state": "none"}
-        out.append(entry | {"link": "#parameters"})
+        parameters = fmt.count(len(report.parameters), "parameter")
+        assumed = _key_figure("Assumed", str(len(report.assumed)), f"of {parameters}")
+        out.append(assumed | {"link": "#parameters"})
     return out
+
+
+def _key_figure(label: str, value: str, note: str, state: str = "none") -> dict[str, str]:
+    return {"label": label, "value": value, "note": note, "state": state}
+
+
+def _worst_figure(name: str, rows: list[Residual]) -> dict[str, str]:
+    """Return the key number of a compared quantity: the residual that the report's headline names."""
+    if not rows:
+        return _key_figure(name, fmt.NONE, "not compared")
+    row = headline(rows)
+    value = fmt.quantity(row.worst, row.unit)
+    if not row.agrees and row.consequence_of:
+        return _key_figure(name, value, f"follows from {row.consequence_of}", "near")
+    if row.tolerance is None:
+        return _key_figure(name, value, "no tolerance")
+    state = "good" if row.agrees else "bad"
+    return _key_figure(name, value, f"limit {fmt.quantity(row.tolerance, row.unit)}", state)
 
 
 def command(report: Report) -> str:
@@ -160,96 +194,138 @@ def _with_commands(report: Report) -> Markup:
     """Return the report's suggestion as HTML, with formatted command lines."""
     from markupsafe import Markup, escape
 
-    text, lines = str(escape(report.what_to_do)), [str(escape(line)) for line in report.commands.values()]
-    if lines:  # the longest first: a line can be a part of another line
-        text = re.sub("|".join(map(re.escape, sorted(lines, key=len, reverse=True))), r"<code>\g<0></code>", text)
+    text = str(escape(report.what_to_do))
+    lines = [str(escape(line)) for line in report.commands.values()]
+    if lines:
+        lines.sort(key=len, reverse=True)  # the longest first: a line can be a part of another line
+        any_line = "|".join(re.escape(line) for line in lines)
+        text = re.sub(any_line, r"<code>\g<0></code>", text)
     return Markup(text)
 
 
+def _capitalised(text: str) -> str:
+    """Return the text with a capital first letter; unlike `str.capitalize`, keep all other letters."""
+    return text[:1].upper() + text[1:]
+
+
 def _sentence(finding: Finding) -> str:
-    text = finding.message.strip()
-    text = text[:1].upper() + text[1:]
+    """Return the message as a sentence, which begins with the place of the finding if the message does not name it."""
+    message = finding.message.strip()
+    text = _capitalised(message)
     if finding.where and finding.where not in text:
-        text = f"{finding.where}: {finding.message.strip()}"
-    return text if text.endswith((".", "!", "?")) else f"{text}."
+        text = f"{finding.where}: {message}"
+    if text.endswith((".", "!", "?")):
+        return text
+    return f"{text}."
 
 
 def _headline_figure(report: Report) -> list[dict[str, str]]:
     """Return the first cause's key number, a value that `reason` also states; [] without cause or without value."""
-    if report.verdict != "disagree" or report.causes[0].head.size is None:
+    if report.verdict != "disagree":
         return []
     cause = report.causes[0]
-    limit = "" if cause.head.limit is None else f", limit {fmt.shown(cause.head.limit, cause.head.unit)}"
-    note = f"{cause.head.where}{limit}" if cause.head.where != cause.name else limit.removeprefix(", ")
-    value = fmt.shown(cause.head.size, cause.head.unit)
-    return [{"label": cause.name, "value": value, "note": note, "state": "bad", "link": "#findings"}]
+    finding = cause.head
+    if finding.size is None:
+        return []
+    limit = ""
+    if finding.limit is not None:
+        limit = f"limit {fmt.shown(finding.limit, finding.unit)}"
+    if finding.where == cause.name:
+        note = limit
+    elif limit:
+        note = f"{finding.where}, {limit}"
+    else:
+        note = finding.where
+    figure = _key_figure(cause.name, fmt.shown(finding.size, finding.unit), note, "bad")
+    return [figure | {"link": "#findings"}]
 
 
 def _rcm_figure(report: Report) -> dict[str, str]:
     """Return the mechanism's RCM error (if unknown, the planned RCM error), with the limit from the protocol."""
-    rows, planned = curves.rows(report, "rcm", "m"), curves.pair(report, "rcm_error")
-    if not rows and planned is None:
-        return {"label": "RCM error", "value": fmt.NONE, "note": "no RCM registered", "state": "none"}
+    rows = curves.rows(report, "rcm", "m")
+    planned = curves.pair(report, "rcm_error")
+    if rows:
+        # an error that could not be computed (NaN) counts as the largest
+        value = max((row.worst for row in rows), key=lambda error: math.inf if math.isnan(error) else error)
+    elif planned is not None:
+        _, errors = planned
+        value = float(np.nanmax(errors))
+    else:
+        return _key_figure("RCM error", fmt.NONE, "no RCM registered")
     limit = curves.rcm_tolerance(report)
-    values = [r.worst for r in rows] if rows or planned is None else [float(x) for x in planned[1].ravel() if x == x]
-    value = max(values, key=lambda x: math.inf if math.isnan(x) else x)
-    note = f"limit {fmt.quantity(limit, 'm')}" if limit else "no tolerance"
-    bad = any(not r.agrees for r in rows) or (limit is not None and not value <= limit)
-    state = "bad" if bad else "none" if limit is None else "good"
-    return {"label": "RCM error", "value": fmt.quantity(value, "m"), "note": note, "state": state}
+    note = "no tolerance"
+    if limit:
+        note = f"limit {fmt.quantity(limit, 'm')}"
+    state = "none" if limit is None else "good"
+    exceeds = limit is not None and not value <= limit  # true for NaN, too
+    if exceeds or any(not row.agrees for row in rows):
+        state = "bad"
+    return _key_figure("RCM error", fmt.quantity(value, "m"), note, state)
 
 
 def _clearance_figure(report: Report) -> dict[str, str]:
     found = curves.pair(report, "clearance", "clearance_t")
     if found is None or found[1].ndim != 1:
-        return {"label": "Minimum clearance", "value": fmt.NONE, "note": "not computed", "state": "none"}
-    t, y = found
-    k = min((i for i in range(len(y)) if y[i] == y[i]), key=lambda i: y[i])
-    state = "bad" if y[k] < 0 else "none"
-    return {
-        "label": "Minimum clearance",
-        "value": fmt.quantity(float(y[k]), "m"),
-        "note": f"at {fmt.seconds(float(t[k]))}",
-        "state": state,
-    }
+        return _key_figure("Minimum clearance", fmt.NONE, "not computed")
+    t, distances = found
+    k = int(np.nanargmin(distances))
+    distance = float(distances[k])
+    state = "bad" if distance < 0 else "none"
+    return _key_figure("Minimum clearance", fmt.quantity(distance, "m"), f"at {fmt.seconds(float(t[k]))}", state)
 
 
 def _counts(report: Report) -> list[str]:
     """Return texts that state the numbers of causes, of findings that follow from the causes, and of other findings."""
     causes = report.causes
-    told = {id(f) for c in causes for f in c.findings}
-    out = [fmt.count(len(causes), "cause")] if causes else []
-    for name, many in (("of the same kind", "also"), ("that follows", "follows"), ("that may follow", "perhaps")):
-        n = sum(len(getattr(c, many)) for c in causes)
-        out += [f"{fmt.count(n, 'finding')} {name if n == 1 else name.replace('follows', 'follow')}"] if n else []
-    for severity in ("warning", "info"):
-        n = sum(f.severity == severity and id(f) not in told for f in report.findings)
-        out += [fmt.count(n, "note" if severity == "info" else severity)] if n else []
-    return out
+    alike = sum(len(cause.also) for cause in causes)
+    following = sum(len(cause.follows) for cause in causes)
+    perhaps = sum(len(cause.perhaps) for cause in causes)
+    verb = "follows" if following == 1 else "follow"
+    others = _without_cause(report)
+    warnings = sum(finding.severity == "warning" for finding in others)
+    infos = sum(finding.severity == "info" for finding in others)
+    entries = (
+        (len(causes), "cause", ""),
+        (alike, "finding", " of the same kind"),
+        (following, "finding", f" that {verb}"),
+        (perhaps, "finding", " that may follow"),
+        (warnings, "warning", ""),
+        (infos, "note", ""),
+    )
+    return [f"{fmt.count(number, noun)}{addition}" for number, noun, addition in entries if number]
 
 
 def _groups(report: Report) -> list[dict[str, Any]]:
     """Return the residuals by pair of models: failing residuals first, consequences directly after their cause."""
     out = []
     for pair in pair_names(report):
-        rows = [r for r in report.residuals if r.pair == pair]
-        own = sorted((r for r in rows if not r.consequence_of), key=lambda r: r.agrees)
-        ordered: list[Residual] = []
-        for r in own:
-            ordered.append(r)
-            ordered += [c for c in rows if c.consequence_of in _aliases(r) and c not in ordered]
-        ordered += [r for r in rows if r not in ordered]
+        rows = [row for row in report.residuals if row.pair == pair]
         title, short = PAIRS.get(pair, (pair, pair))
-        out.append(
-            {
-                "pair": short,
-                "title": title[:1].upper() + title[1:],
-                "rows": ordered,
-                "bad": sum(not r.agrees for r in rows),
-                "judged": sum(r.tolerance is not None for r in rows),
-            }
-        )
+        group = {
+            "pair": short,
+            "title": _capitalised(title),
+            "rows": _by_cause(rows),
+            "bad": sum(not row.agrees for row in rows),
+            "judged": sum(row.tolerance is not None for row in rows),
+        }
+        out.append(group)
     return out
+
+
+def _by_cause(rows: list[Residual]) -> list[Residual]:
+    """Return residuals with failing ones first and each consequence directly after its cause."""
+    causes = [row for row in rows if not row.consequence_of]
+    causes.sort(key=lambda row: row.agrees)
+    ordered: list[Residual] = []
+    for cause in causes:
+        ordered.append(cause)
+        names = _aliases(cause)
+        for row in rows:
+            if row.consequence_of in names and row not in ordered:
+                ordered.append(row)
+    # last, consequences of residuals of another pair of models
+    ordered += [row for row in rows if row not in ordered]
+    return ordered
 
 
 def _aliases(row: Residual) -> set[str]:
@@ -260,12 +336,12 @@ def _aliases(row: Residual) -> set[str]:
 
 def _parameters(report: Report) -> list[tuple[str, list[Parameter]]]:
     """Return (title, parameters) of two groups: CAD, and all others. Assumed parameters are first in each group."""
-    ordered = sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance))
-    drawn = [p for p in ordered if p.name.startswith("drawing.")]
-    return [
-        ("Equations, limits, protocol", [p for p in ordered if p not in drawn]),
-        ("Dimensions of the CAD", drawn),
-    ]
+    drawn = []
+    others = []
+    for parameter in sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance)):
+        group = drawn if parameter.name.startswith("drawing.") else others
+        group.append(parameter)
+    return [("Equations, limits, protocol", others), ("Dimensions of the CAD", drawn)]
 
 
 def _parameter_value(p: Parameter) -> str:
@@ -273,7 +349,9 @@ def _parameter_value(p: Parameter) -> str:
 
 
 def _when(row: Residual) -> str:
-    return fmt.seconds(row.t) if math.isfinite(row.t) else fmt.NONE
+    if not math.isfinite(row.t):
+        return fmt.NONE
+    return fmt.seconds(row.t)
 
 
 def _bar(f: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
@@ -284,9 +362,13 @@ def _bar(f: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
     """
     if f.size is None or not f.limit or not math.isfinite(f.size):
         return None
-    alike = [abs(o.size) for o in beside if o.size is not None and o.unit == f.unit and math.isfinite(o.size)]
-    full = max(abs(f.size), 2 * abs(f.limit), *alike)
-    return {"size": round(100 * abs(f.size) / full, 1), "limit": round(100 * abs(f.limit) / full, 1)}
+    size = abs(f.size)
+    limit = abs(f.limit)
+    full = max(size, 2 * limit)
+    for other in beside:
+        if other.size is not None and other.unit == f.unit and math.isfinite(other.size):
+            full = max(full, abs(other.size))
+    return {"size": round(100 * size / full, 1), "limit": round(100 * limit / full, 1)}
 
 
 @cache

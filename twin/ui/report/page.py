@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from textwrap import dedent
 from typing import TYPE_CHECKING, Literal
 
-from twin.core.findings import Finding, by_severity
+from twin.core.findings import by_severity
 from twin.core.result import Line, Part, Result, Table
 from twin.core.version import __version__
 from twin.ui.report import style
@@ -22,15 +22,24 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
     """
     from markupsafe import Markup
 
-    title, *parts = merged(result.text())
-    title, _, rest = title.partition("\n") if isinstance(title, str) else (result.kind, "", "")
+    title = result.kind
+    first, *parts = merged(result.text())
+    if isinstance(first, str):
+        # the first line of the text is its title
+        title, _, rest = first.partition("\n")
+        rest = rest.strip("\n")
+        if rest.strip():
+            parts.insert(0, rest)
+    picture = None
+    if figure is not None:
+        picture = Markup(style.svg(figure, name, title))
     return style.template("page.html.j2").render(
         result=result,
         title=title,
         judged=result.judges and bool(result.word),
         findings=by_severity(result.findings),
-        parts=list(headed([*([rest.strip("\n")] if rest.strip() else []), *parts])),
-        picture=None if figure is None else Markup(style.svg(figure, name, title)),
+        parts=list(headed(parts)),
+        picture=picture,
         version=__version__,
         name=name,
     )
@@ -41,30 +50,44 @@ def headed(parts: Sequence[str | Table]) -> Iterator[tuple[Literal["heading", "t
 
     If this line is indented or belongs to a paragraph, it is not a heading.
     """
-    for part, after in zip(parts, [*parts[1:], None], strict=True):
+    followers = [*parts[1:], None]
+    for part, follower in zip(parts, followers, strict=True):
         if isinstance(part, Table):
             yield "table", part
             continue
-        above, _, last = part.rpartition("\n")
-        titles = isinstance(after, Table) and bool(last.strip()) and not last.startswith(" ")
-        titles = titles and not above.rpartition("\n")[2].strip()  # else the line belongs to a paragraph
-        text = dedent(above if titles else part).strip("\n")
+        heading = ""
+        text = part
+        if isinstance(follower, Table):
+            above, _, last = part.rpartition("\n")
+            _, _, line_before = above.rpartition("\n")
+            in_paragraph = bool(line_before.strip())
+            if last.strip() and not last.startswith(" ") and not in_paragraph:
+                heading = last
+                text = above
+        text = dedent(text).strip("\n")
         if text.strip():
             yield "text", text
-        if titles:
-            yield "heading", last
+        if heading:
+            yield "heading", heading
 
 
 def merged(parts: Iterable[Part]) -> Iterator[str | Table]:
     """Yield each table, and all lines between two tables as one block of text; findings are omitted."""
-    block: list[str] = []
+    lines: list[str] = []
     for part in parts:
         if isinstance(part, Table):
-            if "\n".join(block).strip():
-                yield "\n".join(block).strip("\n")
-            block = []
+            yield from _block(lines)
+            lines = []
             yield part
-        elif not isinstance(part, Finding):
-            block.append(part.text if isinstance(part, Line) else part)
-    if "\n".join(block).strip():
-        yield "\n".join(block).strip("\n")
+        elif isinstance(part, Line):
+            lines.append(part.text)
+        elif isinstance(part, str):
+            lines.append(part)
+    yield from _block(lines)
+
+
+def _block(lines: Sequence[str]) -> Iterator[str]:
+    """Yield the lines as one text, if they are not all blank."""
+    text = "\n".join(lines).strip("\n")
+    if text.strip():
+        yield text

@@ -22,7 +22,7 @@ def with_selftest(report: Report, path: Path) -> Report:
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-        same = (data["robot"], data["source"]) == (report.robot, report.environment.get("input"))
+        same = data["robot"] == report.robot and data["source"] == report.environment.get("input")
         facts = _facts(data)
     except (OSError, ValueError, KeyError, TypeError):
         return report
@@ -32,19 +32,25 @@ def with_selftest(report: Report, path: Path) -> Report:
 
 
 def _facts(data: dict[str, Any]) -> dict[str, str]:
+    share = 100 * data["share"]
+    required = 100 * data["bar"]
     alarms = len(data["false_alarms"])
-    out = {
-        "seeded faults found": f"{data['caught']} of {data['counted']} ({100 * data['share']:.1f} %; required "
-        f"{100 * data['bar']:.0f} %), {alarms} false alarms on the correct robot"
-    }
-    for f in data["families"]:
-        counted = f["seeded"] - f["equivalent"]
-        by = ", ".join(list(f["by"])[:3])
-        out[f"{f['family']}: {f['meaning']}"] = f"{f['caught'] + f['warned']} of {counted}" + (
-            f", by {by}" if by else ""
-        )
-    missed = [f"{o['family']}: {o['what']}" for o in data["faults"] if o["state"] == "missed"]
+    score = f"{data['caught']} of {data['counted']} ({share:.1f} %; required {required:.0f} %)"
+    facts = {"seeded faults found": f"{score}, {alarms} false alarms on the correct robot"}
+    for family in data["families"]:
+        found = family["caught"] + family["warned"]
+        # an equivalent fault changes nothing: there is nothing to find
+        counted = family["seeded"] - family["equivalent"]
+        text = f"{found} of {counted}"
+        checks = list(family["by"])[:3]
+        if checks:
+            text = f"{text}, by {', '.join(checks)}"
+        facts[f"{family['family']}: {family['meaning']}"] = text
+    missed = []
+    for fault in data["faults"]:
+        if fault["state"] == "missed":
+            missed.append(f"{fault['family']}: {fault['what']}")
     if missed:
-        out["missed"] = "; ".join(missed)
-    out["command"] = f"twin selftest {data['robot']} --seed {data['seed']} --count {len(data['faults'])}"
-    return out
+        facts["missed"] = "; ".join(missed)
+    facts["command"] = f"twin selftest {data['robot']} --seed {data['seed']} --count {len(data['faults'])}"
+    return facts
