@@ -22,7 +22,8 @@ _DRAWN = 20
 _STEPS = 60
 """Last step of the drawing; searches that do not converge by then stay where they are."""
 
-_LOWEST, _HIGHEST = 1e-16, 10.0
+_LOWEST = 1e-16
+_HIGHEST = 10.0
 """Range of the residual axis in m."""
 
 _COLOURS = (FIT, NEAR, UNFIT)
@@ -31,18 +32,18 @@ _COLOURS = (FIT, NEAR, UNFIT)
 
 def convergence(report: Report) -> Figure | None:
     """Draw the residual of each search over its steps; None if the report has no such searches."""
-    found = [(title, report.series.get(key), report.series.get(f"{key}.outcome")) for key, title in SEARCHES.items()]
-    known = [(title, history, outcome) for title, history, outcome in found if history is not None]
-    if not known:
+    keys = [key for key in SEARCHES if key in report.series]
+    if not keys:
         return None
-    figure, axes = panels(headline("Searches for tip and trocar", report), [3.0], len(known), head=1.3)
-    for i, (ax, (title, history, outcome)) in enumerate(zip(axes[0], known, strict=True)):
-        assert outcome is not None
-        _draw(ax, np.asarray(history), np.asarray(outcome))
-        ax.set_title(title, loc="left", fontsize=9, color=INK, pad=48)
+    figure, axes = panels(headline("Searches for tip and trocar", report), [3.0], len(keys), head=1.3)
+    for i, (ax, key) in enumerate(zip(axes[0], keys, strict=True)):
+        history = np.asarray(report.series[key])
+        outcome = np.asarray(report.series[f"{key}.outcome"])
+        _draw(ax, history, outcome)
+        ax.set_title(SEARCHES[key], loc="left", fontsize=9, color=INK, pad=48)
         lines, labels = ax.get_legend_handles_labels()
         ax.legend(
-            lines[::-1],
+            lines[::-1],  # solved searches, which are drawn last, come first
             labels[::-1],
             loc="lower left",
             bbox_to_anchor=(0, 1),
@@ -51,15 +52,22 @@ def convergence(report: Report) -> Figure | None:
             labelspacing=0.2,
             fontsize=8.5,
         )
-        log_ticks(ax, [10.0**e for e in range(-16, 1, 4)], _length)
+        log_ticks(ax, [1e-16, 1e-12, 1e-8, 1e-4, 1.0], _length)
         ax.set_ylim(_LOWEST, _HIGHEST)
         ax.set_xlim(0, _STEPS)
         ax.set_xlabel("step")
         ax.axhline(EXACT, color=INK, lw=1.0, ls=(0, (5, 2)), zorder=1.8)
         ax.annotate(
-            "tolerance", (1, EXACT), (-2, 2), xycoords=("axes fraction", "data"), textcoords="offset points",
-            color=INK, fontsize=8.5, ha="right", va="bottom",
-        )  # fmt: skip
+            "tolerance",
+            (1, EXACT),
+            (-2, 2),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            color=INK,
+            fontsize=8.5,
+            ha="right",
+            va="bottom",
+        )
         if i:
             ax.tick_params(labelleft=False)
     axes[0][0].set_ylabel("residual", labelpad=12)
@@ -67,7 +75,9 @@ def convergence(report: Report) -> Figure | None:
 
 
 def _length(value: float) -> str:
-    return "1 m" if value == 1.0 else f"{power(value, 1)} m".removeprefix("1×")
+    if value == 1.0:
+        return "1 m"
+    return f"{power(value, 1)} m".removeprefix("1×")
 
 
 def _draw(ax: Axes, history: Array, outcome: np.ndarray) -> None:
@@ -76,8 +86,12 @@ def _draw(ax: Axes, history: Array, outcome: np.ndarray) -> None:
         runs = np.flatnonzero(outcome == kind)
         if not len(runs):
             continue
-        for k, run in enumerate(runs[:_DRAWN]):
-            values = history[run][~np.isnan(history[run])][: _STEPS + 1]
-            label = f"{OUTCOMES[kind]}: {len(runs)}" if k == 0 else None
-            ax.plot(np.maximum(values, _LOWEST), color=_COLOURS[kind], lw=0.9, alpha=0.65, label=label)
-            ax.plot([len(values) - 1], [max(values[-1], _LOWEST)], ".", ms=3.5, color=_COLOURS[kind], clip_on=False)
+        color = _COLOURS[kind]
+        label: str | None = f"{OUTCOMES[kind]}: {len(runs)}"
+        for run in runs[:_DRAWN]:
+            steps = history[run]
+            steps = steps[~np.isnan(steps)]
+            values = np.maximum(steps[: _STEPS + 1], _LOWEST)
+            ax.plot(values, color=color, lw=0.9, alpha=0.65, label=label)
+            ax.plot([len(values) - 1], values[-1:], ".", ms=3.5, color=color, clip_on=False)
+            label = None  # one entry of the legend for all searches of an outcome

@@ -23,19 +23,26 @@ def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     k = len(y)
     if k <= points:
         return t, y
-    gaps = np.isnan(y)
-    each = 3 if gaps.any() else 2
-    intervals = (points - 2) // each
-    starts = np.linspace(0, k, intervals + 1).astype(int)
-    width = int(np.diff(starts).max())
-    rows = np.minimum(starts[:-1, None] + np.arange(width), starts[1:, None] - 1)  # short intervals repeat the last
+    has_gaps = bool(np.isnan(y).any())
+    kept_of_interval = 3 if has_gaps else 2
+    # two of the points are the ends of the curve
+    intervals = (points - 2) // kept_of_interval
+    bounds = np.linspace(0, k, intervals + 1).astype(int)
+    starts = bounds[:-1, None]
+    ends = bounds[1:, None]
+    width = int(np.diff(bounds).max())
+    # one row for each interval; intervals shorter than the longest repeat their last sample
+    rows = np.minimum(starts + np.arange(width), ends - 1)
     values = y[rows]
-    low, high = np.where(np.isnan(values), np.inf, values), np.where(np.isnan(values), -np.inf, values)
-    first = np.arange(intervals)
-    keep = [rows[first, low.argmin(axis=1)], rows[first, high.argmax(axis=1)], np.array([0, k - 1])]
-    if each == 3:
-        keep.append(rows[first, np.isnan(values).argmax(axis=1)])  # the first NaN of each interval
-    index = np.unique(np.concatenate(keep))
+    missing = np.isnan(values)
+    lowest = np.where(missing, np.inf, values).argmin(axis=1)
+    highest = np.where(missing, -np.inf, values).argmax(axis=1)
+    interval = np.arange(intervals)
+    kept = [np.array([0, k - 1]), rows[interval, lowest], rows[interval, highest]]
+    if has_gaps:
+        first_missing = missing.argmax(axis=1)
+        kept.append(rows[interval, first_missing])
+    index = np.unique(np.concatenate(kept))
     return t[index], y[index]
 
 
@@ -45,22 +52,33 @@ def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | No
     The result is None if a series is missing or has fewer than two samples, if the lengths of the two series differ, or
     if no value is finite.
     """
-    t, y = report.series.get(times), report.series.get(key)
-    if t is None or y is None:
+    if times not in report.series or key not in report.series:
         return None
-    t, y = np.asarray(t, float), np.asarray(y, float)
-    if t.ndim != 1 or len(t) < 2 or y.ndim == 0 or len(y) != len(t) or not np.isfinite(y).any():
+    t = np.asarray(report.series[times], float)
+    y = np.asarray(report.series[key], float)
+    if t.ndim != 1 or len(t) < 2:
         return None
-    return t, np.where(np.isfinite(y), y, np.nan)
+    if y.ndim == 0 or len(y) != len(t):
+        return None
+    finite = np.isfinite(y)
+    if not finite.any():
+        return None
+    # a curve has a gap at NaN only
+    return t, np.where(finite, y, np.nan)
 
 
 def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, Array, Array]]:
     """Yield (name, t, values) of each series `<prefix>.<name>` that can be drawn; see `pair`."""
+    start = f"{prefix}."
     for key in report.series:
-        if key.startswith(f"{prefix}."):
-            found = pair(report, key, times)
-            if found is not None and found[1].ndim == 1:
-                yield key[len(prefix) + 1 :], *found
+        if not key.startswith(start):
+            continue
+        found = pair(report, key, times)
+        if found is None:
+            continue
+        t, y = found
+        if y.ndim == 1:
+            yield key.removeprefix(start), t, y
 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
@@ -70,7 +88,8 @@ def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> 
 
 def tolerance(report: Report, quantity: RowKind, unit: str, pairs: str = "A-B") -> float | None:
     """Return the smallest tolerance of the residuals that `rows` selects; None if none of them has a tolerance."""
-    return min((r.tolerance for r in rows(report, quantity, unit, pairs) if r.tolerance), default=None)
+    tolerances = [r.tolerance for r in rows(report, quantity, unit, pairs) if r.tolerance]
+    return min(tolerances, default=None)
 
 
 def joint_unit(report: Report, joint: str) -> str:
@@ -81,7 +100,11 @@ def joint_unit(report: Report, joint: str) -> str:
 def alarms(report: Report) -> dict[str, float]:
     """Return the alarm value of each singularity measure, by name of the measure, as the findings state it."""
     codes = ("singularity.", "margin.singularity")
-    return {f.where: f.limit for f in report.findings if f.code.startswith(codes) and f.limit}
+    values = {}
+    for finding in report.findings:
+        if finding.code.startswith(codes) and finding.limit:
+            values[finding.where] = finding.limit
+    return values
 
 
 def rcm_tolerance(report: Report) -> float | None:
@@ -92,12 +115,15 @@ def rcm_tolerance(report: Report) -> float | None:
     of the models.
     """
     scale = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
-    limits = [
-        f.limit * scale[f.unit]
-        for f in report.findings
-        if f.code in ("rcm.missed", "rcm.kept") and f.limit and f.unit in scale
-    ]
-    return min(limits) if limits else tolerance(report, "rcm", "m", "")
+    limits = []
+    for finding in report.findings:
+        if finding.code not in ("rcm.missed", "rcm.kept"):
+            continue
+        if finding.limit and finding.unit in scale:
+            limits.append(finding.limit * scale[finding.unit])
+    if limits:
+        return min(limits)
+    return tolerance(report, "rcm", "m", "")
 
 
 def duration(report: Report) -> float | None:
@@ -105,4 +131,6 @@ def duration(report: Report) -> float | None:
     if report.phases:
         return report.phases[-1].t1 - report.phases[0].t0
     t = report.series.get("t")
-    return None if t is None or len(t) == 0 else float(t[-1] - t[0])
+    if t is None or len(t) == 0:
+        return None
+    return float(t[-1] - t[0])

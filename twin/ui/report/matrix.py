@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from twin.core.format import quantity
 from twin.ui.report.style import FIT, INK, UNFIT, WIDTH, headline
 from twin.validation.result import Report, Residual
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PAIRS = {
@@ -24,7 +28,10 @@ PAIRS = {
 """(Long, short) title of each pair of models, in the order of display; pairs that are not listed come last."""
 
 _MOST_ROWS = 48
+
 _LONGEST = 28
+"""Maximum number of letters of a row's name."""
+
 _DECADES = 6.0
 """A green cell is darkest at this number of orders of magnitude below the tolerance, a red cell at half this number
 above the tolerance."""
@@ -40,23 +47,31 @@ def label(row: Residual) -> str:
     """Return the compared quantity of a residual as text: "point s1", "tool rotation", "driven joint q3"."""
     angular = row.unit.startswith("rad")
     if row.quantity == "tool":
-        where = "" if row.name == "tool" else f" {row.name}"
-        return f"tool {'rotation' if angular else 'position'}{where}"
+        text = "tool rotation" if angular else "tool position"
+        if row.name == "tool":
+            return text
+        return f"{text} {row.name}"
     if row.quantity in ("driven", "passive"):
         return f"{row.quantity} joint {row.name}"
     if row.quantity in ("speed", "acceleration", "baked"):
-        what = {"speed": "speed", "acceleration": "acceleration", "baked": "baked"}[row.quantity]
-        turning = " (rotation)" if angular and row.name == "tool" else ""
-        return f"{what} {row.name}{turning}"
+        text = f"{row.quantity} {row.name}"
+        if angular and row.name == "tool":
+            return f"{text} (rotation)"
+        return text
     if row.quantity == "loop":
-        return f"loop gap {row.name}" + (" (rotation)" if angular else "")
+        text = f"loop gap {row.name}"
+        if angular:
+            return f"{text} (rotation)"
+        return text
     if row.quantity == "trocar":
         return row.name
     if row.quantity in ("duration", "limit"):
         return f"{row.quantity} of {row.name}"
-    return "RCM error" if row.quantity == "rcm" and row.name in ("rcm", "tool", "") else (
-        f"{'RCM' if row.quantity == 'rcm' else row.quantity} {row.name}"
-    )  # fmt: skip
+    if row.quantity == "rcm":
+        if row.name in ("rcm", "tool", ""):
+            return "RCM error"
+        return f"RCM {row.name}"
+    return f"{row.quantity} {row.name}"
 
 
 def decades(row: Residual) -> float | None:
@@ -74,54 +89,82 @@ def residual_matrix(report: Report) -> Figure | None:
     """
     if len(report.residuals) < 2:
         return None
-    from matplotlib.colors import to_rgb
     from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
 
     pairs = pair_names(report)
-    table: dict[str, dict[str, Residual]] = {}
-    for row in report.residuals:
-        cells = table.setdefault(label(row), {})
-        if row.pair not in cells or row.worst > cells[row.pair].worst:
-            cells[row.pair] = row
+    table = _worst_of_cells(report.residuals)
     names = _most_telling(table)
-    height, head, left = 0.21, 0.92, 2.0
-    size = head + height * len(names) + 0.5
-    figure = Figure(figsize=(WIDTH, size))
-    ax = figure.add_axes((left / WIDTH, 0.42 / size, 1 - (left + 0.2) / WIDTH, height * len(names) / size))
+    # in inches
+    row_height = 0.21
+    head = 0.92
+    foot = 0.5
+    left = 2.0
+    right = 0.2
+    total_height = head + row_height * len(names) + foot
+    figure = Figure(figsize=(WIDTH, total_height))
+    wide = 1 - (left + right) / WIDTH
+    tall = row_height * len(names) / total_height
+    ax = figure.add_axes((left / WIDTH, 0.42 / total_height, wide, tall))
     for y, name in enumerate(names):
         for x, pair in enumerate(pairs):
             row = table[name].get(pair)
-            if row is None:
-                continue
-            over = decades(row)
-            bad = not row.agrees
-            color = "none" if over is None and not bad else UNFIT if bad else FIT
-            strength = min(1.0, abs(over if over is not None else _DECADES) / _DECADES)
-            alpha = 0.35 + 0.6 * min(1.0, strength * 2) if bad else 0.10 + 0.38 * strength
-            ax.add_patch(Rectangle((x + 0.02, y + 0.05), 0.96, 0.9, fc=color, alpha=alpha, lw=0))
-            dark = bad and alpha > 0.6
-            ax.text(
-                x + 0.5, y + 0.52, f"{'✗ ' if bad else ''}{quantity(row.worst, row.unit)}",
-                ha="center", va="center", fontsize=8.5, fontweight="bold" if bad else "normal",
-                color="white" if dark and sum(to_rgb(UNFIT)) < 2 else INK,
-            )  # fmt: skip
-    ax.set(xlim=(0, len(pairs)), ylim=(len(names), 0), yticks=[i + 0.5 for i in range(len(names))])
+            if row is not None:
+                _draw_cell(ax, x, y, row)
+    rows = np.arange(len(names)) + 0.5
+    columns = np.arange(len(pairs)) + 0.5
+    ax.set(xlim=(0, len(pairs)), ylim=(len(names), 0), yticks=rows)
     ax.set_yticklabels([_short(name) for name in names], fontsize=8.5)
-    size_of_headings = 8.5 if len(pairs) < 6 else 7.5
-    ax.set_xticks([i + 0.5 for i in range(len(pairs))], [_heading(p) for p in pairs], fontsize=size_of_headings)
+    heading_size = 8.5 if len(pairs) < 6 else 7.5
+    ax.set_xticks(columns, [_heading(pair) for pair in pairs], fontsize=heading_size)
     ax.xaxis.tick_top()
     ax.tick_params(length=0)
     ax.grid(visible=False)
     for spine in ax.spines.values():
         spine.set_visible(False)
     title = headline("Worst residuals", report)
-    figure.text(0.12 / WIDTH, 1 - 0.24 / size, title, fontsize=11, fontweight="bold", va="center")
+    figure.text(0.12 / WIDTH, 1 - 0.24 / total_height, title, fontsize=11, fontweight="bold", va="center")
+    legend = "green: within tolerance (darker: further below it); red ✗: beyond tolerance; no colour: no tolerance"
     dropped = len(table) - len(names)
-    foot = "green: within tolerance (darker: further below it); red ✗: beyond tolerance; no colour: no tolerance"
-    foot += f"; not shown: the {dropped} rows furthest below their tolerance" if dropped else ""
-    figure.text(left / WIDTH, 0.2 / size, foot, fontsize=8, va="center")
+    if dropped:
+        legend += f"; not shown: the {dropped} rows furthest below their tolerance"
+    figure.text(left / WIDTH, 0.2 / total_height, legend, fontsize=8, va="center")
     return figure
+
+
+def _worst_of_cells(residuals: Iterable[Residual]) -> dict[str, dict[str, Residual]]:
+    """Return the largest residual of each cell, by name of the row, then by pair of models."""
+    table: dict[str, dict[str, Residual]] = {}
+    for residual in residuals:
+        cells = table.setdefault(label(residual), {})
+        other = cells.get(residual.pair)
+        if other is None or residual.worst > other.worst:
+            cells[residual.pair] = residual
+    return table
+
+
+def _draw_cell(ax: Axes, x: int, y: int, row: Residual) -> None:
+    """Draw a residual as a coloured cell of column x and row y, with its value."""
+    from matplotlib.patches import Rectangle
+
+    over = decades(row)
+    strength = 1.0
+    if over is not None:
+        strength = min(1.0, abs(over) / _DECADES)
+    text = quantity(row.worst, row.unit)
+    ink = INK
+    weight = "normal"
+    if not row.agrees:
+        color = UNFIT
+        alpha = 0.35 + 0.6 * min(1.0, 2 * strength)
+        text = f"✗ {text}"
+        weight = "bold"
+        if alpha > 0.6:
+            ink = "white"
+    else:
+        color = "none" if over is None else FIT
+        alpha = 0.10 + 0.38 * strength
+    ax.add_patch(Rectangle((x + 0.02, y + 0.05), 0.96, 0.9, fc=color, alpha=alpha, lw=0))
+    ax.text(x + 0.5, y + 0.52, text, ha="center", va="center", fontsize=8.5, fontweight=weight, color=ink)
 
 
 def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
@@ -130,8 +173,13 @@ def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
         return list(table)
 
     def worst(name: str) -> float:
-        known = [d for row in table[name].values() if (d := decades(row)) is not None]
-        return max(known, default=-math.inf)
+        """Return the largest ratio of a row's residuals to their tolerances, in decades."""
+        largest = -math.inf
+        for row in table[name].values():
+            over = decades(row)
+            if over is not None:
+                largest = max(largest, over)
+        return largest
 
     kept = set(sorted(table, key=worst, reverse=True)[:_MOST_ROWS])
     return [name for name in table if name in kept]
@@ -146,4 +194,6 @@ def _heading(pair: str) -> str:
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+    if len(text) <= _LONGEST:
+        return text
+    return f"{text[: _LONGEST - 1]}…"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -38,9 +39,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_Line = tuple[str, Array, Array]
+"""Label, times in s and values of a curve."""
+
 _RATES = (("displacement", ""), ("speed", "/s"), ("acceleration", "/s²"))
+"""Quantity of each row, and what its unit has in addition to the unit of the displacement."""
+
 _NOISY = 800
 """Maximum number of points in a noisy curve, because the page contains all points."""
+
 _SIDE = 1.5
 """Width in inches of a legend beside the axes."""
 
@@ -50,25 +57,33 @@ def active_joints(report: Report) -> Figure | None:
 
     Prismatic joints are in one column, revolute joints in another.
     """
-    series = [curves.pair(report, key) for key in ("q", "qd", "qdd")]
-    if any(s is None or s[1].ndim != 2 for s in series):
-        return None
-    n = min(s[1].shape[1] for s in series if s is not None)
-    names = (*report.joint_names, *(f"q{j + 1}" for j in range(n)))[:n] if report.joint_names else [
-        f"q{j + 1}" for j in range(n)
-    ]  # fmt: skip
+    series: list[tuple[Array, Array]] = []
+    for key in ("q", "qd", "qdd"):
+        found = curves.pair(report, key)
+        if found is None or found[1].ndim != 2:
+            return None
+        series.append(found)
+    n = min(values.shape[1] for _, values in series)
+    names = list(report.joint_names[:n])
+    # joints without a name in the report are numbered
+    for j in range(n - len(names)):
+        names.append(f"q{j + 1}")
     units = [curves.joint_unit(report, name) for name in names]
-    kinds = [u for u in ("m", "rad") if u in units]
-    figure, axes = panels(headline("Active joints", report), [1.75] * 3, len(kinds))
-    for c, kind in enumerate(kinds):
-        factor, sign = (MM, "mm") if kind == "m" else (DEG, "°")
+    columns = [unit for unit in ("m", "rad") if unit in units]
+    figure, axes = panels(headline("Active joints", report), [1.75] * 3, len(columns))
+    for c, unit in enumerate(columns):
+        factor = MM
+        sign = "mm"
+        if unit == "rad":
+            factor = DEG
+            sign = "°"
         for r, (what, per) in enumerate(_RATES):
-            found = series[r]
-            assert found is not None
             ax = axes[r][c]
-            for j in (j for j in range(n) if units[j] == kind):
-                t, y = curves.thin(found[0], found[1][:, j] / factor)
-                ax.plot(t, y, label=names[j], **_line(j))
+            times, values = series[r]
+            for j, name in enumerate(names):
+                if units[j] == unit:
+                    t, y = curves.thin(times, values[:, j] / factor)
+                    ax.plot(t, y, label=name, **_line_style(j))
             ax.set_ylabel(f"{what} [{sign}{per}]")
         legend_above(axes[0][c])
     return _finish(figure, axes, report)
@@ -86,12 +101,15 @@ def tool_motion(report: Report) -> Figure | None:
     columns = 2 if angular else 1
     figure, axes = panels(headline("Tool motion", report), [1.75] * 3, columns)
     for r, (what, per) in enumerate(_RATES):
-        _draw_xyz(axes[r][0], linear[r], curves.pair(report, f"{'pva'[r]}_tool_B", "t_coarse"), "xyz", MM)
+        reference = curves.pair(report, f"{'pva'[r]}_tool_B", "t_coarse")
+        _draw_xyz(axes[r][0], linear[r], reference, "xyz", MM)
         axes[r][0].set_ylabel(f"{what} [mm{per}]")
-        if angular:
-            reference = _angles(report, "angles_B", "t_coarse")
-            _draw_xyz(axes[r][1], angular[r], reference[r] if reference else None, "ψθφ", DEG)
-            axes[r][1].set_ylabel(("angle", "angle rate", "second derivative")[r] + f" [°{per}]")
+    if angular:
+        references = _angles(report, "angles_B", "t_coarse") or [None] * 3
+        for r, what in enumerate(("angle", "angle rate", "second derivative")):
+            _, per = _RATES[r]
+            _draw_xyz(axes[r][1], angular[r], references[r], "ψθφ", DEG)
+            axes[r][1].set_ylabel(f"{what} [°{per}]")
     for ax in axes[0]:
         legend_above(ax)
     return _finish(figure, axes, report)
@@ -99,39 +117,70 @@ def tool_motion(report: Report) -> Figure | None:
 
 def residuals(report: Report) -> Figure | None:
     """Draw differences between formula and mechanism over time: tool and points, driven joints, tool rotation."""
-    driven: dict[str, list[tuple[str, Array, Array]]] = {"m": [], "rad": []}
-    for name, t, y in curves.named(report, "residual_driven", "t_coarse"):
-        driven[curves.joint_unit(report, name)].append((name, t, y))
-    length = list(curves.named(report, "residual_point", "t_coarse"))
-    tool = curves.pair(report, "residual_tool")
-    turn = curves.pair(report, "residual_rotation")
-    groups: list[tuple[str, str, list[tuple[str, Array, Array]], tuple[RowKind, ...]]] = [
-        ("tool and points", "m", ([("tool", *tool)] if tool else []) + length, ("tool", "point")),
-        ("driven joints", "m", driven["m"], ("driven",)),
-        ("driven joints", "rad", driven["rad"], ("driven",)),
-        ("tool rotation", "rad", [("tool", *turn)] if turn else [], ("tool",)),
-    ]
-    groups = [g for g in groups if g[2]]
+    groups = _residual_groups(report)
     if not groups:
         return None
-    heights = [1.9 if len(lines) > 1 else 1.3 for _, _, lines, _ in groups]
+    heights = [1.9 if len(group.lines) > 1 else 1.3 for group in groups]
     figure, axes = panels(headline("Formula against mechanism", report), heights, 1, _SIDE, 0.62, 0.3)
     phase_bands(axes, report.phases)
-    for (ax,), (title, unit, lines, quantities) in zip(axes, groups, strict=True):
-        limits = {q: limit for q in quantities if (limit := curves.tolerance(report, q, unit)) is not None}
-        log_axis(ax, unit, [np.abs(y) for _, _, y in lines], list(limits.values()))
-        floor = ax.get_ylim()[0]
-        for i, (name, t, y) in enumerate(lines):
-            first = lines[0][0] == "tool"
-            style = {"color": INK, "lw": 1.6} if first and i == 0 else _line(i - first)
-            ax.plot(*curves.thin(t, np.maximum(np.abs(y), floor), _NOISY), label=name, **style)
-        for value in sorted(set(limits.values())):
-            limit_line(ax, value, f"tolerance {quantity(value, unit)}")
-        _mark_worst(ax, unit, lines, min(limits.values(), default=np.inf))
-        ax.set_ylabel(title)
-        if len(lines) > 1:
+    for (ax,), group in zip(axes, groups, strict=True):
+        limits = []
+        for kind in group.kinds:
+            limit = curves.tolerance(report, kind, group.unit)
+            if limit is not None:
+                limits.append(limit)
+        log_axis(ax, group.unit, [np.abs(y) for _, _, y in group.lines], limits)
+        floor, _ = ax.get_ylim()
+        colored = 0
+        for name, t, y in group.lines:
+            if name == "tool":
+                style = {"color": INK, "lw": 1.6}
+            else:
+                style = _line_style(colored)
+                colored += 1
+            t_drawn, y_drawn = curves.thin(t, np.maximum(np.abs(y), floor), _NOISY)
+            ax.plot(t_drawn, y_drawn, label=name, **style)
+        for limit in sorted(set(limits)):
+            limit_line(ax, limit, f"tolerance {quantity(limit, group.unit)}")
+        _mark_worst(ax, group.unit, group.lines, min(limits, default=np.inf))
+        ax.set_ylabel(group.title)
+        if len(group.lines) > 1:
             legend_beside(ax)
     return figure
+
+
+@dataclass(frozen=True)
+class _ResidualGroup:
+    """Residuals that have axes in common: their title, unit and curves, and the kinds of rows with their tolerances."""
+
+    title: str
+    unit: str
+    lines: list[_Line]
+    kinds: tuple[RowKind, ...]
+
+
+def _residual_groups(report: Report) -> list[_ResidualGroup]:
+    """Return the groups of residuals for which the report has curves."""
+    positions: list[_Line] = []
+    tool = curves.pair(report, "residual_tool")
+    if tool is not None:
+        positions.append(("tool", *tool))
+    positions += curves.named(report, "residual_point", "t_coarse")
+    driven: dict[str, list[_Line]] = {"m": [], "rad": []}
+    for line in curves.named(report, "residual_driven", "t_coarse"):
+        unit = curves.joint_unit(report, line[0])
+        driven[unit].append(line)
+    rotations: list[_Line] = []
+    rotation = curves.pair(report, "residual_rotation")
+    if rotation is not None:
+        rotations.append(("tool", *rotation))
+    groups = (
+        _ResidualGroup("tool and points", "m", positions, ("tool", "point")),
+        _ResidualGroup("driven joints", "m", driven["m"], ("driven",)),
+        _ResidualGroup("driven joints", "rad", driven["rad"], ("driven",)),
+        _ResidualGroup("tool rotation", "rad", rotations, ("tool",)),
+    )
+    return [group for group in groups if group.lines]
 
 
 def rcm(report: Report) -> Figure | None:
@@ -145,10 +194,14 @@ def rcm(report: Report) -> Figure | None:
     phase_bands(axes, report.phases)
     ax = axes[0][0]
     log_axis(ax, "m", [y], [limit] if limit else [])
-    ax.plot(*curves.thin(t, np.maximum(y, ax.get_ylim()[0]), _NOISY), color=PALETTE[0])
+    floor, _ = ax.get_ylim()
+    t_drawn, y_drawn = curves.thin(t, np.maximum(y, floor), _NOISY)
+    ax.plot(t_drawn, y_drawn, color=PALETTE[0])
     limit_line(ax, limit, f"allowed {quantity(limit, 'm')}")
     k = int(np.nanargmax(y))
-    mark(ax, float(t[k]), float(y[k]), at(y[k], "m", t[k]), UNFIT if limit and y[k] > limit else INK)
+    worst = float(y[k])
+    color = UNFIT if limit and worst > limit else INK
+    mark(ax, float(t[k]), worst, at(worst, "m", float(t[k])), color)
     ax.set_ylabel("shaft axis to RCM")
     return figure
 
@@ -156,14 +209,18 @@ def rcm(report: Report) -> Figure | None:
 def fulcrum(report: Report) -> Figure | None:
     """Draw the sideways displacements of the tip and of a point of the outer shaft; the two have opposite signs."""
     found = curves.pair(report, "fulcrum")
-    if found is None or found[1].ndim != 2 or np.nanmax(found[1][:, 0]) - np.nanmin(found[1][:, 0]) < MM:
+    if found is None or found[1].ndim != 2:
+        return None
+    t, displacements = found
+    tip = displacements[:, 0] / MM
+    shaft = displacements[:, 1] / MM
+    if np.nanmax(tip) - np.nanmin(tip) < 1:
         return None  # the tip moves sideways by less than 1 mm
-    t, y = found[0], found[1] / MM
     figure, axes = panels(headline("Fulcrum", report), [2.0], 1)
     ax = axes[0][0]
     ax.axhline(0, color=INK, lw=0.6)
-    ax.plot(*curves.thin(t, y[:, 0]), color=PALETTE[0], label="tip")
-    ax.plot(*curves.thin(t, y[:, 1]), color=PALETTE[1], label=f"shaft, {OUTSIDE / MM:g} mm outside the trocar")
+    ax.plot(*curves.thin(t, tip), color=PALETTE[0], label="tip")
+    ax.plot(*curves.thin(t, shaft), color=PALETTE[1], label=f"shaft, {OUTSIDE / MM:g} mm outside the trocar")
     ax.set_ylabel("sideways [mm]")
     legend_above(ax)
     return _finish(figure, axes, report)
@@ -171,29 +228,27 @@ def fulcrum(report: Report) -> Figure | None:
 
 def margins(report: Report) -> Figure | None:
     """Draw over time: distance to the nearest joint limit, distances to the end of the reach, singularity measures."""
+    groups: dict[str, list[_Line]] = {}
     limit = curves.pair(report, "limit_margin")
+    if limit is not None and limit[1].ndim == 1:
+        groups["joint limits"] = [("nearest joint", *limit)]
     reach = list(curves.named(report, "reach"))
+    if reach:
+        groups["reach"] = reach
     measures = list(curves.named(report, "singularity"))
-    groups = [
-        ("joint limits", [("nearest joint", *limit)] if limit and limit[1].ndim == 1 else []),
-        ("reach", reach),
-        ("singularity", measures),
-    ]
-    groups = [g for g in groups if g[1]]
+    if measures:
+        groups["singularity"] = measures
     if not groups:
         return None
-    heights = [1.5 if title != "singularity" else 2.1 for title, _ in groups]
+    heights = [2.1 if title == "singularity" else 1.5 for title in groups]
     figure, axes = panels(headline("Margins", report), heights, 1, _SIDE, 0.62, 0.25)
     phase_bands(axes, report.phases)
-    for (ax,), (title, lines) in zip(axes, groups, strict=True):
+    for (ax,), (title, lines) in zip(axes, groups.items(), strict=True):
         if title == "singularity":
             _draw_measures(ax, lines, curves.alarms(report))
         else:
-            for i, (name, t, y) in enumerate(lines):
-                ax.plot(*curves.thin(t, y / MM), label=name, **_line(i))
+            _draw_distances(ax, lines)
             ax.set_ylabel(f"{title} [mm]")
-            _zero_based(ax, [y / MM for _, _, y in lines])
-            _mark_least(ax, [(t, y / MM) for _, t, y in lines], lambda v: quantity(v * MM, "m"))
         legend_beside(ax)
     return figure
 
@@ -203,21 +258,20 @@ def clearance(report: Report) -> Figure | None:
     found = curves.pair(report, "clearance", "clearance_t")
     if found is None or found[1].ndim != 1:
         return None
-    t, y = found[0], found[1] / MM
     figure, axes = panels(headline("Minimum clearance", report), [1.8], 1, head=0.62)
     phase_bands(axes, report.phases)
     ax = axes[0][0]
-    ax.plot(*curves.thin(t, y), color=PALETTE[0])
-    _zero_based(ax, [y])
-    _mark_least(ax, [(t, y)], lambda v: quantity(v * MM, "m"))
+    _draw_distances(ax, [("", *found)])
     ax.set_ylabel("clearance [mm]")
     return figure
 
 
 def path_cost(report: Report) -> Figure | None:
     """Draw the path cost over the number of samples of the search, for each phase with a searched path."""
-    searches = {p.name: p.rounds for p in report.phases if p.rounds is not None}
-    return rounds.figure(headline("Paths around obstacles", report), searches) if searches else None
+    searches = {phase.name: phase.rounds for phase in report.phases if phase.rounds is not None}
+    if not searches:
+        return None
+    return rounds.figure(headline("Paths around obstacles", report), searches)
 
 
 PLOTS: dict[str, Callable[[Report], Figure | None]] = {
@@ -237,14 +291,20 @@ PLOTS: dict[str, Callable[[Report], Figure | None]] = {
 
 def figures(report: Report) -> dict[str, Figure]:
     """Return the plots for which the report contains data, by name, in the order of `PLOTS`."""
+    drawn = {}
     with styled():
-        drawn = {name: draw(report) for name, draw in PLOTS.items()}
-    return {name: figure for name, figure in drawn.items() if figure is not None}
+        for name, draw in PLOTS.items():
+            figure = draw(report)
+            if figure is not None:
+                drawn[name] = figure
+    return drawn
 
 
-def _line(i: int) -> dict:
+def _line_style(i: int) -> dict[str, Any]:
+    """Return colour and dashes of curve i; the dashes change when all colours have been used."""
     dashes = ("-", (0, (4, 1.5)), (0, (1.5, 1.2)))
-    return {"color": PALETTE[i % len(PALETTE)], "ls": dashes[i // len(PALETTE) % len(dashes)]}
+    repetition, color = divmod(i, len(PALETTE))
+    return {"color": PALETTE[color], "ls": dashes[repetition % len(dashes)]}
 
 
 def _finish(figure: Figure, axes: list[list[Axes]], report: Report) -> Figure:
@@ -256,12 +316,17 @@ def _finish(figure: Figure, axes: list[list[Axes]], report: Report) -> Figure:
 
 
 def _angles(report: Report, key: str, times: str) -> list[tuple[Array, Array]] | None:
+    """Return (t, values) of the series `key` of angles in rad, its rate and its second derivative; None: no curve."""
     found = curves.pair(report, key, times)
-    if found is None or found[1].ndim != 2 or len(found[0]) < 3:
+    if found is None:
         return None
-    t, angles = found[0], np.unwrap(found[1], axis=0)
+    t, angles = found
+    if angles.ndim != 2 or len(t) < 3:
+        return None
+    angles = np.unwrap(angles, axis=0)
     rate = np.gradient(angles, t, axis=0)
-    return [(t, angles), (t, rate), (t, np.gradient(rate, t, axis=0))]
+    second = np.gradient(rate, t, axis=0)
+    return [(t, angles), (t, rate), (t, second)]
 
 
 def _draw_xyz(
@@ -271,35 +336,58 @@ def _draw_xyz(
     names: str,
     factor: float,
 ) -> None:
-    for i, name in enumerate(names):
-        if line is not None and line[1].ndim == 2:
-            ax.plot(*curves.thin(line[0], line[1][:, i] / factor), color=XYZ[i], lw=1.8, label=name)
-    for i in range(len(names)):
-        if reference is not None and reference[1].ndim == 2:
+    """Draw the three components of a vector over time, and above them, dashed, those of the independent model."""
+    if line is not None and line[1].ndim == 2:
+        for i, name in enumerate(names):
+            t, y = curves.thin(line[0], line[1][:, i] / factor)
+            ax.plot(t, y, color=XYZ[i], lw=1.8, label=name)
+    if reference is not None and reference[1].ndim == 2:
+        label = "mechanism (B)"
+        for i in range(len(names)):
             t, y = curves.thin(reference[0], reference[1][:, i] / factor, 400)
-            ax.plot(t, y, color=INK, lw=1.0, ls=(0, (3, 3)), label="" if i else "mechanism (B)")
+            ax.plot(t, y, color=INK, lw=1.0, ls=(0, (3, 3)), label=label)
+            label = ""  # one entry of the legend for the three components
 
 
-def _draw_measures(ax: Axes, lines: list[tuple[str, Array, Array]], alarms: dict[str, float]) -> None:
+def _draw_distances(ax: Axes, lines: list[_Line]) -> None:
+    """Draw distances in m on an axis in mm that begins at zero, and mark the smallest."""
+    scaled = [(name, t, y / MM) for name, t, y in lines]
+    for i, (name, t, y) in enumerate(scaled):
+        t_drawn, y_drawn = curves.thin(t, y)
+        ax.plot(t_drawn, y_drawn, label=name, **_line_style(i))
+    _zero_based(ax, [y for _, _, y in scaled])
+    _mark_least(ax, scaled, lambda distance: quantity(distance * MM, "m"))
+
+
+def _draw_measures(ax: Axes, lines: list[_Line], alarms: dict[str, float]) -> None:
     """Draw the absolute value of each measure, divided by its alarm value; all but the five smallest are grey."""
-    known = [(name, t, np.abs(y) / alarms.get(name, 1.0)) for name, t, y in lines]
-    known.sort(key=lambda line: float(np.nanmin(line[2])))
-    for i, (name, t, y) in enumerate(known):
-        near = i < 5 or len(known) <= 6
-        style = _line(i) if near else {"color": "#9aa5b1", "lw": 0.9}
-        label = name if near else f"{len(known) - 5} others" if i == 5 else ""
-        ax.plot(*curves.thin(t, y), label=label, zorder=2 if near else 1.5, **style)
-    log = alarms and max(float(np.nanmax(y)) for _, _, y in known) > 20
-    if log:
+    relative = []
+    for name, t, y in lines:
+        alarm = alarms.get(name, 1.0)
+        relative.append((name, t, np.abs(y) / alarm))
+    relative.sort(key=lambda line: float(np.nanmin(line[2])))
+    values = [y for _, _, y in relative]
+    # instead of a single grey curve, a sixth coloured one
+    colored = len(relative) if len(relative) <= 6 else 5
+    for i, (name, t, y) in enumerate(relative):
+        t_drawn, y_drawn = curves.thin(t, y)
+        if i < colored:
+            ax.plot(t_drawn, y_drawn, label=name, zorder=2, **_line_style(i))
+            continue
+        # one entry of the legend for all grey curves
+        label = f"{len(relative) - colored} others" if i == colored else ""
+        ax.plot(t_drawn, y_drawn, label=label, zorder=1.5, color="#9aa5b1", lw=0.9)
+    largest = max(float(np.nanmax(y)) for y in values)
+    if alarms and largest > 20:
         ax.set_yscale("log")
     else:
-        _zero_based(ax, [y for _, _, y in known])
+        _zero_based(ax, values)
     if alarms:
         limit_line(ax, 1.0, "alarm", NEAR)
         ax.set_ylabel("singularity / alarm")
     else:
         ax.set_ylabel("singularity")
-    _mark_least(ax, [(t, y) for _, t, y in known[:1]], lambda v: f"{v:.3g}")
+    _mark_least(ax, relative[:1], lambda measure: f"{measure:.3g}")
 
 
 def _zero_based(ax: Axes, values: list[Array]) -> None:
@@ -312,26 +400,26 @@ def _zero_based(ax: Axes, values: list[Array]) -> None:
         ax.axhline(0, color=UNFIT, lw=1.0)
 
 
-def _mark_least(ax: Axes, lines: list[tuple[Array, Array]], text: Callable[[float], str]) -> None:
-    t, y = min(lines, key=lambda line: float(np.nanmin(line[1])))
+def _mark_least(ax: Axes, lines: list[_Line], text: Callable[[float], str]) -> None:
+    """Mark the smallest value of all curves, in red if it is negative; `text` returns the text of a value."""
+    _, times, y = min(lines, key=lambda line: float(np.nanmin(line[2])))
     k = int(np.nanargmin(y))
-    mark(
-        ax,
-        float(t[k]),
-        float(y[k]),
-        f"{text(float(y[k]))} at {seconds(float(t[k]))}",
-        UNFIT if y[k] < 0 else INK,
-        below=True,
-    )
+    t = float(times[k])
+    value = float(y[k])
+    color = UNFIT if value < 0 else INK
+    mark(ax, t, value, f"{text(value)} at {seconds(t)}", color, below=True)
 
 
-def _mark_worst(ax: Axes, unit: str, lines: list[tuple[str, Array, Array]], limit: float) -> None:
+def _mark_worst(ax: Axes, unit: str, lines: list[_Line], limit: float) -> None:
     """Mark the largest residual, in red if it exceeds its tolerance."""
-    name, t, y = max(lines, key=lambda line: float(np.nanmax(np.abs(line[2]))))
+    name, times, y = max(lines, key=lambda line: float(np.nanmax(np.abs(line[2]))))
     k = int(np.nanargmax(np.abs(y)))
+    t = float(times[k])
     value = float(abs(y[k]))
     if value <= 0:
         return
-    text = at(value, unit, float(t[k]))
-    text = f"{name}: {text}" if len(lines) > 1 else text
-    mark(ax, float(t[k]), value, text, UNFIT if value > limit else FIT)
+    text = at(value, unit, t)
+    if len(lines) > 1:
+        text = f"{name}: {text}"
+    color = UNFIT if value > limit else FIT
+    mark(ax, t, value, text, color)

@@ -6,15 +6,17 @@ fraction of the organ's bed, and the depth of the tools in other organs.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.api.procedure import ProcedureSession
+from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.ui.report.curves import thin
-from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, styled
+from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, operator, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,37 +30,71 @@ def figure(found: ProcedureSession) -> Figure:
     """Return a figure with one row for each measured value, and a vertical line at the end of each stage."""
     from matplotlib.figure import Figure
 
-    kept, p = found.ran.kept, found.procedure
-    nodes = kept[f"{p.organ}.nodes"].reshape(len(kept.t), -1, 3)
-    middle = np.einsum("j,tjk->tk", found.organ.weights.mean(axis=0), nodes)
-    pulls = np.max([np.linalg.norm(kept[f"{n}.pull"], axis=1) for n in found.measures.paths], axis=0)
-    depth = np.max([kept[f"{n}.depth"][:, 0] for n in p.spare], axis=0)
-    # name, values, limit, minimum for the upper end of the axis (so that small noise looks like a straight line)
-    rows = (
-        (f"{spoken(p.organ)} raised [mm]", (middle[:, 2] - middle[0, 2]) / MM, None, p.lift_mm),
-        ("pull [N]", pulls, None, 1.0),
-        (f"share of {spoken(p.vessel)} seen", kept[f"{p.vessel}.seen"][:, 0], p.seen, 1.0),
-        ("share of bed detached", kept[f"{p.organ}.freed"].mean(axis=1), None, 1.0),
-        ("depth in organs [mm]", depth / MM, p.depth_mm, p.depth_mm),
-    )
+    t = found.ran.kept.t
+    rows = _rows(found)
+    passed = [check for check in found.measures.checks if check.t is not None]
     out = Figure(figsize=(WIDTH, 1.1 + 1.05 * len(rows)), layout="constrained")
     axes = out.subplots(len(rows), 1, sharex=True)
-    for ax, (name, values, limit, shown) in zip(axes, rows, strict=True):
-        ax.plot(*thin(kept.t, values, _POINTS), color=PALETTE[0], lw=1.0)
-        low, high = min(0.0, float(values.min())), max(shown, float(values.max()))
-        ax.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
-        if limit is not None:
-            ax.axhline(limit, color=PALETTE[1], lw=0.8, ls="--")
-        ax.set_ylabel(name, fontsize=8, rotation=0, ha="right", va="center")
+    for ax, row in zip(axes, rows, strict=True):
+        t_drawn, values = thin(t, row.values, _POINTS)
+        ax.plot(t_drawn, values, color=PALETTE[0], lw=1.0)
+        low = min(0.0, float(row.values.min()))
+        high = max(row.top, float(row.values.max()))
+        room = 0.08 * (high - low)
+        ax.set_ylim(low - room, high + room)
+        if row.limit is not None:
+            ax.axhline(row.limit, color=PALETTE[1], lw=0.8, ls="--")
+        ax.set_ylabel(row.name, fontsize=8, rotation=0, ha="right", va="center")
         ax.grid(color=GRID, lw=0.4)
-        for check in found.measures.checks:
-            if check.t is not None:
-                ax.axvline(check.t, color=INK, lw=0.6)
-    passed = [c for c in found.measures.checks if c.t is not None]
-    for k, check in enumerate(passed):  # at two heights, so that two stages soon after each other can be read
-        place = (check.t, 1.0 + 0.13 * (k % 2))
-        axes[0].annotate(check.name, place, xycoords=("data", "axes fraction"), fontsize=8, ha="center", va="bottom")
+        for check in passed:
+            ax.axvline(check.t, color=INK, lw=0.6)
+    for k, check in enumerate(passed):
+        # at two heights, so that two stages soon after each other can be read
+        height = 1.0 + 0.13 * (k % 2)
+        axes[0].annotate(
+            check.name,
+            (check.t, height),
+            xycoords=("data", "axes fraction"),
+            fontsize=8,
+            ha="center",
+            va="bottom",
+        )
     axes[-1].set_xlabel("time [s]")
-    who = "a person" if found.seed is None else f"simulated surgeon, seed {found.seed}"
-    out.suptitle(f"{found.scene.name}: {found.task.name}, {who}", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    title = f"{found.scene.name}: {found.task.name}, {operator(found.seed)}"
+    out.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
     return out
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """A measured value over time, with its limit.
+
+    The axis extends at least to `top`, so that small noise looks like a straight line.
+    """
+
+    name: str
+    values: Array
+    limit: float | None
+    top: float
+
+
+def _rows(found: ProcedureSession) -> list[_Measured]:
+    """Return the measured values of a session."""
+    kept = found.ran.kept
+    procedure = found.procedure
+    organ = spoken(procedure.organ)
+    vessel = spoken(procedure.vessel)
+    nodes = kept[f"{procedure.organ}.nodes"].reshape(len(kept.t), -1, 3)
+    middle = np.einsum("j,tjk->tk", found.organ.weights.mean(axis=0), nodes)
+    lift = (middle[:, 2] - middle[0, 2]) / MM
+    pulls = [np.linalg.norm(kept[f"{robot}.pull"], axis=1) for robot in found.measures.paths]
+    depths = [kept[f"{spared}.depth"][:, 0] for spared in procedure.spare]
+    seen = kept[f"{procedure.vessel}.seen"][:, 0]
+    freed = kept[f"{procedure.organ}.freed"].mean(axis=1)
+    return [
+        _Measured(f"{organ} raised [mm]", lift, None, procedure.lift_mm),
+        _Measured("pull [N]", np.max(pulls, axis=0), None, 1.0),
+        _Measured(f"share of {vessel} seen", seen, procedure.seen, 1.0),
+        _Measured("share of bed detached", freed, None, 1.0),
+        _Measured("depth in organs [mm]", np.max(depths, axis=0) / MM, procedure.depth_mm, procedure.depth_mm),
+    ]

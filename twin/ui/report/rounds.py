@@ -29,38 +29,45 @@ def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
     the cost of the path in the search tree. The solid line, with a ring at its end, is the cost of the best path with
     shortcuts. Rounds without a path are crosses on the x axis.
     """
-    kinds = list(dict.fromkeys((s.cost, s.unit) for s in searches.values()))
+    kinds = list(dict.fromkeys((search.cost, search.unit) for search in searches.values()))
     out, axes = panels(title, [2.1] * len(kinds), 1, _SIDE, 0.5, 0.3)
+    counts: set[int] = set()
     for (ax,), (cost, unit) in zip(axes, kinds, strict=True):
-        for color, (name, search) in zip(_colors(len(searches)), searches.items(), strict=True):
-            if (search.cost, search.unit) == (cost, unit):
-                _draw(ax, name, search, color)
+        for i, (name, search) in enumerate(searches.items()):
+            if (search.cost, search.unit) != (cost, unit):
+                continue
+            _draw(ax, name, search, PALETTE[i % len(PALETTE)])
+            counts.update(found.samples for found in search.rounds)
         sign = "mm" if unit == "m" else pretty_unit(unit)
-        ax.set_ylabel(f"{cost.replace('_', ' ')}{f' [{sign}]' if sign else ''}")
+        label = cost.replace("_", " ")
+        if sign:
+            label = f"{label} [{sign}]"
+        ax.set_ylabel(label)
         ax.set_ylim(0, 1.12 * ax.dataLim.ymax)
         ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), labelspacing=0.5)
-    _samples(axes[-1][0], sorted({r.samples for s in searches.values() for r in s.rounds}))
+    _samples(axes[-1][0], sorted(counts))
     return out
-
-
-def _colors(n: int) -> list[str]:
-    return [PALETTE[i % len(PALETTE)] for i in range(n)]
 
 
 def _draw(ax: Axes, name: str, search: SearchRounds, color: str) -> None:
     """Draw the rounds of one search."""
-    x = np.array([r.samples for r in search.rounds], float)
     scale = MM if search.unit == "m" else 1.0
-    tree, best = (np.array([getattr(r, kind) for r in search.rounds]) / scale for kind in ("tree", "best"))
-    tree[~np.isfinite(tree)], none = np.nan, ~np.isfinite(best)
-    best[none] = np.nan
+    x = np.array([found.samples for found in search.rounds], float)
+    tree = np.array([found.tree for found in search.rounds]) / scale
+    best = np.array([found.best for found in search.rounds]) / scale
+    # the cost is infinite as long as there is no path
+    tree[~np.isfinite(tree)] = np.nan
+    without_path = ~np.isfinite(best)
+    best[without_path] = np.nan
     ax.plot(x, tree, ls=(0, (3, 2)), lw=0.9, marker="s", ms=4, mfc="none", color=color)
     ax.plot(x, best, drawstyle="steps-post", marker="o", ms=4, color=color)
-    ax.plot(x[none], np.zeros(none.sum()), "x", color=color, ms=6, clip_on=False, zorder=4)
+    crosses = x[without_path]
+    ax.plot(crosses, np.zeros(len(crosses)), "x", color=color, ms=6, clip_on=False, zorder=4)
     ax.plot(x[-1:], best[-1:], "o", ms=9, mfc="none", mec=color, mew=1.4, zorder=4, clip_on=False)
     last = search.rounds[-1]
     value = quantity(last.best, search.unit)
-    ax.plot([], [], color=color, label=f"{name}\n{value} after {count(last.samples, 'sample')}")
+    samples = count(last.samples, "sample")
+    ax.plot([], [], color=color, label=f"{name}\n{value} after {samples}")
 
 
 def _samples(ax: Axes, counts: list[int]) -> None:
@@ -68,12 +75,15 @@ def _samples(ax: Axes, counts: list[int]) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     ax.set_xscale("log")
-    low, high = max(min(counts), 1), max(*counts, 1)
+    low = max(min(counts), 1)
+    high = max(*counts, 1)
     ax.set_xlim(low / 1.3, high * 1.3)
+    # labels of numbers that differ by less than a quarter would overlap
     ticks = [low]
-    for c in counts:
-        if c > 1.25 * ticks[-1] and (c == high or high > 1.25 * c):
-            ticks.append(c)
+    for number in counts:
+        far_from_last = number == high or high > 1.25 * number
+        if number > 1.25 * ticks[-1] and far_from_last:
+            ticks.append(number)
     ax.xaxis.set_major_locator(FixedLocator(ticks))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.0f}"))
     ax.xaxis.set_minor_locator(NullLocator())

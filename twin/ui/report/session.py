@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twin.api.console_session import ConsoleSession
+from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.alignment import Alignment
 from twin.simulation import console_scene
@@ -15,7 +17,7 @@ from twin.simulation.controllers.trainer import Phase
 from twin.simulation.session import movement
 from twin.simulation.session.camera_task import AlignMeasures
 from twin.ui.report.curves import thin
-from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, sheet, styled
+from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, operator, sheet, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,53 +38,85 @@ def figure(found: ConsoleSession) -> Figure:
     the machines from their models replaces the second view.
     """
     table = console_scene.console_of(found.scene)
-    arms = [(hand, name) for hand in HANDS for name in getattr(table, hand)]
-
-    rows = 3 + 2 * len(HANDS) + (len(arms) if _contacts(found) else 0) + (found.guided is not None)
-    height = 5.9 + 0.24 * rows
-    who = "a person" if found.seed is None else f"simulated surgeon, seed {found.seed}"
-    out = sheet(f"{found.scene.name}: session of {found.ran.duration:.1f} s, {who}", height)
-    beside = 1.2 if max(len(name) for _, name in arms) < 8 else 1.5  # inches for the names of the bands
-    left, wide = beside / WIDTH, (WIDTH - beside - 0.25) / WIDTH
-    foot, bands, speeds = 0.5, 0.24 * rows, 1.6
+    arms = []
+    for hand in HANDS:
+        for name in getattr(table, hand):
+            arms.append((hand, name))
+    rows = _rows(found, arms)
+    # in inches; each hand has one more band, for its gripper
+    bands = 0.24 * (len(rows) + len(HANDS))
+    speeds = 1.6
+    foot = 0.5
+    base = foot + bands + speeds + 0.75
+    height = 5.9 + bands
+    tall = height - base - 0.8
+    out = sheet(f"{found.scene.name}: session of {found.ran.duration:.1f} s, {operator(found.seed)}", height)
+    # space for the names of the bands
+    longest = max(len(name) for _, name in arms)
+    beside = 1.2 if longest < 8 else 1.5
+    left = beside / WIDTH
+    wide = (WIDTH - beside - 0.25) / WIDTH
     low = out.add_axes((left, foot / height, wide, bands / height))
     middle = out.add_axes((left, (foot + bands + 0.2) / height, wide, speeds / height), sharex=low)
-    base = foot + bands + speeds + 0.75
-    tall = height - base - 0.8
-    for i, (title, x, y) in enumerate(_VIEWS):
+    for i in range(len(_VIEWS)):
         place = (left + i * (wide / 2 + 0.02), base / height, wide / 2 - 0.06, tall / height)
         ax = out.add_axes(place)
-        if found.training and i == 1:
-            _deviation(ax, found)
-        elif found.aligned is None or found.task is None or found.task.alignment is None:
-            _paths(ax, found, arms, title, x, y)
-        else:
-            (_picture if i == 0 else _angle)(ax, found, found.aligned, found.task.alignment)
+        _view(ax, i, found, arms)
         ax.grid(True, color=GRID)
         ax.tick_params(length=2.5)
     for i, (hand, name) in enumerate(arms):
         out.text(0.012 + 0.14 * i, 1 - 0.5 / height, f"{hand}: {name}", color=PALETTE[i], fontsize=9, va="center")
-    for color, (_, name) in zip(PALETTE, arms, strict=False):
-        v = movement.speed(found.arms[name].tip, found.ran.kept.dt) / MM
-        middle.plot(*thin(found.t, v, _POINTS), color=color, lw=0.8)
-    middle.axhline(movement.RESTS / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
-    middle.annotate(
-        "at rest", (1, movement.RESTS / MM), (0, 2), xycoords=("axes fraction", "data"),
-        textcoords="offset points", ha="right", va="bottom", fontsize=7,
-    )  # fmt: skip
-    middle.set_ylabel("speed [mm/s]")
-    middle.set_ylim(0, None)
-    middle.tick_params(labelbottom=False, length=2.5)
-    _bands(low, found, arms)
+    _speeds(middle, found, arms)
+    _bands(low, found, arms, rows)
     return out
 
 
-def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
+def _view(ax: Axes, i: int, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
+    """Draw the upper left (i = 0) or upper right (i = 1) panel."""
+    if found.training and i == 1:
+        _deviation(ax, found)
+        return
+    if found.aligned is None or found.task is None or found.task.alignment is None:
+        title, x, y = _VIEWS[i]
+        _paths(ax, found, arms, title, x, y)
+        return
+    if i == 0:
+        _picture(ax, found.aligned, found.task.alignment)
+    else:
+        _angle(ax, found, found.aligned, found.task.alignment)
+
+
+def _speeds(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
+    """Draw the speed of each tip over time, and the limit below which a tip is at rest."""
+    for color, (_, name) in zip(PALETTE, arms, strict=False):
+        speed = movement.speed(found.arms[name].tip, found.ran.kept.dt) / MM
+        t, y = thin(found.t, speed, _POINTS)
+        ax.plot(t, y, color=color, lw=0.8)
+    rest = movement.RESTS / MM
+    ax.axhline(rest, color=INK, lw=0.6, ls=(0, (5, 2)))
+    ax.annotate(
+        "at rest",
+        (1, rest),
+        (0, 2),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        ha="right",
+        va="bottom",
+        fontsize=7,
+    )
+    ax.set_ylabel("speed [mm/s]")
+    ax.set_ylim(0, None)
+    ax.tick_params(labelbottom=False, length=2.5)
+
+
+def _picture(ax: Axes, aligned: AlignMeasures, goal: Alignment) -> None:
     """Draw, as seen in the picture, the target line, and the rectangle's upper side at the start and at the end."""
-    line = goal.line
-    ax.plot([-line, line], [0, 0], color=INK, lw=3, alpha=0.35)
-    for ends, style in ((aligned.course[0], "--"), (aligned.course[-1], "-")):
-        ax.plot(ends[:, 0], ends[:, 1], style, color=PALETTE[2], lw=1.4)
+    half = goal.line
+    ax.plot([-half, half], [0, 0], color=INK, lw=3, alpha=0.35)
+    start = aligned.course[0]
+    end = aligned.course[-1]
+    ax.plot(start[:, 0], start[:, 1], "--", color=PALETTE[2], lw=1.4)
+    ax.plot(end[:, 0], end[:, 1], "-", color=PALETTE[2], lw=1.4)
     ax.set_aspect("equal")
     ax.set_xlim(-1.3, 1.3)
     ax.set_ylim(-1, 1)
@@ -91,21 +125,25 @@ def _picture(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alig
 
 def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
     """Draw, over time, the angle in the picture from target line to upper side of the rectangle; mark the tolerance."""
-    way = aligned.course[:, 1] - aligned.course[:, 0]
-    ax.plot(*thin(found.t, np.arctan2(way[:, 1], way[:, 0]) / DEG, _POINTS), color=PALETTE[2], lw=1.0)
-    ax.axhspan(-goal.tolerance / DEG, goal.tolerance / DEG, color=NEAR, alpha=0.4, lw=0)
+    side = aligned.course[:, 1] - aligned.course[:, 0]
+    angle = np.arctan2(side[:, 1], side[:, 0]) / DEG
+    t, y = thin(found.t, angle, _POINTS)
+    ax.plot(t, y, color=PALETTE[2], lw=1.0)
+    tolerance = goal.tolerance / DEG
+    ax.axhspan(-tolerance, tolerance, color=NEAR, alpha=0.4, lw=0)
     ax.set_title("AlignErr [deg] over time [s]; band = tolerance", loc="left", fontsize=9)
     ax.yaxis.tick_right()
 
 
 def _deviation(ax: Axes, found: ConsoleSession) -> None:
     """Draw the machines' deviation from their models over time, the cue's limit, and times of rehearsal and replay."""
+    colors = {Phase.REHEARSE: GRID, Phase.REPLAY: NEAR}
     for k, machine in enumerate(found.training):
         times, shown = thin(machine.t, machine.deviation / MM, _POINTS)
         ax.plot(times, shown, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
         for step in machine.steps:
-            if step.phase in (Phase.REHEARSE, Phase.REPLAY):
-                ax.axvspan(step.begin, step.end, color=GRID if step.phase == Phase.REHEARSE else NEAR, alpha=0.4, lw=0)
+            if step.phase in colors:
+                ax.axvspan(step.begin, step.end, color=colors[step.phase], alpha=0.4, lw=0)
     ax.axhline(found.training[0].limit / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
     ax.set_ylim(0, None)
     ax.set_xlabel("time [s]")
@@ -114,62 +152,103 @@ def _deviation(ax: Axes, found: ConsoleSession) -> None:
 
 
 def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: str, x: int, y: int) -> None:
-    for i, (_, name) in enumerate(arms):
-        p = found.arms[name].tip / MM
-        step = max(1, len(p) // _POINTS)
-        ax.plot(p[::step, x], p[::step, y], color=PALETTE[i], lw=0.8)
-        ax.plot(p[:1, x], p[:1, y], "o", ms=5, mfc="none", mec=PALETTE[i])
-    for target, result in zip(found.task.targets if found.task else (), found.touched, strict=True):
-        for hand, point in target.p_world.items():
-            color = PALETTE[next(i for i, (h, _) in enumerate(arms) if h == hand)]
-            ax.plot([point[x] / MM], [point[y] / MM], "+" if result.t is not None else "x", ms=8, mec=color, mew=1.4)
-    legend = ", cross = target" if found.task and found.task.targets else ""
-    if found.task is not None and found.task.transfers:
+    """Draw paths of the tips with targets, or with rings and pegs, or with ring and wire, along the axes x and y."""
+    for color, (_, name) in zip(PALETTE, arms, strict=False):
+        tip = found.arms[name].tip / MM
+        _path(ax, tip[:, [x, y]], color=color, lw=0.8)
+        ax.plot(tip[:1, x], tip[:1, y], "o", ms=5, mfc="none", mec=color)
+    legend = ""
+    task = found.task
+    if task is not None and task.targets:
+        legend = ", cross = target"
+        for target, result in zip(task.targets, found.touched, strict=True):
+            marker = "x" if result.t is None else "+"
+            for hand, point in target.p_world.items():
+                p = point / MM
+                ax.plot([p[x]], [p[y]], marker, ms=8, mec=_color(arms, hand), mew=1.4)
+    if task is not None and task.transfers:
         legend = ", dashed = rings, square = peg"
-        for transfer in found.task.transfers:
-            p = found.ran.kept[f"{transfer.ring}.pose"].reshape(-1, 4, 4)[:, :3, 3] / MM
-            step = max(1, len(p) // _POINTS)
-            ax.plot(p[::step, x], p[::step, y], color=INK, lw=0.7, ls=(0, (4, 2)))
+        for transfer in task.transfers:
+            ring = _positions(found, transfer.ring) / MM
+            _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
             peg = found.pegs[transfer.peg].end / MM
             ax.plot([peg[x]], [peg[y]], "s", ms=5, mfc="none", mec=INK)
-    if found.guided is not None and found.task is not None and found.task.guide is not None:
+    if found.guided is not None and task is not None and task.guide is not None:
         legend = ", dashed = ring, grey = wire"
-        p = found.ran.kept[f"{found.task.guide.ring}.pose"].reshape(-1, 4, 4)[:, :3, 3] / MM
-        step = max(1, len(p) // _POINTS)
-        ax.plot(found.wire[:, x] / MM, found.wire[:, y] / MM, color=INK, lw=3, alpha=0.35)
-        ax.plot(p[::step, x], p[::step, y], color=INK, lw=0.7, ls=(0, (4, 2)))
+        ring = _positions(found, task.guide.ring) / MM
+        wire = found.wire / MM
+        ax.plot(wire[:, x], wire[:, y], color=INK, lw=3, alpha=0.35)
+        _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_title(f"{title}: circle = start{legend}", loc="left", fontsize=8)
     ax.set_xlabel(f"{'xyz'[x]} [mm]")
     ax.set_ylabel(f"{'xyz'[y]} [mm]")
 
 
-def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
-    """Draw one band over time for each pedal, state and gripper; the gripper's angle is a curve in its band."""
-    kept, t = found.ran.kept, found.t
-    rows: list[tuple[str, np.ndarray, str]] = [
-        ("clutch", kept[f"{PEDALS}.clutch"][:, 0] > 0.5, NEAR),
-        ("camera", kept[f"{PEDALS}.camera"][:, 0] > 0.5, PALETTE[3]),
+def _path(ax: Axes, points: Array, **style: Any) -> None:
+    """Draw a path (k, 2) by every n-th point, so that there are about `_POINTS` points."""
+    step = max(1, len(points) // _POINTS)
+    ax.plot(points[::step, 0], points[::step, 1], **style)
+
+
+def _positions(found: ConsoleSession, ring: str) -> Array:
+    """Return the positions (k, 3) of a ring in m, in the World."""
+    poses = found.ran.kept[f"{ring}.pose"].reshape(-1, 4, 4)
+    return poses[:, :3, 3]
+
+
+@dataclass(frozen=True)
+class _Band:
+    """A pedal or a state: `on` (k,) bool is true at the ticks with a bar."""
+
+    name: str
+    on: np.ndarray
+    color: str
+
+
+def _rows(found: ConsoleSession, arms: list[tuple[str, str]]) -> list[_Band]:
+    """Return the bands of pedals and states."""
+    kept = found.ran.kept
+    rows = [
+        _Band("clutch", kept[f"{PEDALS}.clutch"][:, 0] > 0.5, NEAR),
+        _Band("camera", kept[f"{PEDALS}.camera"][:, 0] > 0.5, PALETTE[3]),
     ]
     if f"{PEDALS}.silent" in kept.sizes:
-        rows.append(("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
-    rows += [(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)) for hand in HANDS]
+        rows.append(_Band("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
+    for hand in HANDS:
+        rows.append(_Band(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)))
     if found.guided is not None and found.task is not None and found.task.guide is not None:
-        rubs, holder = (kept[f"{found.task.guide.ring}.{what}"][:, 0] for what in ("rubs", "holder"))
-        rows.append(("wire touched", (rubs > 0.5) & (holder >= 0), INK))
-    if _contacts(found):
-        rows += [(f"{n} touches", _hits(found, n), _color(arms, hand)) for hand, n in arms]
+        ring = found.task.guide.ring
+        touches = kept[f"{ring}.rubs"][:, 0] > 0.5
+        # the number of the holding instrument; negative: none
+        held = kept[f"{ring}.holder"][:, 0] >= 0
+        rows.append(_Band("wire touched", touches & held, INK))
+    if found.board is not None or found.guided is not None:
+        # the session has contacts of instruments with props and objects
+        for hand, name in arms:
+            rows.append(_Band(f"{name} touches", _hits(found, name), _color(arms, hand)))
+    return rows
+
+
+def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], rows: list[_Band]) -> None:
+    """Draw one band over time for each pedal, state and gripper; the gripper's angle is a curve in its band."""
+    kept = found.ran.kept
+    t = found.t
     names = []
-    for k, (name, on, color) in enumerate(rows):
-        spans = [(t[a], t[b] - t[a] + kept.dt) for a, b in movement.runs(on)]
-        ax.broken_barh(spans, (k - 0.35, 0.7), color=color, lw=0)
-        names.append(name)
+    for k, row in enumerate(rows):
+        spans = []
+        for first, last in movement.runs(row.on):
+            spans.append((t[first], t[last] - t[first] + kept.dt))
+        ax.broken_barh(spans, (k - 0.35, 0.7), color=row.color, lw=0)
+        names.append(row.name)
     for hand in HANDS:
         grip = kept[f"{hand}.grip"][:, 0]
-        size = max(float(np.ptp(grip)), 1e-9)
-        times, shown = thin(t, (grip - grip.min()) / size, _POINTS)
+        span = float(np.ptp(grip))
+        opening = (grip - grip.min()) / max(span, 1e-9)
+        times, shown = thin(t, opening, _POINTS)
+        # the y axis points down
         ax.plot(times, len(names) + 0.35 - 0.7 * shown, color=_color(arms, hand), lw=1.0)
-        names.append(f"{hand} grip, {np.ptp(grip) / DEG:.0f}°")
+        names.append(f"{hand} grip, {span / DEG:.0f}°")
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.set_xlim(0, max(float(t[-1]), kept.dt))
@@ -178,20 +257,21 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None
     ax.tick_params(length=2.5)
 
 
-def _contacts(found: ConsoleSession) -> bool:
-    """Return whether the session has contacts of instruments with props and objects."""
-    return found.board is not None or found.guided is not None
-
-
 def _hits(found: ConsoleSession, robot: str) -> np.ndarray:
     """Return (k,) bool: whether a robot's instrument touches a fixed part or the other instrument at each tick."""
-    return np.any([found.ran.kept[f"{robot}.{what}"][:, 0] > 0.5 for what in ("touches", "meets")], axis=0)
+    touches = found.ran.kept[f"{robot}.touches"][:, 0] > 0.5
+    meets = found.ran.kept[f"{robot}.meets"][:, 0] > 0.5
+    return touches | meets
 
 
 def _leads(found: ConsoleSession, hand: str) -> np.ndarray:
+    """Return (k,) bool: whether an arm of a hand follows the hand at each tick."""
     names = getattr(console_scene.console_of(found.scene), hand)
-    return np.any([found.ran.kept[f"{n}.follows"][:, 0] > 0.5 for n in names], axis=0)
+    follows = [found.ran.kept[f"{name}.follows"][:, 0] > 0.5 for name in names]
+    return np.any(follows, axis=0)
 
 
 def _color(arms: list[tuple[str, str]], hand: str) -> str:
-    return PALETTE[next(i for i, (h, _) in enumerate(arms) if h == hand)]
+    """Return the colour of the first arm of a hand."""
+    hands = [owner for owner, _ in arms]
+    return PALETTE[hands.index(hand)]

@@ -20,19 +20,33 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, GRID, BAND = "#1c2733", "#d5dbe1", "#eef2f5"
+INK = "#1c2733"
+GRID = "#d5dbe1"
+BAND = "#eef2f5"
 """Colours of text and axes, of the grid, and of every second phase; the page replaces the colours by CSS variables."""
-FIT, UNFIT, NEAR = "#00795c", "#c4420a", "#d99100"
+
+FIT = "#00795c"
+UNFIT = "#c4420a"
+NEAR = "#d99100"
 """Colours of values within tolerance, beyond tolerance, near an alarm; green and red also differ in lightness."""
+
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C8C8C")
 """Colours of Okabe and Ito, distinguishable with any colour vision, strong colours first."""
+
 XYZ = ("#D55E00", "#009E73", "#0072B2")
+"""Colours of x, y and z."""
 
 WIDTH = 9.0
 """Width of a figure in inches, 900 px at 100 dpi."""
+
 PNG_DPI = 120
 
-_LEFT, _RIGHT, _BOTTOM, _GAP = 0.86, 0.18, 0.5, 0.16
+_LEFT = 0.86
+_RIGHT = 0.18
+_BOTTOM = 0.5
+_GAP = 0.16
+"""Spaces in inches: at the left, right and lower end of a figure, and between rows of axes."""
+
 _RC: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Arial", "Helvetica"],
@@ -118,9 +132,15 @@ def template(name: str, **filters: Callable[..., Any]) -> Template:
     from jinja2 import DictLoader, Environment, StrictUndefined
 
     folder = files("twin.ui.report")
-    loader = DictLoader({n: folder.joinpath(n).read_text("utf-8") for n in (name, "report.css")})
+    texts = {}
+    for file in (name, "report.css"):
+        texts[file] = folder.joinpath(file).read_text("utf-8")
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=DictLoader(texts),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters |= filters
     return environment.get_template(name)
@@ -145,6 +165,8 @@ def panels(
         gap: space between the rows in inches.
     """
     height = head + sum(heights) + gap * (len(heights) - 1) + _BOTTOM
+    mean = sum(heights) / len(heights)
+    label_place = -0.66 if columns == 1 else -0.5
     figure = sheet(title, height)
     axes = figure.subplots(
         len(heights),
@@ -156,7 +178,7 @@ def panels(
             "right": 1 - right / WIDTH,
             "top": 1 - head / height,
             "bottom": _BOTTOM / height,
-            "hspace": gap / (sum(heights) / len(heights)),
+            "hspace": gap / mean,
             "wspace": 0.22,
             "height_ratios": heights,
         },
@@ -167,7 +189,7 @@ def panels(
             ax.tick_params(length=2.5)
             ax.locator_params(nbins=6, axis="y")
             wide = ax.get_position().width * WIDTH
-            ax.yaxis.set_label_coords((-0.66 if columns == 1 else -0.5) / wide, 0.5)  # fixed position: faster
+            ax.yaxis.set_label_coords(label_place / wide, 0.5)  # fixed position: faster
             if row is grid[-1]:
                 ax.set_xlabel("time [s]")
                 ax.xaxis.set_label_coords(0.5, -0.3 / tall)
@@ -184,10 +206,11 @@ def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> Non
     """
     if not phases:
         return
-    t0, t1 = phases[0].t0, phases[-1].t1
+    t0 = phases[0].t0
+    t1 = phases[-1].t1
     if not t1 > t0:
         return
-    for r, row in enumerate(axes):
+    for row in axes:
         for ax in row:
             ax.set_xlim(t0, t1)
             for i, phase in enumerate(phases):
@@ -195,19 +218,41 @@ def phase_bands(axes: list[list[Axes]], phases: tuple[PhaseSummary, ...]) -> Non
                     ax.axvspan(phase.t0, phase.t1, color=BAND, lw=0, zorder=0)
                 if i:
                     ax.axvline(phase.t0, color=INK, lw=0.5, alpha=0.35, zorder=0.5)
-            if r == 0:
-                inches = ax.get_position().width * WIDTH / (t1 - t0)
-                for i, phase in enumerate(phases):
-                    fits = int((phase.t1 - phase.t0) * inches / 0.078)
-                    name = phase.name.replace("_", " ")
-                    text = name if len(name) <= fits else f"{name[: fits - 1]}…" if fits > 3 else str(i + 1)
-                    if fits < len(text):  # even the number would overlap adjacent ones
-                        continue
-                    middle = (phase.t0 + phase.t1) / 2
-                    ax.annotate(
-                        text, (middle, 1), (0, 3), xycoords=("data", "axes fraction"),
-                        textcoords="offset points", ha="center", va="bottom", fontsize=8.5, style="italic",
-                    )  # fmt: skip
+    for ax in axes[0]:
+        _phase_names(ax, phases)
+
+
+def _phase_names(ax: Axes, phases: tuple[PhaseSummary, ...]) -> None:
+    """Write the names of the phases above the axes, which extend over all phases."""
+    duration = phases[-1].t1 - phases[0].t0
+    inches_per_second = ax.get_position().width * WIDTH / duration
+    for i, phase in enumerate(phases):
+        # a letter is about 0.078 inches wide
+        letters = int((phase.t1 - phase.t0) * inches_per_second / 0.078)
+        text = phase.name.replace("_", " ")
+        if len(text) > letters:
+            text = f"{text[: letters - 1]}…" if letters > 3 else str(i + 1)
+        if len(text) > letters:  # even the number would overlap adjacent ones
+            continue
+        middle = (phase.t0 + phase.t1) / 2
+        ax.annotate(
+            text,
+            (middle, 1),
+            (0, 3),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=8.5,
+            style="italic",
+        )
+
+
+def operator(seed: int | None) -> str:
+    """Return who operated in a session, by the seed of the simulated surgeon; None: a person."""
+    if seed is None:
+        return "a person"
+    return f"simulated surgeon, seed {seed}"
 
 
 def legend_above(ax: Axes) -> None:
@@ -217,7 +262,8 @@ def legend_above(ax: Axes) -> None:
 
 def legend_beside(ax: Axes) -> None:
     """Put the legend to the right of the axes."""
-    if ax.get_legend_handles_labels()[0]:
+    handles, _ = ax.get_legend_handles_labels()
+    if handles:
         ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), labelspacing=0.35)
 
 
@@ -227,23 +273,38 @@ _LEAST = 1e-16
 
 def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float]) -> None:
     """Make the y axis logarithmic, with a range that contains values and limits, and ticks such as "10 µm"."""
-    positive = np.concatenate([v[np.isfinite(v) & (v > 0)] for v in values] + [np.array(limits)])
+    # ticks are powers of ten of a degree or a metre
     step = np.pi / 180 if unit.startswith("rad") else 1.0
-    scaled = positive / step if positive.size else np.array([1e-12, 1e-9])
-    low = int(np.floor(np.log10(max(np.percentile(scaled, 0.5), scaled.max() * 1e-16, _LEAST)) - 0.05))
-    top = np.log10(scaled.max())
+    samples = [np.array(limits)]
+    for curve in values:
+        samples.append(curve[np.isfinite(curve) & (curve > 0)])
+    scaled = np.concatenate(samples) / step
+    if not scaled.size:
+        scaled = np.array([1e-12, 1e-9])
+    largest = scaled.max()
+    # a few samples, such as zeros with rounding errors, must not determine the lower end
+    lowest = max(np.percentile(scaled, 0.5), largest * 1e-16, _LEAST)
+    low = int(np.floor(np.log10(lowest) - 0.05))
+    top = np.log10(largest)
     top += 0.3 + 0.17 * (top - low)  # room for a label above the largest value
     high = int(np.floor(top))
-    every = max(1, int(np.ceil((high - low) / 6)))
-    log_ticks(ax, [10.0**e * step for e in range(low, high + 1, every)], lambda v: _tick(v, unit))
+    decades_per_tick = max(1, int(np.ceil((high - low) / 6)))
+    ticks = [10.0**exponent * step for exponent in range(low, high + 1, decades_per_tick)]
+    log_ticks(ax, ticks, lambda value: _tick(value, unit))
     ax.set_ylim(10.0**low * step, 10.0**top * step)
 
 
 def _tick(value: float, unit: str) -> str:
     """Return the tick label of a power of ten with its unit."""
     text = quantity(value, unit, 1)
-    if text.startswith("<"):
-        text = f"{power(value / DEG, 1)}°{unit[3:]}" if unit.startswith("rad") else f"{power(value, 1)} {unit}"
+    if not text.startswith("<"):
+        return text.removeprefix("1×")
+    # too small for a prefix of the unit
+    if unit.startswith("rad"):
+        rate = unit.removeprefix("rad")
+        text = f"{power(value / DEG, 1)}°{rate}"
+    else:
+        text = f"{power(value, 1)} {unit}"
     return text.removeprefix("1×")
 
 
@@ -253,9 +314,15 @@ def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) ->
         return
     ax.axhline(value, color=color, lw=1.0, ls=(0, (5, 2)), zorder=1.8)
     ax.annotate(
-        label, (0, value), (4, 2), xycoords=("axes fraction", "data"), textcoords="offset points",
-        color=color, fontsize=8.5, va="bottom",
-    )  # fmt: skip
+        label,
+        (0, value),
+        (4, 2),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        color=color,
+        fontsize=8.5,
+        va="bottom",
+    )
 
 
 def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
@@ -266,15 +333,36 @@ def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: b
     """
     ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
     left, right = ax.get_xlim()
-    late = t > left + 0.7 * (right - left)
-    beside = 4 if late else 8 if t <= left + 0.01 * (right - left) else -4  # the text must not cross the y axis
-    height = ax.transAxes.inverted().transform(ax.transData.transform((t, value)))[1]
-    below = height > 0.16 if below else height > 0.9
+    # in points; text to the right of a ring at the y axis must not cross the axis
+    horizontal = "left"
+    dx = -4
+    if t > left + 0.7 * (right - left):
+        horizontal = "right"
+        dx = 4
+    elif t <= left + 0.01 * (right - left):
+        dx = 8
+    # as a fraction of the height of the axes
+    pixel = ax.transData.transform((t, value))
+    _, height = ax.transAxes.inverted().transform(pixel)
+    text_below_from = 0.16 if below else 0.9
+    vertical = "bottom"
+    dy = 6
+    if height > text_below_from:
+        vertical = "top"
+        dy = -6
     ax.annotate(
-        text, (t, value), (beside, -6 if below else 6), textcoords="offset points", color=color,
-        ha="right" if late else "left", va="top" if below else "bottom", fontsize=8.5, fontweight="bold",
-        zorder=5, clip_on=False,
-    )  # fmt: skip
+        text,
+        (t, value),
+        (dx, dy),
+        textcoords="offset points",
+        color=color,
+        ha=horizontal,
+        va=vertical,
+        fontsize=8.5,
+        fontweight="bold",
+        zorder=5,
+        clip_on=False,
+    )
 
 
 def at(value: float, unit: str, t: float) -> str:
@@ -315,7 +403,9 @@ def svg(figure: Figure, name: str, label: str) -> str:
         figure.savefig(buffer, format="svg", metadata=nothing)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
-    box = re.search(r'viewBox="[^"]*"', text)
+    # of the element, only its view box is kept: width and height are those of the page
+    found = re.search(r'viewBox="[^"]*"', text)
+    box = found[0] if found else ""
     text = text[text.index(">") + 1 :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
@@ -323,4 +413,4 @@ def svg(figure: Figure, name: str, label: str) -> str:
     text = re.sub(r'\b(id="|href="#|url\(#)', rf"\g<1>{name}-", text)
     for color, variable in ((INK, "--ink"), (GRID, "--grid"), (BAND, "--band")):
         text = text.replace(color, f"var({variable})")
-    return f'<svg {box[0] if box else ""} role="img" aria-label="{escape(label)}">{text}'
+    return f'<svg {box} role="img" aria-label="{escape(label)}">{text}'
