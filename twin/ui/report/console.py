@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.ui.report.style import FIT, GRID, INK, PALETTE, UNFIT, sheet, styled
-from twin.validation.clauses import Contract
+from twin.validation.clauses import Clause, Contract
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -21,28 +24,53 @@ def figure(found: Contract) -> Figure:
     Satisfied clauses are green, unsatisfied clauses red. The distance is drawn over a hand motion that returns to its
     start.
     """
-    names = sorted({c.equation for c in found.clauses})
-    readings = ", ".join(f"{n}={found.variants.get(n, '?')}" for n in names)
-    out = sheet(f"{found.console}: {readings}", 4.2)
+    by_equation: dict[str, list[Clause]] = {}
+    for clause in sorted(found.clauses, key=lambda clause: clause.equation):
+        by_equation.setdefault(clause.equation, []).append(clause)
+    readings = []
+    for name in by_equation:
+        variant = found.variants.get(name, "?")
+        readings.append(f"{name}={variant}")
+    out = sheet(f"{found.console}: {', '.join(readings)}", 4.2)
     left, right = out.subplots(1, 2)
     out.subplots_adjust(left=0.08, right=0.97, top=0.84, bottom=0.13, wspace=0.28)
-    for row, name in enumerate(names):
-        mine = [c for c in found.clauses if c.equation == name]
-        for k, c in enumerate(mine):
-            left.barh(row, 0.86, left=k, height=0.6, color=FIT if c.holds else UNFIT)
-        kept = sum(c.holds for c in mine)
-        left.annotate(f"{kept} of {len(mine)}", (len(mine) + 0.1, row), va="center", color=INK)
-    left.set_yticks(range(len(names)), [f"({n.removeprefix('eq')})" for n in names])
-    left.set_xlim(0, 2.5 + max(sum(c.equation == n for c in found.clauses) for n in names))
-    left.invert_yaxis()
-    left.set_xticks([])
-    left.grid(False)
-    left.set_title("clauses satisfied, by equation", loc="left")
-    away = np.linalg.norm(found.path - found.path[0], axis=1) / MM
-    right.plot(np.arange(len(away)), away, color=PALETTE[0], linewidth=0.8)
-    right.plot([len(away) - 1], away[-1:], "o", color=FIT if away[-1] < 1e-9 else UNFIT)
-    right.set_title(f"closed hand motion: drift of {away[-1]:.2g} mm", loc="left")
-    right.set_xlabel("increments")
-    right.set_ylabel("tool position relative to its start [mm]")
-    right.grid(True, color=GRID)
+    _draw_clauses(left, by_equation)
+    _draw_drift(right, found.path)
     return out
+
+
+def _draw_clauses(ax: Axes, by_equation: Mapping[str, Sequence[Clause]]) -> None:
+    """Draw a row for each equation, with one bar of equal length for each of its clauses."""
+    labels = []
+    most = 0
+    for row, (name, clauses) in enumerate(by_equation.items()):
+        satisfied = 0
+        for k, clause in enumerate(clauses):
+            color = UNFIT
+            if clause.holds:
+                color = FIT
+                satisfied += 1
+            ax.barh(row, 0.86, left=k, height=0.6, color=color)
+        ax.annotate(f"{satisfied} of {len(clauses)}", (len(clauses) + 0.1, row), va="center", color=INK)
+        number = name.removeprefix("eq")
+        labels.append(f"({number})")
+        most = max(most, len(clauses))
+    ax.set_yticks(range(len(labels)), labels)
+    ax.set_xlim(0, 2.5 + most)  # with room for the counts
+    ax.invert_yaxis()
+    ax.set_xticks([])
+    ax.grid(False)
+    ax.set_title("clauses satisfied, by equation", loc="left")
+
+
+def _draw_drift(ax: Axes, path: Array) -> None:
+    """Draw the distance from the start of a path (k, 3) in m; the mark at its end is green if the path is closed."""
+    distance = np.linalg.norm(path - path[0], axis=1) / MM
+    drift = distance[-1]
+    closed = drift < 1e-9
+    ax.plot(np.arange(len(distance)), distance, color=PALETTE[0], linewidth=0.8)
+    ax.plot([len(distance) - 1], [drift], "o", color=FIT if closed else UNFIT)
+    ax.set_title(f"closed hand motion: drift of {drift:.2g} mm", loc="left")
+    ax.set_xlabel("increments")
+    ax.set_ylabel("tool position relative to its start [mm]")
+    ax.grid(True, color=GRID)

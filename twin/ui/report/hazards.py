@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twin.core.format import count
 from twin.simulation.hazards.attacked import HARM
 from twin.simulation.hazards.roc import dangerous, in_time
 from twin.simulation.hazards.summary import Hazards
@@ -22,44 +23,45 @@ _MANY = 300
 """Number of sessions above which the points are drawn smaller, so that they do not cover each other."""
 
 
+@styled()
 def figure(found: Hazards) -> Figure:
     """Return a figure of peak deviations (one row for each class of faults), ROC curves and reaction times.
 
     A row has a point for each session. The ROC curves show the detection of dangerous sessions. The reaction times
     are those of the trainee.
     """
-    with styled():
-        n = len(found.by_class)
-        height = 5.2 + 0.28 * n
-        out = sheet(f"{found.robot}: {_sessions(len(found.rows))} of '{found.table.title}'", height)
-        grid = out.add_gridspec(2, 2, height_ratios=[0.28 * n + 0.4, 3.3])
-        out.subplots_adjust(left=0.22, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
-        _peaks(out.add_subplot(grid[0, :]), found)
-        _roc(out.add_subplot(grid[1, 0]), found)
-        _times(out.add_subplot(grid[1, 1]), found)
-        return out
-
-
-def _sessions(n: int) -> str:
-    return f"{n} session{'' if n == 1 else 's'}"
+    n = len(found.by_class)
+    height = 5.2 + 0.28 * n
+    sessions = count(len(found.rows), "session")
+    out = sheet(f"{found.robot}: {sessions} of '{found.table.title}'", height)
+    grid = out.add_gridspec(2, 2, height_ratios=[0.28 * n + 0.4, 3.3])
+    out.subplots_adjust(left=0.22, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
+    _peaks(out.add_subplot(grid[0, :]), found)
+    _roc(out.add_subplot(grid[1, 0]), found)
+    _times(out.add_subplot(grid[1, 1]), found)
+    return out
 
 
 def _peaks(ax: Axes, found: Hazards) -> None:
-    size = 2.2 if len(found.rows) > _MANY else 5
+    """Draw a row for each class of faults, with a point for each session."""
+    size = 5
+    if len(found.rows) > _MANY:
+        size = 2.2
     for k, (name, rows) in enumerate(found.by_class.items()):
         if k % 2:
             ax.axhspan(k - 0.5, k + 0.5, color=BAND, linewidth=0, zorder=0)
-        aside = 0.3 * np.sin(2.4 * np.arange(len(rows)))  # equal values lie beside each other
-        stopped = np.array([r["stop"] is not None for r in rows])
-        peaks = np.maximum([r["peak"] for r in rows], _LEAST)
-        for part, color, label in ((~stopped, PALETTE[0], "not stopped"), (stopped, PALETTE[1], "stopped by a check")):
-            ax.plot(
-                peaks[part], k + aside[part], "o", ms=size, alpha=0.5, color=color, mew=0, label=None if k else label
-            )
+        y = k + 0.3 * np.sin(2.4 * np.arange(len(rows)))  # equal values lie beside each other
+        stopped = np.array([row["stop"] is not None for row in rows])
+        peaks = np.maximum([row["peak"] for row in rows], _LEAST)
+        parts = ((~stopped, PALETTE[0], "not stopped"), (stopped, PALETTE[1], "stopped by a check"))
+        for part, color, text in parts:
+            label = text if k == 0 else None  # one entry of the legend for all classes
+            ax.plot(peaks[part], y[part], "o", ms=size, alpha=0.5, color=color, mew=0, label=label)
         ax.text(-0.01, k, f"{name} ({len(rows)})", transform=ax.get_yaxis_transform(), ha="right", va="center")
-    for limit, text in ((HARM, f"{HARM:g} mm: harm"), (3.0, "3 mm: cue")):
+    # the labels of the two limits extend to opposite sides, because the limits are close to each other
+    for limit, text, side in ((HARM, f"{HARM:g} mm: harm", "right"), (3.0, "3 mm: cue", "left")):
         ax.axvline(limit, color=INK, linewidth=0.9, linestyle="--")
-        ax.text(limit, -0.75, text, fontsize=7.5, ha="right" if limit == HARM else "left", va="bottom")
+        ax.text(limit, -0.75, text, fontsize=7.5, ha=side, va="bottom")
     _logarithmic(ax)
     ax.set_ylim(len(found.by_class) - 0.4, -0.6)
     ax.set_yticks([])
@@ -71,18 +73,21 @@ def _peaks(ax: Axes, found: Hazards) -> None:
 
 
 def _roc(ax: Axes, found: Hazards) -> None:
-    for k, c in enumerate(found.roc):
-        color, line = PALETTE[k % 2], "-" if k > 1 else ":"
-        label = f"{c.name} (area {c.area:.3f})"
-        ax.plot(c.false, c.detected, line, color=color, drawstyle="steps-post", label=label)
-        detected, false = c.at(c.limit)
+    """Draw the ROC curves with a dot at each limit in use, and a triangle for the checks of the robot's software."""
+    for k, curve in enumerate(found.roc):
+        color = PALETTE[k % 2]
+        line = "-" if k > 1 else ":"
+        label = f"{curve.name} (area {curve.area:.3f})"
+        ax.plot(curve.false, curve.detected, line, color=color, drawstyle="steps-post", label=label)
+        detected, false = curve.at(curve.limit)
         ax.plot([false], [detected], "o", color=color, ms=6, clip_on=False, zorder=4)
     if found.roc:
-        used = " or ".join(dict.fromkeys(c.used for c in found.roc))
+        used = " or ".join(dict.fromkeys(curve.used for curve in found.roc))
         ax.plot([], [], "o", color=INK, ms=6, label=f"limit in use, {used}")
-    danger = [r for r in found.rows if dangerous(r)]
-    if danger:
-        share = float(np.mean([in_time(r) for r in danger]))
+    detections = [in_time(row) for row in found.rows if dangerous(row)]
+    if detections:
+        share = float(np.mean(detections))
+        # each session that these checks stop counts as dangerous: they have no false alarm
         ax.plot([0], [share], "^", color=PALETTE[2], ms=7, clip_on=False, label="checks of the software", zorder=4)
     ax.set_xlim(-0.01, 1)
     ax.set_ylim(0, 1.02)
@@ -92,17 +97,20 @@ def _roc(ax: Axes, found: Hazards) -> None:
 
 
 def _times(ax: Axes, found: Hazards) -> None:
-    rows = [r for r in found.rows if r["response"] is not None]
+    """Draw the share of sessions in which the scripted trainee has noticed, or acted, by a time after the fault."""
+    responses = [row["response"] for row in found.rows if row["response"] is not None]
     for color, key, text in ((PALETTE[0], "noticed", "could notice"), (PALETTE[1], "acted", "acted")):
-        times = np.sort([max(r["response"][key], 1) for r in rows])
-        if len(times):
+        if responses:
+            times = np.sort([response[key] for response in responses])
+            times = np.maximum(times, 1)  # ms; the axis is logarithmic
             shares = np.linspace(0, 1, len(times) + 1)  # from 0, so that one session is a line too
             ax.step(np.r_[times[0], times], shares, where="post", color=color, label=text)
     _logarithmic(ax)
     ax.set_ylim(0, 1.02)
     ax.set_xlabel("time from the start of the fault [ms]")
     ax.set_ylabel("share of sessions with a force or a stop")
-    _legend(ax, loc="best", borderaxespad=0.8, title=f"scripted trainee, {_sessions(len(rows))}")
+    sessions = count(len(responses), "session")
+    _legend(ax, loc="best", borderaxespad=0.8, title=f"scripted trainee, {sessions}")
 
 
 def _logarithmic(ax: Axes) -> None:
@@ -116,5 +124,6 @@ def _logarithmic(ax: Axes) -> None:
 
 def _legend(ax: Axes, **more: Any) -> None:
     """Add a legend; none if nothing has been drawn."""
-    if ax.get_legend_handles_labels()[0]:
+    handles, _ = ax.get_legend_handles_labels()
+    if handles:
         ax.legend(**more)

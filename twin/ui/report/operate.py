@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.core.units import MM
-from twin.simulation.operated import Operated
+from twin.simulation.devices.hand import Goal
+from twin.simulation.operated import Operated, Trial
 from twin.simulation.trial import remaining
 from twin.ui.report.style import BAND, INK, PALETTE, UNFIT, log_ticks, sheet, styled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _LEAST = 1e-4
 """Smallest drawn distance in mm; smaller distances are drawn at this value."""
 
-_TICKS = {1e-4: "0.1 µm", 1e-3: "1 µm", 1e-2: "10 µm", 0.1: "0.1 mm", 1.0: "1 mm", 10.0: "10 mm", 100.0: "100 mm"}
+_TICKS = {
+    1e-4: "0.1 µm",
+    1e-3: "1 µm",
+    1e-2: "10 µm",
+    0.1: "0.1 mm",
+    1.0: "1 mm",
+    10.0: "10 mm",
+    100.0: "100 mm",
+}
+"""Tick labels of the distance axis, by distance in mm."""
 
 _SHOWN = 4
 """Maximum number of drawn trials; further trials are only in the table and the files."""
@@ -36,23 +48,18 @@ def figure(found: Operated) -> Figure:
     axes = out.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
     out.subplots_adjust(left=0.09, right=0.86, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.28)
     for ax, trial in zip(axes, shown, strict=True):
-        record, measures, t = trial.record, trial.measures, trial.record.t
-        for goal in found.goals:
-            if goal.inserts and goal.name in record.spans:
-                first, last = record.spans[goal.name]
-                ax.axvspan(t[first], t[last], color=BAND, linewidth=0, zorder=0)
-                touched = measures.contacts[goal.name]
-                x, ink = (t[first] + t[last]) / 2, INK if touched else UNFIT
-                text = goal.name if touched else f"{goal.name}: missed"
-                ax.annotate(text, (x, 1.02), xycoords=ax.get_xaxis_transform(), color=ink, ha="center", fontsize=8)
-        left = np.maximum(remaining(record, found.goals) / MM, _LEAST)
-        ax.plot(t, left, color=PALETTE[0], linewidth=1.0)
-        log_ticks(ax, list(_TICKS), lambda v: _TICKS[min(_TICKS, key=lambda k: abs(k - v))])
-        up = ~record.pedal
-        ax.fill_between(t, 0, 0.05, where=up, transform=ax.get_xaxis_transform(), color=PALETTE[1], linewidth=0)
-        ax.set_ylim(_LEAST / 3, max(3 * np.nanmax(left), 1.0))
+        _draw_insertions(ax, trial, found.goals)
+        t = trial.record.t
+        distance = np.maximum(remaining(trial.record, found.goals) / MM, _LEAST)
+        ax.plot(t, distance, color=PALETTE[0], linewidth=1.0)
+        log_ticks(ax, list(_TICKS), _tick)
+        pedal_up = ~trial.record.pedal
+        band = ax.get_xaxis_transform()  # heights as fractions of the axes
+        ax.fill_between(t, 0, 0.05, where=pedal_up, transform=band, color=PALETTE[1], linewidth=0)
+        ax.set_ylim(_LEAST / 3, max(3 * np.nanmax(distance), 1.0))
         ax.set_ylabel("distance to goal")
         ax.set_xlim(t[0], t[-1])
+        measures = trial.measures
         ax.annotate(
             f"seed {trial.seed}\n{measures.time:.1f} s\n{measures.presses} presses\n{measures.path / MM:.1f} mm",
             (1.012, 0.98),
@@ -62,3 +69,28 @@ def figure(found: Operated) -> Figure:
         ax.annotate("pedal up", (1.012, 0.0), xycoords="axes fraction", color=PALETTE[1], fontsize=8)
     axes[-1].set_xlabel("time [s]")
     return out
+
+
+def _draw_insertions(ax: Axes, trial: Trial, goals: Sequence[Goal]) -> None:
+    """Shade the insertions of a trial, with the names of their goals above."""
+    record = trial.record
+    for goal in goals:
+        if not goal.inserts or goal.name not in record.spans:
+            continue
+        first, last = record.spans[goal.name]
+        start = record.t[first]
+        end = record.t[last]
+        ax.axvspan(start, end, color=BAND, linewidth=0, zorder=0)
+        text = goal.name
+        color = INK
+        if not trial.measures.contacts[goal.name]:
+            text = f"{goal.name}: missed"
+            color = UNFIT
+        place = ((start + end) / 2, 1.02)
+        ax.annotate(text, place, xycoords=ax.get_xaxis_transform(), color=color, ha="center", fontsize=8)
+
+
+def _tick(value: float) -> str:
+    # a power of ten that matplotlib returns can differ from the key by rounding
+    nearest = min(_TICKS, key=lambda tick: abs(tick - value))
+    return _TICKS[nearest]

@@ -34,7 +34,10 @@ class Row:
 @styled()
 def figure(played: Played) -> Figure:
     """Return a figure with two panels: distance over time of each pair of robots or props; phases of each robot."""
-    rows = [Row(a.place.name, [(p.t0, p.t1) for p in a.trajectory.phases]) for a in played.actors]
+    rows = []
+    for actor in played.actors:
+        phases = [(phase.t0, phase.t1) for phase in actor.trajectory.phases]
+        rows.append(Row(actor.place.name, phases))
     pairs = {pair: found.distance for pair, found in played.by_pair.items()}
     return distances(f"{played.scene.title}: minimum clearances", played.t, pairs, played.scene.clearance, rows)
 
@@ -51,20 +54,28 @@ def distances(
     top, below = out.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [4, 0.45 * len(rows)], "hspace": 0.12})
     left = max(0.09, 0.025 + 0.0075 * max(len(row.name) for row in rows))
     out.subplots_adjust(left=left, right=0.8, top=1 - 0.5 / height, bottom=0.5 / height)
-    for k, ((a, b), d) in enumerate(pairs.items()):
-        color, style = PALETTE[k % len(PALETTE)], _STYLES[k // len(PALETTE) % len(_STYLES)]
-        top.plot(t, np.maximum(d / MM, LEAST), style, color=color, label=f"{a} - {b}")
-    top.axhline(required / MM, color=UNFIT, linestyle="--", linewidth=0.9)
+    for k, ((a, b), distance) in enumerate(pairs.items()):
+        repetition, color = divmod(k, len(PALETTE))
+        style = _STYLES[repetition % len(_STYLES)]
+        shown = np.maximum(distance / MM, LEAST)
+        top.plot(t, shown, style, color=PALETTE[color], label=f"{a} - {b}")
+    required_mm = required / MM
+    top.axhline(required_mm, color=UNFIT, linestyle="--", linewidth=0.9)
     top.annotate(
-        f"required: {required / MM:g} mm", (0, required / MM), (3, 3), textcoords="offset points",
-        color=UNFIT, fontsize=8,
-    )  # fmt: skip
+        f"required: {required_mm:g} mm",
+        (0, required_mm),
+        (3, 3),
+        textcoords="offset points",
+        color=UNFIT,
+        fontsize=8,
+    )
     log_ticks(top, [0.1, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000], lambda v: f"{v:g}")
     top.set_ylabel("distance [mm]")
     top.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     for i, row in enumerate(rows):
         for k, (start, end) in enumerate(row.phases):
-            below.barh(i, end - start, left=start, color=BAND if k % 2 else PALETTE[5], height=0.7)
+            color = BAND if k % 2 else PALETTE[5]
+            below.barh(i, end - start, left=start, color=color, height=0.7)
     below.set_yticks(range(len(rows)), [row.name for row in rows])
     below.invert_yaxis()
     below.grid(visible=False)

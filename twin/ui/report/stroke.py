@@ -24,27 +24,51 @@ _UNITS = {-9: "1 fm", -6: "1 pm", -3: "1 nm", 0: "1 µm", 3: "1 mm"}
 @styled()
 def figure(strokes: Strokes) -> Figure:
     """Return a figure of the tool's position error over the range of each joint, with a panel for each joint."""
-    robot, sweeps, requirement = strokes.robot, strokes.sweeps, strokes.requirement
-    drawn = [c.distance.max() / UM for s in sweeps for c in (s.formula, *s.standins.values()) if len(c.offset)]
-    most = 10 * max(*drawn, requirement[0] / UM if requirement else 0.0, 1e-3)
+    sweeps = strokes.sweeps
+    required = None
+    if strokes.requirement is not None:
+        required = strokes.requirement[0] / UM
+    top = _axis_end(strokes, required)
     height = 0.9 + 2.3 * len(sweeps)
-    title = f"{robot}: position error of the tool over the range of each joint, the other joints at home"
+    title = f"{strokes.robot}: position error of the tool over the range of each joint, the other joints at home"
     out = sheet(title, height)
     axes = out.subplots(len(sweeps), 1, squeeze=False)[:, 0]
     out.subplots_adjust(left=0.09, right=0.83, top=1 - 0.5 / height, bottom=0.55 / height, hspace=0.5)
-    for ax, one in zip(axes, sweeps, strict=True):
-        x = one.q / (DEG if one.angle else MM)
-        curves = {"equations": one.formula, **one.standins}
+    for ax, sweep in zip(axes, sweeps, strict=True):
+        scale = MM
+        unit = "mm"
+        if sweep.angle:
+            scale = DEG
+            unit = "deg"
+        x = sweep.q / scale
+        curves = {"equations": sweep.formula, **sweep.standins}
         for color, (name, curve) in zip(PALETTE, curves.items(), strict=False):
             if len(curve.offset):
-                ax.plot(x, np.maximum(curve.distance / UM, _LEAST), color=color, label=name, linewidth=1.3)
-        if requirement is not None:
-            needed = requirement[0] / UM
-            ax.axhline(needed, color="#555555", linewidth=0.9, linestyle="--", label=f"required: {needed:g} µm")
-        log_ticks(ax, [10.0**k for k in range(-9, 6, 3)], lambda v: _UNITS.get(round(math.log10(v)), ""))
-        ax.set_ylim(_LEAST / 3, most)
+                error = np.maximum(curve.distance / UM, _LEAST)
+                ax.plot(x, error, color=color, label=name, linewidth=1.3)
+        if required is not None:
+            ax.axhline(required, color="#555555", linewidth=0.9, linestyle="--", label=f"required: {required:g} µm")
+        log_ticks(ax, [10.0**k for k in range(-9, 6, 3)], _tick)
+        ax.set_ylim(_LEAST / 3, top)
         ax.set_ylabel("error")
-        ax.set_xlabel(f"{one.joint} [{'deg' if one.angle else 'mm'}]")
+        ax.set_xlabel(f"{sweep.joint} [{unit}]")
         ax.set_xlim(x[0], x[-1])
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     return out
+
+
+def _axis_end(strokes: Strokes, required: float | None) -> float:
+    """Return the upper end of the error axes in µm, ten times the largest error or requirement."""
+    largest = 1e-3
+    if required is not None:
+        largest = max(largest, required)
+    for sweep in strokes.sweeps:
+        for curve in (sweep.formula, *sweep.standins.values()):
+            if len(curve.offset):
+                largest = max(largest, curve.distance.max() / UM)
+    return 10 * largest
+
+
+def _tick(value: float) -> str:
+    exponent = round(math.log10(value))
+    return _UNITS.get(exponent, "")

@@ -31,27 +31,41 @@ def figure(found: Ranks) -> Figure:
     title.
     """
     users = found.users
-    same = {name: x for name, x in ((n, np.unique(x)) for n, x in users.measures.items()) if len(x) == 1}
-    names = [name for name in users.measures if name not in same] or list(users.measures)
-    curve = users.sessions is not None and len(set(users.sessions)) > 1
+    constants = []
+    names = []
+    for name, values in users.measures.items():
+        different = np.unique(values)
+        if len(different) == 1:
+            constants.append(f"{label(name)} {different[0]:g}")
+        else:
+            names.append(name)
+    if not names:
+        names = list(users.measures)
+    columns = 1
+    if users.sessions is not None and len(set(users.sessions)) > 1:
+        columns = 2
 
     height = 0.75 + _ROW * len(names)
     out = sheet(f"{found.file}: groups", height)
-    axes = out.subplots(len(names), 2 if curve else 1, squeeze=False)
+    axes = out.subplots(len(names), columns, squeeze=False)
     out.subplots_adjust(left=0.1, right=0.98, top=1 - 0.8 / height, bottom=0.45 / height, hspace=0.7, wspace=0.25)
-    if same:
-        equal = ", ".join(f"{label(name)} {x[0]:g}" for name, x in same.items())
-        out.text(0.012, 1 - 0.46 / height, f"Equal for all {users.counted}: {equal}", fontsize=8, va="center")
-    colors = {group: PALETTE[k % len(PALETTE)] for k, group in enumerate(dict.fromkeys(users.groups))}
+    if constants:
+        text = f"Equal for all {users.counted}: {', '.join(constants)}"
+        out.text(0.012, 1 - 0.46 / height, text, fontsize=8, va="center")
+    colors = {}
+    for group in users.groups:
+        if group not in colors:
+            colors[group] = PALETTE[len(colors) % len(PALETTE)]
     for row, name in zip(axes, names, strict=True):
-        _boxes(row[0], users.samples(name), name, colors, _LETTERS // (2 if curve else 1))
-        if curve:
+        _boxes(row[0], users.samples(name), name, colors, _LETTERS // columns)
+        if columns == 2:
             _course(row[1], found, name, colors)
     return out
 
 
 def _boxes(ax: Axes, samples: dict[str, Array], name: str, colors: Mapping[str, str], letters: int) -> None:
-    drawn = {n: x for n, x in samples.items() if len(x)}
+    """Draw a box plot and the values of each sample; up to `letters` letters fit on a line below the axes."""
+    drawn = {sample: values for sample, values in samples.items() if len(values)}
     ax.boxplot(
         list(drawn.values()),
         widths=0.5,
@@ -59,28 +73,38 @@ def _boxes(ax: Axes, samples: dict[str, Array], name: str, colors: Mapping[str, 
         medianprops={"color": INK, "lw": 1.4},
         boxprops={"color": INK},
     )
-    for k, (sample, x) in enumerate(drawn.items()):
-        aside = 0.12 * np.sin(2.4 * np.arange(len(x)))  # equal values lie beside each other
-        color = colors[sample if sample in colors else sample.rpartition(", session ")[0]]
-        ax.plot(k + 1 + aside, x, "o", ms=4, alpha=0.7, color=color)
-    lines = [[*textwrap.wrap(n, max(letters // len(drawn), 6)), f"n = {len(x)}"] for n, x in drawn.items()]
-    ax.set_xticks(range(1, len(drawn) + 1), ["\n".join(text) for text in lines], fontsize=7.5)
+    places = range(1, len(drawn) + 1)
+    labels = []
+    for place, (sample, values) in zip(places, drawn.items(), strict=True):
+        group = sample
+        if sample not in colors:
+            # a sample of one of several sessions
+            group, _, _ = sample.rpartition(", session ")
+        x = place + 0.12 * np.sin(2.4 * np.arange(len(values)))  # equal values lie beside each other
+        ax.plot(x, values, "o", ms=4, alpha=0.7, color=colors[group])
+        lines = textwrap.wrap(sample, max(letters // len(drawn), 6))
+        lines.append(f"n = {len(values)}")
+        labels.append("\n".join(lines))
+    ax.set_xticks(places, labels, fontsize=7.5)
     ax.set_title(label(name), loc="left", fontsize=9)
     ax.grid(True, axis="y", color=GRID)
     ax.tick_params(length=2.5)
 
 
 def _course(ax: Axes, found: Ranks, name: str, colors: Mapping[str, str]) -> None:
+    """Draw the values of a measure over the number of the session, and the median of each group."""
     users = found.users
-    values, groups = np.array(users.measures[name], float), np.array(users.groups)
-    numbers = np.array(users.sessions, float)
+    values = np.array(users.measures[name], float)
+    groups = np.array(users.groups)
+    sessions = np.array(users.sessions, float)
     for group, color in colors.items():
-        mine = (groups == group) & np.isfinite(values)
-        ax.plot(numbers[mine], values[mine], "o", ms=4, alpha=0.5, color=color)
-        at = np.unique(numbers[mine])
-        ax.plot(at, [np.median(values[mine & (numbers == n)]) for n in at], color=color, lw=1.2, label=group)
+        known = (groups == group) & np.isfinite(values)
+        ax.plot(sessions[known], values[known], "o", ms=4, alpha=0.5, color=color)
+        numbers = np.unique(sessions[known])
+        medians = [np.median(values[known & (sessions == number)]) for number in numbers]
+        ax.plot(numbers, medians, color=color, lw=1.2, label=group)
     ax.set_title("median over sessions", loc="left", fontsize=9)
-    ax.set_xticks(np.unique(numbers))
+    ax.set_xticks(np.unique(sessions))
     ax.set_xlabel("session")
     ax.legend(fontsize=7, frameon=False)
     ax.grid(True, color=GRID)

@@ -10,6 +10,7 @@ from twin.analysis.sweep import Sweep
 from twin.ui.report.style import INK, PALETTE, sheet, styled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -20,36 +21,52 @@ def figure(found: Sweep) -> Figure:
     The panel of an objective and a factor shows the objective over the factor. A point is a design, a star the design
     of the CAD.
     """
-    robot, judged, best, names = found.robot, found.judged, found.best, list(found.rows[0])[1:-1]
-    scales = np.array([f.scale for f in found.work.factors])
-    designs, factors, objectives = found.designs / scales, names[: len(scales)], names[len(scales) :]
+    best = found.best
+    scales = np.array([factor.scale for factor in found.work.factors])
+    designs = found.designs / scales
+    # the first column of the table is the number of the design, the last one whether it is Pareto-optimal
+    names = list(found.rows[0])[1:-1]
+    factors = names[: len(scales)]
+    objectives = names[len(scales) :]
 
-    trade = len(objectives) > 1
-    rows = trade + len(objectives)
-    height = 0.7 + 3.4 * trade + 2.2 * len(objectives)
-    out = sheet(f"{robot}: {len(designs) - 1} designs, compared with the CAD", height)
-    grid = out.add_gridspec(rows, len(factors), height_ratios=[3.4] * trade + [2.2] * len(objectives))
+    heights = [2.2] * len(objectives)
+    has_trade = len(objectives) > 1
+    if has_trade:
+        heights.insert(0, 3.4)
+    height = 0.7 + sum(heights)
+    out = sheet(f"{found.robot}: {len(designs) - 1} designs, compared with the CAD", height)
+    grid = out.add_gridspec(len(heights), len(factors), height_ratios=heights)
     out.subplots_adjust(left=0.09, right=0.97, top=1 - 0.5 / height, bottom=0.5 / height, hspace=0.42, wspace=0.25)
-    if trade:
-        ax = out.add_subplot(grid[0, :])
-        x, y = judged[:, 0], judged[:, 1]
-        ax.scatter(x[~best], y[~best], s=12, color=PALETTE[7], label="dominated")
-        order = np.flatnonzero(best)[np.argsort(x[best])]
-        ax.plot(x[order], y[order], color=PALETTE[0], linewidth=0.8)
-        ax.scatter(x[order], y[order], s=22, color=PALETTE[0], label="Pareto-optimal")
-        ax.scatter(x[:1], y[:1], s=110, marker="*", color=PALETTE[1], zorder=3, label="CAD")
-        ax.set_xlabel(objectives[0])
-        ax.set_ylabel(objectives[1])
-        ax.legend(loc="best")
+    if has_trade:
+        _trade(out.add_subplot(grid[0, :]), found, objectives)
+    first_row = len(heights) - len(objectives)
     for i, objective in enumerate(objectives):
+        y = found.judged[:, i]
         for j, factor in enumerate(factors):
-            ax = out.add_subplot(grid[trade + i, j])
-            ax.scatter(designs[~best, j], judged[~best, i], s=8, color=PALETTE[7])
-            ax.scatter(designs[best, j], judged[best, i], s=14, color=PALETTE[0])
-            ax.scatter(designs[:1, j], judged[:1, i], s=80, marker="*", color=PALETTE[1], zorder=3)
+            x = designs[:, j]
+            ax = out.add_subplot(grid[first_row + i, j])
+            ax.scatter(x[~best], y[~best], s=8, color=PALETTE[7])
+            ax.scatter(x[best], y[best], s=14, color=PALETTE[0])
+            ax.scatter(x[:1], y[:1], s=80, marker="*", color=PALETTE[1], zorder=3)  # design 0: the CAD
             ax.tick_params(labelcolor=INK)
             if j == 0:
                 ax.set_ylabel(objective)
             if i == len(objectives) - 1:
                 ax.set_xlabel(factor)
     return out
+
+
+def _trade(ax: Axes, found: Sweep, objectives: list[str]) -> None:
+    """Draw the second objective over the first, with the Pareto-optimal designs connected."""
+    best = found.best
+    x = found.judged[:, 0]
+    y = found.judged[:, 1]
+    ax.scatter(x[~best], y[~best], s=12, color=PALETTE[7], label="dominated")
+    optimal = np.flatnonzero(best)
+    optimal = optimal[np.argsort(x[optimal])]
+    ax.plot(x[optimal], y[optimal], color=PALETTE[0], linewidth=0.8)
+    ax.scatter(x[optimal], y[optimal], s=22, color=PALETTE[0], label="Pareto-optimal")
+    ax.scatter(x[:1], y[:1], s=110, marker="*", color=PALETTE[1], zorder=3, label="CAD")
+    ax.set_xlabel(objectives[0])
+    ax.set_ylabel(objectives[1])
+    ax.legend(loc="best")

@@ -17,10 +17,13 @@ if TYPE_CHECKING:
 def figure(planned: PlannedTogether) -> Figure:
     """Return a figure with two panels: distance of each pair of arms over time, and phases of each arm."""
     title = f"Clearance between arms · {', '.join(planned.order)} in scene {planned.scene.name}"
-    spans = {name: [(s.t0, s.t1) for s in planned.robots[name].phases] for name in planned.order}
-    apart = planned.apart
-    pairs = {pair: found.distance for pair, found in apart.by_pair.items()}
-    out = distances(title, apart.t, pairs, planned.required, [Row(name, spans[name]) for name in planned.order])
-    least, t, _ = apart.least()
-    mark(out.axes[0], t, max(least, LEAST * MM) / MM, at(least, "m", t), below=True)
+    rows = []
+    for name in planned.order:
+        phases = [(phase.t0, phase.t1) for phase in planned.robots[name].phases]
+        rows.append(Row(name, phases))
+    clearances = planned.apart
+    pairs = {pair: found.distance for pair, found in clearances.by_pair.items()}
+    out = distances(title, clearances.t, pairs, planned.required, rows)
+    least, t, _ = clearances.least()
+    mark(out.axes[0], t, max(least / MM, LEAST), at(least, "m", t), below=True)
     return out

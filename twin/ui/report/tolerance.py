@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from twin.core.units import UM
 from twin.ui.report.style import FIT, INK, PALETTE, UNFIT, sheet, styled
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _SHOWN = 14
@@ -23,37 +24,65 @@ def figure(found: ToleranceBudget) -> Figure:
 
     The error is the 95th percentile of the position error; a line shows the required value, if there is one.
     """
-    robot, budgets, required = found.robot, found.content()["states"], found.required
-    worst = max(budgets, key=lambda b: b["within_position"])
-
-    rows = worst["contributors"][:_SHOWN]
-    rest = worst["contributors"][_SHOWN:]
-    if rest:
-        both = {k: sum(r[k] for r in rest) for k in ("position", "rotation")}
-        rows = [*rows, {"what": f"{len(rest)} others", **both}]
-    height = 1.7 + 0.3 * len(budgets) + 0.27 * len(rows)
-    out = sheet(f"{robot}: tool error caused by part and encoder errors", height)
-    top, bottom = out.subplots(2, 1, gridspec_kw={"height_ratios": [0.3 * len(budgets) + 0.2, 0.27 * len(rows)]})
+    budgets = found.content()["states"]
+    worst = max(budgets, key=lambda budget: budget["within_position"])
+    contributions = _largest(worst["contributors"])
+    # in inches
+    states_height = 0.3 * len(budgets)
+    contributions_height = 0.27 * len(contributions)
+    height = 1.7 + states_height + contributions_height
+    out = sheet(f"{found.robot}: tool error caused by part and encoder errors", height)
+    top, bottom = out.subplots(2, 1, gridspec_kw={"height_ratios": [states_height + 0.2, contributions_height]})
     out.subplots_adjust(left=0.19, right=0.96, top=1 - 0.65 / height, bottom=0.5 / height, hspace=0.9 / height * 2)
-    names = [b["state"] for b in budgets]
-    values = np.array([b["within_position"] for b in budgets]) / UM
-    colors = [FIT if required is None or v <= required / UM else UNFIT for v in values]
-    top.barh(names, values, color=colors, height=0.6)
-    for y, v in enumerate(values):
-        top.text(v, y, f" {v:.4g} µm", va="center", color=INK, fontsize=8.5)
-    if required is not None:
-        top.axvline(required / UM, color=INK, linewidth=0.9, linestyle="--")
-        top.text(required / UM, -0.62, f" required {required / UM:g} µm", fontsize=8.5, color=INK, va="bottom")
-    top.invert_yaxis()
-    top.set_xlim(0, 1.18 * max(values.max(), (required or 0) / UM))
-    top.set_xlabel("95th-percentile position error [µm]")
-    top.grid(visible=False, axis="y")
-    at = np.arange(len(rows))
-    bottom.barh(at - 0.19, [100 * r["position"] for r in rows], height=0.36, color=PALETTE[0], label="position")
-    bottom.barh(at + 0.19, [100 * r["rotation"] for r in rows], height=0.36, color=PALETTE[4], label="rotation")
-    bottom.set_yticks(at, [r["what"] for r in rows])
-    bottom.invert_yaxis()
+    _draw_states(top, budgets, found.required)
+    _draw_contributions(bottom, contributions)
     bottom.set_xlabel(f"share of the variance in state '{worst['state']}' [%]")
-    bottom.grid(visible=False, axis="y")
-    bottom.legend(loc="center right")
     return out
+
+
+def _largest(contributors: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the first `_SHOWN` contributions, which are the largest, and one for the sum of all others."""
+    others = contributors[_SHOWN:]
+    if not others:
+        return contributors
+    rest = {
+        "what": f"{len(others)} others",
+        "position": sum(other["position"] for other in others),
+        "rotation": sum(other["rotation"] for other in others),
+    }
+    return [*contributors[:_SHOWN], rest]
+
+
+def _draw_states(ax: Axes, budgets: list[dict[str, Any]], required: float | None) -> None:
+    """Draw the position error of each state in µm; `required` is the required value in m."""
+    names = [budget["state"] for budget in budgets]
+    values = np.array([budget["within_position"] for budget in budgets]) / UM
+    end = values.max()
+    bars = ax.barh(names, values, color=FIT, height=0.6)
+    for y, value in enumerate(values):
+        ax.text(value, y, f" {value:.4g} µm", va="center", color=INK, fontsize=8.5)
+    if required is not None:
+        limit = required / UM
+        end = max(end, limit)
+        for bar, value in zip(bars, values, strict=True):
+            if value > limit:
+                bar.set_facecolor(UNFIT)
+        ax.axvline(limit, color=INK, linewidth=0.9, linestyle="--")
+        ax.text(limit, -0.62, f" required {limit:g} µm", fontsize=8.5, color=INK, va="bottom")
+    ax.invert_yaxis()
+    ax.set_xlim(0, 1.18 * end)
+    ax.set_xlabel("95th-percentile position error [µm]")
+    ax.grid(visible=False, axis="y")
+
+
+def _draw_contributions(ax: Axes, contributions: list[dict[str, Any]]) -> None:
+    """Draw two bars for each contribution: its shares of the variances of position and rotation in %."""
+    y = np.arange(len(contributions))
+    position = [100 * row["position"] for row in contributions]
+    rotation = [100 * row["rotation"] for row in contributions]
+    ax.barh(y - 0.19, position, height=0.36, color=PALETTE[0], label="position")
+    ax.barh(y + 0.19, rotation, height=0.36, color=PALETTE[4], label="rotation")
+    ax.set_yticks(y, [row["what"] for row in contributions])
+    ax.invert_yaxis()
+    ax.grid(visible=False, axis="y")
+    ax.legend(loc="center right")

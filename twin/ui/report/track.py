@@ -32,41 +32,47 @@ def figure(result: Tracking) -> Figure:
     The mismatch is the error in % of all masses and inertias in the controller's model. The third panel is omitted if
     there are no runs at several mismatches.
     """
-    runs, worst, curves = result.runs, result.runs[result.worst], result.curves
+    worst = result.runs[result.worst]
     w = worst.conditions.w
     title = f"{result.robot}, {result.protocol}: computed torque control, Kp = w², Kv = 2 w, w = {w:g} rad/s"
-    phases = tuple(PhaseSummary(*phase) for phase in result.phases)
 
-    heights = [2.3, 1.9, 1.9] if curves else [2.3, 1.9]
-    head, gaps, foot = 0.74, (0.18, 0.78), 0.5
-    tops = [head + sum(heights[:i]) + sum(gaps[:i]) for i in range(len(heights))]
-    total = tops[-1] + heights[-1] + foot
+    # in inches: (space above, height) of each panel
+    panels = [(0.74, 2.3), (0.18, 1.9)]
+    if result.curves:
+        panels.append((0.78, 1.9))
+    foot = 0.5
+    total = sum(above + tall for above, tall in panels) + foot
     out = sheet(title, total)
-    left, wide = 0.86 / WIDTH, (WIDTH - 0.86 - 1.75) / WIDTH
-    axes = [
-        out.add_axes((left, 1 - (top + tall) / total, wide, tall / total))
-        for top, tall in zip(tops, heights, strict=True)
-    ]
-    _errors(axes[0], runs)
+    left = 0.86
+    wide = WIDTH - left - 1.75
+    axes = []
+    bottom = 0.0
+    for above, tall in panels:
+        bottom += above + tall
+        axes.append(out.add_axes((left / WIDTH, 1 - bottom / total, wide / WIDTH, tall / total)))
+    _errors(axes[0], result.runs)
     _efforts(axes[1], result, worst)
     for ax in axes[:2]:
         ax.set_xlim(worst.t[0], worst.t[-1])
-    phase_bands([[ax] for ax in axes[:2]], phases)
+    phases = tuple(PhaseSummary(*phase) for phase in result.phases)
+    phase_bands([[axes[0]], [axes[1]]], phases)
     axes[0].tick_params(labelbottom=False)
     axes[1].set_xlabel("time [s]")
-    if curves:
-        _curves(axes[2], curves)
+    if result.curves:
+        _curves(axes[2], result.curves)
     for ax in axes:
         ax.tick_params(length=2.5)
-        ax.yaxis.set_label_coords(-0.66 / (wide * WIDTH), 0.5)
+        ax.yaxis.set_label_coords(-0.66 / wide, 0.5)
     return out
 
 
 def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:
+    """Draw the tip error of each run over time."""
     for (name, run), color in zip(runs.items(), (INK, *PALETTE), strict=False):
         t, error = thin(run.t, run.tip_error / UM)
-        ax.plot(t, error, color=color, lw=1.1, label=f"{name}\nlargest {quantity(run.tip_max, 'm', 3)}")
-    _up_to(ax, max(r.tip_max for r in runs.values()))
+        largest = quantity(run.tip_max, "m", 3)
+        ax.plot(t, error, color=color, lw=1.1, label=f"{name}\nlargest {largest}")
+    _up_to(ax, max(run.tip_max for run in runs.values()))
     ax.set_ylabel("tip error [µm]")
     legend_beside(ax)
 
@@ -76,13 +82,15 @@ def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
     largest = 0.0
     for i, row in enumerate(result.efforts):
         whole = row.limit or row.peak or 1.0  # without a stated limit, percent of the peak
-        part = 100 * run.effort[:, i] / whole
+        reference = "limit" if row.limit else "peak"
+        percent = 100 * run.effort[:, i] / whole
         color = PALETTE[i % len(PALETTE)]
-        ax.plot(*thin(run.t, part), color=color, lw=0.5, alpha=0.3)
-        label = f"{row.joint}, {'limit' if row.limit else 'peak'} {whole:g} {row.unit}"
-        ax.plot(*thin(run.t, _mean(part)), color=color, lw=1.1, label=label)
-        largest = max(largest, np.abs(part).max())
-    if largest > 60:
+        t, y = thin(run.t, percent)
+        ax.plot(t, y, color=color, lw=0.5, alpha=0.3)
+        t, y = thin(run.t, _mean(percent))
+        ax.plot(t, y, color=color, lw=1.1, label=f"{row.joint}, {reference} {whole:g} {row.unit}")
+        largest = max(largest, np.abs(percent).max())
+    if largest > 60:  # else the limits would compress the curves
         for side in (-100, 100):
             limit_line(ax, side, "limit")
     ax.axhline(0, color=INK, lw=0.5, alpha=0.4)
@@ -93,12 +101,17 @@ def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
 
 
 def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
+    """Draw the largest and the RMS tip error of each series of runs over the error of the model."""
+    worst = 0.0
     for (name, runs), color in zip(curves.items(), PALETTE, strict=False):
-        x = [100 * r.conditions.inertia_error for r in runs]
+        mismatch = [100 * run.conditions.inertia_error for run in runs]
+        largest = np.array([run.tip_max for run in runs])
+        rms = np.array([run.tip_rms for run in runs])
         label = fill(f"{name}: largest", 22)
-        ax.plot(x, [r.tip_max / UM for r in runs], "o-", ms=3.5, color=color, label=label)
-        ax.plot(x, [r.tip_rms / UM for r in runs], "o--", ms=3.5, mfc="none", color=color, lw=0.9, label="RMS")
-    _up_to(ax, max(r.tip_max for runs in curves.values() for r in runs))
+        ax.plot(mismatch, largest / UM, "o-", ms=3.5, color=color, label=label)
+        ax.plot(mismatch, rms / UM, "o--", ms=3.5, mfc="none", color=color, lw=0.9, label="RMS")
+        worst = max(worst, largest.max())
+    _up_to(ax, worst)
     ax.set_xlabel("error of all masses and tensors in the controller's model [%]")
     ax.set_ylabel("tip error [µm]")
     legend_beside(ax)
@@ -106,14 +119,16 @@ def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
 
 def _up_to(ax: Axes, largest: float) -> None:
     """Set the y axis from 0 to above `largest` (m); if `largest` exceeds 0.4 mm, at least to above the paper's 1 mm."""
-    near = largest > 0.4 * TIP_LIMIT
-    if near:
+    top = max(largest, 1e-9)
+    if largest > 0.4 * TIP_LIMIT:
         limit_line(ax, TIP_LIMIT / UM, "1 mm, as the paper reports")
-    ax.set_ylim(0, 1.16 * max(largest, TIP_LIMIT if near else 1e-9) / UM)
+        top = max(largest, TIP_LIMIT)
+    ax.set_ylim(0, 1.16 * top / UM)
 
 
 def _mean(y: Array) -> Array:
     """Return the running mean (k,) over `_TICKS` samples."""
     half = min(_TICKS // 2, (len(y) - 1) // 2)
     padded = np.pad(y, half, mode="edge")
-    return np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid")
+    width = 2 * half + 1
+    return np.convolve(padded, np.full(width, 1 / width), mode="valid")

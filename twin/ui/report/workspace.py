@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.analysis.workspace import Workspace
+from twin.analysis.workspace import Grid, Workspace
+from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.ui.report.style import INK, PALETTE, sheet, styled
 
@@ -26,50 +27,73 @@ def figure(found: Workspace) -> Figure:
     There are three sections, or one if all positions are in one plane. If no condition number was computed, the margin
     to the joint limits is drawn instead of the conditioning.
     """
-    robot, low, step, summary = found.robot, found.grid.low, found.grid.step, found.content()
     cube = found.cube
-    shape = cube.shape
     reached = cube[..., 0] > 0
-    conditioned = bool(cube[..., 1].any())
-    shown = np.where(reached, cube[..., 1 if conditioned else 2], np.nan)
-    cut = _cut(reached, shown)
-    most = float(np.nanquantile(shown, 0.995)) if reached.any() else 1.0
+    everywhere = cube[..., 0] == 1
+    inverse_condition = cube[..., 1]
+    if inverse_condition.any():
+        label = "inverse condition number"
+        values = inverse_condition
+    else:
+        label = "margin to the joint limits"
+        values = cube[..., 2]
+    values = np.where(reached, values, np.nan)
+    cut = _cut(reached, values)
+    top = 1.0
+    if reached.any():
+        top = float(np.nanquantile(values, 0.995))  # a few singular values must not make all others dark
 
-    sections = _SECTIONS if len(found.grid.axes) == 3 else (_flat(found.grid.axes),)
-    rows = 2 if len(sections) > 1 else 1
-    out = sheet(f"{robot}: workspace of the tool{_around(summary)}", 3.7 * rows)
+    if len(found.grid.axes) == 3:
+        sections = _SECTIONS
+        rows = 2
+        column_gap = 0.28
+        bar_place = (0.915, 0.55, 0.014, 0.33)
+    else:
+        sections = (_flat(found.grid.axes),)
+        rows = 1
+        column_gap = 0.55  # with room for the colour bar between the two panels
+        bar_place = (0.42, 0.16, 0.014, 0.55)
+    out = sheet(f"{found.robot}: workspace of the tool{_around(found.content())}", 3.7 * rows)
     axes = out.subplots(rows, 2)
-    out.subplots_adjust(left=0.08, right=0.9, top=1 - 0.2 / rows, bottom=0.16 / rows, hspace=0.3)
-    out.subplots_adjust(wspace=0.28 if rows == 2 else 0.55)
-    images = []
-    for ax, (a, b, c) in zip(axes.flat, sections, strict=False):
-        plane = np.take(shown, cut[c], axis=c)
-        edges = [
-            (low[a] - step / 2) / MM,
-            (low[a] + (shape[a] - 0.5) * step) / MM,
-            (low[b] - step / 2) / MM,
-            (low[b] + (shape[b] - 0.5) * step) / MM,
-        ]
-        images.append(ax.imshow(plane.T, origin="lower", extent=edges, cmap="viridis", vmin=0, vmax=most))
-        ax.set_title(f"{'xyz'[c]} = {(low[c] + step * cut[c]) / MM:.0f} mm", fontsize=9, color=INK, loc="left")
-        ax.set_xlabel(f"{'xyz'[a]} [mm]")
-        ax.set_ylabel(f"{'xyz'[b]} [mm]")
-        ax.grid(visible=False)
-        ax.locator_params(nbins=5)
-    bar = out.add_axes((0.915, 0.55, 0.014, 0.33) if rows == 2 else (0.42, 0.16, 0.014, 0.55))
-    out.colorbar(images[0], cax=bar)
-    label = "inverse condition number" if conditioned else "margin to the joint limits"
+    out.subplots_adjust(left=0.08, right=0.9, top=1 - 0.2 / rows, bottom=0.16 / rows, hspace=0.3, wspace=column_gap)
+    for ax, section in zip(axes.flat, sections, strict=False):
+        _draw_section(ax, found.grid, values, cut, section, top)
+    bar = out.add_axes(bar_place)
+    out.colorbar(axes.flat[0].images[0], cax=bar)
     bar.set_title(label.replace(" ", "\n"), fontsize=7.5, loc="left")
-    _sizes(axes.flat[-1], shown[reached], cube[reached], found, label)
+    _sizes(axes.flat[-1], values[reached], values[everywhere], found, label)
     return out
+
+
+def _draw_section(
+    ax: Axes, grid: Grid, values: Array, cut: tuple[int, int, int], section: tuple[int, int, int], top: float
+) -> None:
+    """Draw the values of the cells of one section as colours from 0 to `top`."""
+    a, b, c = section
+    plane = np.take(values, cut[c], axis=c)
+    # outer edges in mm of the first and the last cell along each axis; `low` is the centre of the first
+    first = (grid.low - grid.step / 2) / MM
+    last = (grid.low + (np.array(values.shape) - 0.5) * grid.step) / MM
+    extent = (first[a], last[a], first[b], last[b])
+    ax.imshow(plane.T, origin="lower", extent=extent, cmap="viridis", vmin=0, vmax=top)
+    position = (grid.low[c] + grid.step * cut[c]) / MM
+    ax.set_title(f"{'xyz'[c]} = {position:.0f} mm", fontsize=9, color=INK, loc="left")
+    ax.set_xlabel(f"{'xyz'[a]} [mm]")
+    ax.set_ylabel(f"{'xyz'[b]} [mm]")
+    ax.grid(visible=False)
+    ax.locator_params(nbins=5)
 
 
 def _flat(axes: tuple[int, ...]) -> tuple[int, int, int]:
     """Return the section that contains all positions, if the positions differ only along `axes`."""
-    return next(s for s in _SECTIONS if set(axes) <= set(s[:2]))
+    for section in _SECTIONS:
+        if set(axes) <= set(section[:2]):
+            return section
+    raise AssertionError(f"no section contains the axes {axes}")
 
 
 def _around(summary: Mapping[str, Any]) -> str:
+    """Return the part of the title on the orientations of the tool."""
     if summary.get("sampled") == "joints":
         return f", {summary['samples']:.3g} joint positions"
     if summary["orientations"] == 1:
@@ -77,30 +101,45 @@ def _around(summary: Mapping[str, Any]) -> str:
     return f", {summary['orientations']} orientations within {summary['tilt_deg']:g}° about each axis"
 
 
-def _cut(reached: np.ndarray, shown: np.ndarray) -> tuple[int, int, int]:
+def _cut(reached: np.ndarray, values: Array) -> tuple[int, int, int]:
     """Return the indices (3,) of the cell in which the sections intersect: the most central of the best 10 %."""
     if not reached.any():
         return (0, 0, 0)
-    good = np.argwhere(reached & (np.nan_to_num(shown) >= np.nanquantile(shown, 0.9)))
-    middle = np.median(good, axis=0)
-    nearest = good[np.argmin(((good - middle) ** 2).sum(axis=1))]
-    return (int(nearest[0]), int(nearest[1]), int(nearest[2]))
+    good = reached & (np.nan_to_num(values) >= np.nanquantile(values, 0.9))
+    cells = np.argwhere(good)
+    middle = np.median(cells, axis=0)
+    distances = ((cells - middle) ** 2).sum(axis=1)
+    i, j, k = cells[np.argmin(distances)].tolist()
+    return i, j, k
 
 
-def _sizes(ax: Axes, shown: np.ndarray, values: np.ndarray, found: Workspace, label: str) -> None:
-    """Draw the total size of the cells whose conditioning is at least a minimum, as a function of this minimum."""
-    m = found.measure
-    cell = m.cell(found.grid.step) if m is not None else 1
-    share = values[:, 0].astype(float)
-    ordered = np.sort(shown.astype(float))
-    thin = np.unique(np.linspace(0, len(ordered) - 1, 400).astype(int)) if len(ordered) else np.zeros(0, int)
-    ax.plot(ordered[thin], cell * (len(ordered) - thin), color=PALETTE[0], label="in at least one orientation")
-    if (share < 1).any():
-        full = np.sort(shown[share == 1].astype(float))
-        thin = np.unique(np.linspace(0, len(full) - 1, 400).astype(int)) if len(full) else np.zeros(0, int)
-        ax.plot(full[thin], cell * (len(full) - thin), color=PALETTE[1], label="in every orientation")
+def _sizes(ax: Axes, somewhere: Array, everywhere: Array, found: Workspace, label: str) -> None:
+    """Draw the total size of the cells whose conditioning is at least a minimum, as a function of this minimum.
+
+    `somewhere` and `everywhere` are the values of the cells that are reached in at least one and in every orientation.
+    """
+    cell = 1.0
+    unit = "number of cells"
+    measure = found.measure
+    if measure is not None:
+        cell = measure.cell(found.grid.step)
+        unit = f"{measure.name} [{measure.symbol}]"
+    _draw_sizes(ax, somewhere, cell, color=PALETTE[0], label="in at least one orientation")
+    if len(everywhere) < len(somewhere):
+        _draw_sizes(ax, everywhere, cell, color=PALETTE[1], label="in every orientation")
         ax.legend(loc="upper right")
     ax.set_xlabel(f"minimum {label}")
-    ax.set_ylabel(f"{m.name} [{m.symbol}]" if m is not None else "number of cells")
+    ax.set_ylabel(unit)
     ax.set_ylim(bottom=0)
     ax.set_xlim(left=0)
+
+
+def _draw_sizes(ax: Axes, values: Array, cell: float, **style: Any) -> None:
+    """Draw the total size of the cells with at least a value over this value; `cell` is the size of one cell."""
+    ordered = np.sort(values.astype(float))
+    count = len(ordered)
+    if not count:
+        ax.plot([], [], **style)
+        return
+    shown = np.unique(np.linspace(0, count - 1, 400).astype(int))  # the page contains all points
+    ax.plot(ordered[shown], cell * (count - shown), **style)
