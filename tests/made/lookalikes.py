@@ -185,6 +185,10 @@ def _rename_xml(file: Path) -> None:
 
     keys = "name|link|joint|joint1|joint2|body1|body2|objname"
     file.write_text(re.sub(rf'\b({keys})="([^"]+)"', other, text))
+    closures = file.with_suffix(".yaml")  # the loops of a URDF, whose joints and links have the names of the URDF
+    if closures.is_file():
+        names_of_loops = re.sub(r'"([^"]+)"', lambda m: f'"{order.get(m[1], m[1])}"', closures.read_text())
+        closures.write_text(names_of_loops)
 
 
 def _rename_usd(folder: Path) -> None:

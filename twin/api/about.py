@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from twin.model.joint import Joint
     from twin.model.mechanism import Mechanism
     from twin.model.scene import Scene
+    from twin.model.transmission import Transmission
 
 SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 """Commands that accept a scene in which every robot has a protocol."""
@@ -30,9 +31,14 @@ def scene_commands(scene: Scene) -> tuple[str, ...]:
     the scene, because USD stages contain only the motions of the robots' own protocols. "operate" requires tasks or
     machines.
     """
-    operated = ("operate",) if scene.tasks or scene.trainer is not None else ()
-    played = [c for c in SCENE_COMMANDS if c != "run" or not any(p.protocol.endswith(".toml") for p in scene.places)]
-    return (*(played if scene.plays else ("info", "view", "serve")), *operated)
+    commands = ["info", "view", "serve"]
+    if scene.plays:
+        commands = list(SCENE_COMMANDS)
+        if any(p.protocol.endswith(".toml") for p in scene.places):
+            commands.remove("run")
+    if scene.tasks or scene.trainer is not None:
+        commands.append("operate")
+    return tuple(commands)
 
 
 @dataclass(frozen=True)
@@ -57,13 +63,18 @@ class Info(Result):
     def text(self) -> Iterator[Part]:
         """Yield the mechanism, the variants of the equations, the parameters with provenance, and the findings."""
         data = self.data
-        loops = [j["name"] for j in data["joints"] if j["closes_loop"]]
-        yield f"{data['name']}: {data['title']}" if data["title"] else data["name"]
+        title = data["name"]
+        if data["title"]:
+            title += f": {data['title']}"
+        yield title
         yield f"  {data['source']}\n"
+        loops = "no loops"
+        closing = [j["name"] for j in data["joints"] if j["closes_loop"]]
+        if closing:
+            loops = f"loops closed by {', '.join(closing)}"
         yield (
             f"  {self.bodies} bodies, {len(data['joints'])} joints, {data['degrees_of_freedom']} degrees of freedom, "
-            f"{data['redundant_constraints']} redundant constraints; "
-            + (f"loops closed by {', '.join(loops)}" if loops else "no loops")
+            f"{data['redundant_constraints']} redundant constraints; {loops}"
         )
         for name, r in data["redundant"].items():
             yield f"    loop {name}: {r['count']} of its constraints {', '.join(r['among'])} are redundant"
@@ -75,13 +86,15 @@ class Info(Result):
         for name, choices in data["variants"].items():
             for variant, reason in choices.items():
                 used = "*" if data["chosen"][name] == variant else " "
-                yield f"  {used}{name}={variant}" + (f": {reason}" if reason else "")
+                line = f"  {used}{name}={variant}"
+                if reason:
+                    line += f": {reason}"
+                yield line
         if data["parameters"]:
             yield "\n  parameters (* assumed: not published)"
             # The dimensions of the CAD come last, because there are many.
-            yield _parameters(
-                sorted(data["parameters"], key=lambda p: (p["name"].startswith("drawing."), p["provenance"]))
-            )
+            order = lambda p: (p["name"].startswith("drawing."), p["provenance"])  # noqa: E731
+            yield _parameters(sorted(data["parameters"], key=order))
         yield from self.findings
 
 
@@ -105,16 +118,9 @@ class SceneInfo(Result):
         """Yield the robots, the surroundings, the cameras and the parameters."""
         data = self.data
         yield f"{data['name']}: {data['title']}\n  {data['source']}\n"
-        rows = [
-            (
-                _label(r),
-                r["protocol"],
-                r["port"],
-                _point(r["port_mm"]),
-                _point(r["position_mm"]),
-            )
-            for r in data["robots"]
-        ]
+        rows = []
+        for r in data["robots"]:
+            rows.append((_label(r), r["protocol"], r["port"], _point(r["port_mm"]), _point(r["position_mm"])))
         yield Table(("robot", "protocol", "port", "port position [mm]", "base position [mm]"), rows)
         around = data["surroundings"] or "none"
         yield f"\n  surroundings: {around}; required clearance: {data['clearance_mm']:g} mm"
@@ -145,17 +151,14 @@ class Listing(Result):
     def text(self) -> Iterator[Part]:
         """Yield a table of the robots and a table of the scenes."""
         yes = {True: "yes", False: "-"}
-        yield Table(
-            ("robot", "title", "equations", "stage", "protocols"),
-            [
-                (r["name"], r["title"], yes[r["equations"]], yes[r["stage"]], ", ".join(r["protocols"]))
-                for r in self.robots
-            ],
-        )
+        robots = []
+        for r in self.robots:
+            protocols = ", ".join(r["protocols"])
+            robots.append((r["name"], r["title"], yes[r["equations"]], yes[r["stage"]], protocols))
+        yield Table(("robot", "title", "equations", "stage", "protocols"), robots)
         yield ""
-        yield Table(
-            ("scene", "title", "robots"), [(s["name"], s["title"], ", ".join(s["robots"])) for s in self.scenes]
-        )
+        scenes = [(s["name"], s["title"], ", ".join(s["robots"])) for s in self.scenes]
+        yield Table(("scene", "title", "robots"), scenes)
 
 
 def info(robot: Robot, progress: Progress = silent) -> Info:
@@ -167,70 +170,83 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
     from twin.reference.regular import singular_home
 
     progress("read CAD", 0.0)
-    mechanism, model = robot.mechanism, robot.reference()
+    mechanism = robot.mechanism
+    model = robot.reference()
     home = model.home().x
     mobility = model.mobility(home)
-    formula, chosen = None, {}
-    if robot.files is not None and robot.files.has_equations:
-        kin = robot.kinematics()
-        formula, chosen = kin.formula, kin.variants
-    cad = robot.cad if robot.files is not None else None
-    equations = [e for e in formula.equations if e.stage != "helper"] if formula else []
-    numbers = (
-        *(formula.parameters if formula else ()),
-        *mechanism.parameters,
-        *(cad.dimensions if cad else ()),
-    )
+    title = ""
+    source = mechanism.source
+    parameters: list[Parameter] = list(mechanism.parameters)
+    findings = singular_home(model, home)
+    variants: dict[str, dict[str, str]] = {}
+    chosen: dict[str, str] = {}
+    if robot.files is not None:
+        cad = robot.cad
+        title = cad.description.title
+        source = cad.description.source
+        parameters += cad.dimensions
+        findings = [*cad.findings, *findings]
+        if robot.files.has_equations:
+            kin = robot.kinematics()
+            source = kin.formula.source
+            parameters = [*kin.formula.parameters, *parameters]
+            chosen = dict(kin.variants)
+            for equation in kin.formula.equations:
+                if equation.stage != "helper":
+                    variants[equation.name] = {n: equation.reasons.get(n, "") for n in equation.variants}
+    redundant = {}
+    for loop, count in mobility.redundant.items():
+        if count:
+            redundant[loop] = {"count": count, "among": mobility.repeated[loop]}
     data = {
         "name": robot.name,
-        "title": cad.description.title if cad else "",
-        "source": formula.source if formula else cad.description.source if cad else mechanism.source,
+        "title": title,
+        "source": source,
         "degrees_of_freedom": mobility.freedom,
         "redundant_constraints": mobility.redundancy,
-        "redundant": {n: {"count": c, "among": mobility.repeated[n]} for n, c in mobility.redundant.items() if c},
+        "redundant": redundant,
         "joints": [_joint(j, mechanism) for j in mechanism.joints],
         "actuators": [vars(a) for a in mechanism.actuators],
-        "transmissions": [
-            {"name": t.name, "joints": t.joints, "actuators": t.actuators, "matrix": t.matrix.tolist()}
-            | {"equations": t.equations}
-            for t in mechanism.transmissions
-        ],
+        "transmissions": [_transmission(t) for t in mechanism.transmissions],
         "frames": [f.name for f in mechanism.frames],
         "points": [p.name for p in mechanism.points],
-        "variants": {e.name: {n: e.reasons.get(n, "") for n in e.variants} for e in equations},
-        "chosen": dict(chosen),
-        "parameters": [vars(p) for p in numbers],
+        "variants": variants,
+        "chosen": chosen,
+        "parameters": [vars(p) for p in parameters],
     }
-    return Info(data, len(mechanism.bodies), (*(cad.findings if cad else ()), *singular_home(model, home)))
+    return Info(data, len(mechanism.bodies), tuple(findings))
 
 
 def info_of_scene(scene: Scene, word: str) -> SceneInfo:
     """Return the robots, props, parameters and commands of a scene; `word` names the scene in the commands."""
-    parameters: Sequence[Parameter] = scene.parameters
-    return SceneInfo(
-        {
-            "name": scene.name,
-            "title": scene.title,
-            "source": scene.source,
-            "robots": [
-                {
-                    "name": p.name,
-                    "robot": p.robot,
-                    "protocol": p.protocol_name,
-                    "port": p.port,
-                    "port_mm": (next(iter(p.p_world_ports.values())) / MM).tolist(),
-                    "position_mm": (p.T_world_base[:3, 3] / MM).tolist(),
-                }
-                for p in scene.places
-            ],
-            "cameras": {n: {"robot": c.robot, "frame": c.frame} for n, c in scene.cameras.items()},
-            "surroundings": None if scene.props is None else scene.props.stem,
-            "clearance_mm": scene.clearance / MM,
-            "touching": sorted(sorted(t) for t in scene.touching),
-            "parameters": [vars(p) for p in parameters],
-            "commands": [f"twin {c} {word}" for c in scene_commands(scene)],
+    robots = []
+    for place in scene.places:
+        p_world_port = next(iter(place.p_world_ports.values()))
+        robot = {
+            "name": place.name,
+            "robot": place.robot,
+            "protocol": place.protocol_name,
+            "port": place.port,
+            "port_mm": (p_world_port / MM).tolist(),
+            "position_mm": (place.T_world_base[:3, 3] / MM).tolist(),
         }
-    )
+        robots.append(robot)
+    surroundings = None
+    if scene.props is not None:
+        surroundings = scene.props.stem
+    data = {
+        "name": scene.name,
+        "title": scene.title,
+        "source": scene.source,
+        "robots": robots,
+        "cameras": {n: {"robot": c.robot, "frame": c.frame} for n, c in scene.cameras.items()},
+        "surroundings": surroundings,
+        "clearance_mm": scene.clearance / MM,
+        "touching": sorted(sorted(t) for t in scene.touching),
+        "parameters": [vars(p) for p in scene.parameters],
+        "commands": [f"twin {c} {word}" for c in scene_commands(scene)],
+    }
+    return SceneInfo(data)
 
 
 def listing() -> Listing:
@@ -255,9 +271,12 @@ def listing() -> Listing:
                 "protocols": sorted(files.protocols()),
             }
         )
-    scenes = [load_scene(assets.data_folder() / "cad" / n / "scene.toml") for n in assets.scenes()]
-    told = [{"kind": "scene", "name": s.name, "title": s.title, "robots": [p.robot for p in s.places]} for s in scenes]
-    return Listing(robots, told)
+    scenes = []
+    for name in assets.scenes():
+        scene = load_scene(assets.data_folder() / "cad" / name / "scene.toml")
+        placed = [p.robot for p in scene.places]
+        scenes.append({"kind": "scene", "name": scene.name, "title": scene.title, "robots": placed})
+    return Listing(robots, scenes)
 
 
 def _joint(j: Joint, mechanism: Mechanism) -> JsonObject:
@@ -273,15 +292,34 @@ def _joint(j: Joint, mechanism: Mechanism) -> JsonObject:
     }
 
 
+def _transmission(t: Transmission) -> JsonObject:
+    return {
+        "name": t.name,
+        "joints": t.joints,
+        "actuators": t.actuators,
+        "matrix": t.matrix.tolist(),
+        "equations": t.equations,
+    }
+
+
 def _joint_row(j: JsonMapping) -> tuple[str, ...]:
+    if j["auxiliary"]:
+        role = "auxiliary"
+    elif j["active"]:
+        role = "driven"
+    elif j["closes_loop"]:
+        role = "closes a loop"
+    else:
+        role = ""
     limits = _range(j["limits"], j["type"] == "revolute")
-    role = "auxiliary" if j["auxiliary"] else "driven" if j["active"] else "closes a loop" if j["closes_loop"] else ""
     return j["name"], j["type"], f"{j['parent']} -> {j['child']}", limits, role
 
 
 def _range(limits: Sequence[float] | None, angle: bool) -> str:
+    if limits is None:
+        return ""
     unit, scale = display_unit(angle)
-    return "" if limits is None else f"{limits[0] / scale:g} .. {limits[1] / scale:g} {unit}"
+    return f"{limits[0] / scale:g} .. {limits[1] / scale:g} {unit}"
 
 
 def _motors(actuators: Sequence[JsonMapping], transmissions: Sequence[JsonMapping]) -> Iterator[Part]:
@@ -291,11 +329,19 @@ def _motors(actuators: Sequence[JsonMapping], transmissions: Sequence[JsonMappin
     rows = []
     for a in actuators:
         angle = a["kind"] == "angle"
-        (unit, scale), effort = display_unit(angle), "N m" if angle else "N"
-        speed = "" if a["max_speed"] is None else f"{a['max_speed'] / scale:g} {unit}/s"
-        force = "" if a["max_effort"] is None else f"{a['max_effort']:g} {effort}"
-        inertia = "" if a["rotor_inertia"] is None else f"{a['rotor_inertia']:g} {'kg m2' if angle else 'kg'}"
-        rows.append((a["name"], a["kind"], _range(a["limits"], angle), speed, force, inertia))
+        unit, scale = display_unit(angle)
+        effort_unit = "N m" if angle else "N"
+        inertia_unit = "kg m2" if angle else "kg"
+        speed = ""
+        if a["max_speed"] is not None:
+            speed = f"{a['max_speed'] / scale:g} {unit}/s"
+        effort = ""
+        if a["max_effort"] is not None:
+            effort = f"{a['max_effort']:g} {effort_unit}"
+        inertia = ""
+        if a["rotor_inertia"] is not None:
+            inertia = f"{a['rotor_inertia']:g} {inertia_unit}"
+        rows.append((a["name"], a["kind"], _range(a["limits"], angle), speed, effort, inertia))
     yield Table(("actuator", "coordinate", "limits", "max speed", "max effort", "rotor"), rows)
     yield ""
     for t in transmissions:
@@ -304,22 +350,21 @@ def _motors(actuators: Sequence[JsonMapping], transmissions: Sequence[JsonMappin
 
 
 def _parameters(parameters: Sequence[JsonMapping]) -> Table:
-    marks = ["*" if p["provenance"] == "ASSUMED" else " " for p in parameters]
-    rows = [
-        (
-            mark + p["name"],
-            f"{p['shown']:g}" + ("" if p["unit"] == "1" else f" {p['unit']}"),
-            p["provenance"],
-            p["note"],
-        )
-        for mark, p in zip(marks, parameters, strict=True)
-    ]
+    rows = []
+    for p in parameters:
+        mark = "*" if p["provenance"] == "ASSUMED" else " "
+        value = f"{p['shown']:g}"
+        if p["unit"] != "1":
+            value += f" {p['unit']}"
+        rows.append((mark + p["name"], value, p["provenance"], p["note"]))
     return Table((), rows, fit=True)
 
 
 def _label(r: JsonMapping) -> str:
     """Return a robot's name in a scene, followed in parentheses by the name of the built-in robot if it differs."""
-    return r["name"] if r["name"] == r["robot"] else f"{r['name']} ({r['robot']})"
+    if r["name"] == r["robot"]:
+        return r["name"]
+    return f"{r['name']} ({r['robot']})"
 
 
 def _point(mm: Sequence[float]) -> str:

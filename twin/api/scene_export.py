@@ -27,7 +27,7 @@ from twin.exchange.write.bundle import Bundle, chosen_formats
 from twin.exchange.write.clip import Budget, between_keys, home_poses
 from twin.exchange.write.glb import bends_glb
 from twin.model.deformable import Bend
-from twin.model.movable import together
+from twin.model.movable import Movable, together
 from twin.model.scene import Place, Scene, load_scene
 
 _TOLERANCE = 1 * UM
@@ -57,62 +57,73 @@ class SceneBundle(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings on the bundles of all robots and on the scene's USD stage."""
-        own = [f for b in self.bundles.values() for f in b.findings]
-        return (*own, *(_finding(c) for c in self.checks if c["verdict"] != "agree"))
+        found: list[Finding] = []
+        for bundle in self.bundles.values():
+            found += bundle.findings
+        for check in self.checks:
+            if check["verdict"] != "agree":
+                found.append(_finding(check))
+        return tuple(found)
 
     def content(self) -> JsonObject:
         """Return the bundles and checks as plain data; the keys of quantities end with the unit."""
-        bundles = self.bundles
+        parameters = []
+        for p in self.scene.parameters:
+            parameters.append({"name": p.name, "value": p.shown, "unit": p.unit, "provenance": p.provenance})
         return {
             "scene": self.scene.name,
             "title": self.scene.title,
-            "duration_s": _duration(bundles),
-            "robots": [
-                {
-                    "name": p.name,
-                    "folder": p.name,
-                    "protocol": p.protocol_name,
-                    "T_world_base": p.T_world_base.tolist(),
-                    "duration_s": _seconds(bundles[p.name]),
-                    "start": {} if p.protocol else _start(bundles[p.name]),
-                    "verdict": bundles[p.name].verdict,
-                    "checks": len(bundles[p.name].checks),
-                }
-                for p in self.scene.places
-            ],
-            "objects": [
-                {
-                    "name": o.name,
-                    "shape": o.shape,
-                    "size_m": list(o.size),
-                    "mass_kg": o.mass,
-                    "friction": o.friction,
-                    "T_world_object": o.T_world_object.tolist(),
-                }
-                for o in self.scene.objects
-            ],
+            "duration_s": _duration(self.bundles),
+            "robots": [_placed(place, self.bundles[place.name]) for place in self.scene.places],
+            "objects": [_object(o) for o in self.scene.objects],
             "checks": list(self.checks),
-            "parameters": [
-                {"name": p.name, "value": p.shown, "unit": p.unit, "provenance": p.provenance}
-                for p in self.scene.parameters
-            ],
+            "parameters": parameters,
         }
 
     def text(self) -> Iterator[Part]:
         """Yield the verdict, findings, a row for each robot, and the deviation of the stage."""
         yield f"{self.scene.name} · {self.scene.title}\n\n  {self.verdict.upper()}\n"
         yield from (f for f in by_severity(self.findings) if f.severity != "info")
-        bundles = self.bundles
-        rows = [
-            (p.name, p.protocol_name or "console", f"{_seconds(b):.1f} s", str(len(b.checks)))
-            for p, b in ((p, bundles[p.name]) for p in self.scene.places)
-        ]
+        rows = []
+        for place in self.scene.places:
+            bundle = self.bundles[place.name]
+            duration = f"{_seconds(bundle):.1f} s"
+            rows.append((place.name, place.protocol_name or "console", duration, str(len(bundle.checks))))
         yield Table(("robot", "protocol", "duration", "checks"), rows)
         yield ""
         for c in self.checks:
             if c["worst"] is not None:
-                off, limit = f"{c['worst'] / UM:.3f} µm", f"{c['tolerance'] / UM:g} µm"
-                yield f"  the scene's stage: maximum deviation from the bundles {off}, limit {limit}"
+                yield (
+                    f"  the scene's stage: maximum deviation from the bundles {c['worst'] / UM:.3f} µm, "
+                    f"limit {c['tolerance'] / UM:g} µm"
+                )
+
+
+def _placed(place: Place, bundle: Bundle) -> JsonObject:
+    start = {}
+    if not place.protocol:
+        start = _start(bundle)
+    return {
+        "name": place.name,
+        "folder": place.name,
+        "protocol": place.protocol_name,
+        "T_world_base": place.T_world_base.tolist(),
+        "duration_s": _seconds(bundle),
+        "start": start,
+        "verdict": bundle.verdict,
+        "checks": len(bundle.checks),
+    }
+
+
+def _object(movable: Movable) -> JsonObject:
+    return {
+        "name": movable.name,
+        "shape": movable.shape,
+        "size_m": list(movable.size),
+        "mass_kg": movable.mass,
+        "friction": movable.friction,
+        "T_world_object": movable.T_world_object.tolist(),
+    }
 
 
 def export_scene(
@@ -130,7 +141,8 @@ def export_scene(
     Raises:
         TwinError: an input is missing or malformed; the folder stays unchanged.
     """
-    scene, kinds = load_scene(file), chosen_formats(formats)
+    scene = load_scene(file)
+    kinds = chosen_formats(formats)
     root = folder or Path("twin-out") / scene.name / "export"
     assets.require_writable(root)
     bundles: dict[str, Bundle] = {}
@@ -152,7 +164,10 @@ def export_scene(
         bends = _bends(scene, bundles)
         if bends and "glb" in kinds:
             (work / "organs.glb").write_bytes(bends_glb("organs", bends))
-        checks = (_check(_write_stage(scene, bundles, work / "usd", bends), scene, bundles),) if "usd" in kinds else ()
+        checks: tuple[JsonObject, ...] = ()
+        if "usd" in kinds:
+            stage = _write_stage(scene, bundles, work / "usd", bends)
+            checks = (_check(stage, scene, bundles),)
         found = SceneBundle(scene, kinds, bundles, checks)
         (work / "scene.json").write_text(found.to_json() + "\n", encoding="utf-8")
         (work / "README.txt").write_text(_readme(scene, kinds), encoding="utf-8")
@@ -181,26 +196,32 @@ def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
     from twin.simulation.plants.tissue import Tool
 
     duration = _duration(bundles)
-    if (drawn := anatomy_of(scene)) is None or not duration:
+    organs = anatomy_of(scene)
+    if organs is None or not duration:
         return []
     times = np.arange(round(duration * _RATE) + 1) / _RATE
     places = {p.name: p for p in scene.places}
-    tools, poses = [], []
+    tools = []
+    poses = []
     for robot, bodies in tissue_scene.touching(scene).items():
         keys, links = _keys(bundles[robot])
         mechanism = bundles[robot].order.mechanism
         for body in bodies:
             tools.append(Tool(robot, mechanism.body(body)))
             poses.append(places[robot].T_world_base @ between_keys(keys, links[body], times))
-    return tissue_scene.followed(tissue_scene.tissues(scene, drawn), tools, poses, 1 / _RATE)
+    return tissue_scene.followed(tissue_scene.tissues(scene, organs), tools, poses, 1 / _RATE)
 
 
 def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path, bends: Sequence[Bend]) -> Path:
     from twin.exchange.write.usd import write_simulated
     from twin.simulation.scene_stage import write_scene
 
-    stages = {p.name: Path("..") / p.name / "usd" / f"{'_'.join(filter(None, (p.robot, p.protocol_name)))}.usda"
-              for p in scene.places}  # fmt: skip
+    stages = {}
+    for place in scene.places:
+        name = place.robot
+        if place.protocol_name:
+            name += f"_{place.protocol_name}"
+        stages[place.name] = Path("..") / place.name / "usd" / f"{name}.usda"
     mechanisms = {n: b.order.mechanism for n, b in bundles.items()}
     props = props_of(scene)
     stage = write_scene(scene, folder, stages, mechanisms, props, _duration(bundles), bends)
@@ -222,7 +243,8 @@ def _start(bundle: Bundle) -> dict[str, float]:
     """Return {joint: coordinate in m or rad} in the rest pose of a robot's files, for joints with one coordinate."""
     from twin.reference import ReferenceModel
 
-    return {n: round(v, 13) + 0.0 for n, v in ReferenceModel(bundle.order.mechanism).home().q_full.items()}
+    home = ReferenceModel(bundle.order.mechanism).home()
+    return {name: round(value, 13) + 0.0 for name, value in home.q_full.items()}  # + 0.0: no -0.0
 
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> JsonObject:
@@ -255,11 +277,12 @@ def _row(worst: float, where: str, when: str) -> JsonObject:
 
 
 def _finding(check: JsonObject) -> Finding:
-    off = None if check["worst"] is None else Quantity(check["worst"], "m")
-    what = f"{check['where']} in the scene's stage is missing or not a number"
-    if off is not None:
-        what = f"displacement of {check['where']} in the scene's stage from the pose in the robot's files"
-    return disagreement("export.scene", check["where"], what, off, _TOLERANCE if off else None, word="tolerance")
+    where = check["where"]
+    if check["worst"] is None:
+        what = f"{where} in the scene's stage is missing or not a number"
+        return disagreement("export.scene", where, what, None, None, word="tolerance")
+    what = f"displacement of {where} in the scene's stage from the pose in the robot's files"
+    return disagreement("export.scene", where, what, Quantity(check["worst"], "m"), _TOLERANCE, word="tolerance")
 
 
 def _readme(scene: Scene, formats: Sequence[str]) -> str:

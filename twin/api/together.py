@@ -36,25 +36,29 @@ class _Arm:
         from twin.planning.arm_group import GroupArm, stops
         from twin.planning.protocol import Free
 
-        self.place, self.name, self.protocol = place, place.name, protocol
-        others = [p for p in protocol.phases if not isinstance(p, Free)]
-        if others:
-            raise ProtocolError(
-                f"{self.name}: phase '{others[0].name}' ({others[0].type}) of protocol {protocol.name} follows a given "
-                "path, which cannot avoid another arm; use only phases of type joints, positioning, home or free"
-            )
-        for p in protocol.phases:
-            if isinstance(p, Free) and (p.samples or p.cost != "length"):
+        self.place = place
+        self.name = place.name
+        self.protocol = protocol
+        self.waypoints = [protocol.start]
+        for phase in protocol.phases:
+            if not isinstance(phase, Free):
                 raise ProtocolError(
-                    f"{self.name}: phase '{p.name}' of protocol {protocol.name} sets cost or samples, which a plan of "
-                    "several robots does not use (it minimises the length, and takes the first path found); remove "
+                    f"{self.name}: phase '{phase.name}' ({phase.type}) of protocol {protocol.name} follows a given "
+                    "path, which cannot avoid another arm; use only phases of type joints, positioning, home or free"
+                )
+            if phase.samples or phase.cost != "length":
+                raise ProtocolError(
+                    f"{self.name}: phase '{phase.name}' of protocol {protocol.name} sets cost or samples, which a plan "
+                    "of several robots does not use (it minimises the length, and takes the first path found); remove "
                     "these keys"
                 )
+            self.waypoints.append(phase.to)
         robot = robot.bound(protocol)
-        self.mechanism, self.kinematics = robot.mechanism, robot.path_kinematics()
-        self.led = GroupArm(self.name, protocol, self.kinematics, self.mechanism.frame_in_tool(protocol.frame))
-        self.q, self._Ts = stops(self.led)
-        self.waypoints = [protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))]
+        self.mechanism = robot.mechanism
+        self.kinematics = robot.path_kinematics()
+        T_tool_frame = self.mechanism.frame_in_tool(protocol.frame)
+        self.timed = GroupArm(self.name, protocol, self.kinematics, T_tool_frame)
+        self.q, self._Ts = stops(self.timed)
 
     def at(self, phase: int) -> int:
         """Return the row index in `q` of the start of a phase; for phases after the arm's last one, the last row."""
@@ -64,9 +68,16 @@ class _Arm:
         """Return the joint values (n,) at the start and at the end of a phase."""
         return self.q[self.at(phase)], self.q[self.at(phase + 1)]
 
+    def moves(self, phase: int) -> bool:
+        """Return whether a joint of this arm moves in a phase."""
+        start, end = self.ends(phase)
+        return bool(np.abs(end - start).max() > _STILL)
+
     def named(self, phase: int) -> str:
         phases = self.protocol.phases
-        return phases[phase].name if phase < len(phases) else "at rest"
+        if phase >= len(phases):
+            return "at rest"
+        return phases[phase].name
 
     def waypoint(self, phase: int) -> str:
         """Return the name of the waypoint at the start of a phase."""
@@ -76,9 +87,11 @@ class _Arm:
         """Return a text that names the limits exceeded at the start of a phase; "" if none is exceeded."""
         from twin.planning.feasible import Anchor, margins_at, said
 
-        row, before = self.at(phase), self.at(max(phase - 1, 0))
+        row = self.at(phase)
+        before = self.at(max(phase - 1, 0))
         anchor = Anchor.at(self.kinematics, self._Ts[[before]], self.q[[before]])
-        return said(self.kinematics, margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor))
+        margins = margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor)
+        return said(self.kinematics, margins)
 
     def keep(self, phase: int) -> Keep:
         """Return a function that tests whether this arm is within its limits and in the phase's working mode.
@@ -90,9 +103,15 @@ class _Arm:
         from twin.planning.feasible import Anchor
         from twin.planning.free_phase import kept
 
-        row, n, T_base_world = self.at(phase), self.q.shape[1], spatial.inverse(self.place.T_world_base)
+        row = self.at(phase)
         own = kept(self.kinematics, Anchor.at(self.kinematics, self._Ts[[row]], self.q[[row]]))
-        return lambda Ts, q: own(T_base_world @ Ts, q[:, -n:])
+        T_base_world = spatial.inverse(self.place.T_world_base)
+        n = self.q.shape[1]
+
+        def within(Ts_world_tool: Array, q: Array) -> Array:
+            return own(T_base_world @ Ts_world_tool, q[:, -n:])
+
+        return within
 
 
 def plan_together(
@@ -175,8 +194,12 @@ class _Plan:
         progress: Progress,
         check: Callable[[], None],
     ) -> None:
-        self.read, self.arms, self.clearance = read, arms, clearance
-        self.seed, self.progress, self.check = seed, progress, check
+        self.read = read
+        self.arms = arms
+        self.clearance = clearance
+        self.seed = seed
+        self.progress = progress
+        self.check = check
         self.load = cache(load)
         self.owners: Mapping[str, str] = {}
         progress("bodies of robots and scene", 0.0)
@@ -193,9 +216,13 @@ class _Plan:
 
         names = [a.name for a in self.arms]
         parts = {a.name: (a.mechanism, a.place.T_world_base) for a in self.arms[:count]}
-        around = lambda: obstacles(self.read, names, self.load)  # noqa: E731
         self.owners = owners(parts)
-        return JointSpace(lambda: ReferenceModel(joined(parts)), self.clearance, around=around, arms=self.owners)
+        return JointSpace(
+            lambda: ReferenceModel(joined(parts)),
+            self.clearance,
+            around=lambda: obstacles(self.read, names, self.load),
+            arms=self.owners,
+        )
 
     @property
     def count(self) -> int:
@@ -209,11 +236,12 @@ class _Plan:
             for a in self.arms:
                 if reason := a.beyond(phase):
                     raise ProtocolError(f"{a.name} at '{a.waypoint(phase)}': {reason}. Change this waypoint")
-            if reason := self.spaces[-1].why(np.concatenate([a.ends(phase)[0] for a in self.arms])):
+            starts = [a.ends(phase)[0] for a in self.arms]
+            if reason := self.spaces[-1].why(np.concatenate(starts)):
                 where = ", ".join(f"{a.name} at '{a.waypoint(phase)}'" for a in self.arms)
                 lower = ", or lower the clearance" if " mm apart (" in reason else ""
                 raise ProtocolError(f"{where}: {reason}. Change a waypoint{lower}")
-            if phase < self.count and not any(np.abs(np.subtract(*a.ends(phase))).max() > _STILL for a in self.arms):
+            if phase < self.count and not any(a.moves(phase) for a in self.arms):
                 where = ", ".join(f"{a.name} stays at '{a.waypoint(phase)}'" for a in self.arms)
                 raise ProtocolError(f"phase {self._named(phase)}: no arm moves: {where}. Change a waypoint")
 
@@ -230,57 +258,81 @@ class _Plan:
         from twin.planning.plan_files import PhaseTimes, RobotSamples
         from twin.reference.certificate import nearest
 
-        paths, rounds = zip(*(self._path(phase) for phase in range(self.count)), strict=True)
-        seen = []
+        paths: list[Path] = []
+        rounds: list[Mapping[str, SearchRounds]] = []
+        for phase in range(self.count):
+            path, searched = self._path(phase)
+            paths.append(path)
+            rounds.append(searched)
+        certificates = []
         for phase, path in enumerate(paths):
             self.progress(f"clearance of phase {self._named(phase)}", phase / len(paths))
-            seen.append(self.spaces[-1].certify_each(path, self._kind))
+            certificates.append(self.spaces[-1].certify_each(path, self._kind))
+
         self.progress("timing", 0.0)
-        last = np.cumsum([len(a.q[0]) for a in self.arms])
-        courses = [
-            [_Course(path, slice(j - len(a.q[0]), j), self.check) for path in paths[: len(a.q) - 1]]
-            for a, j in zip(self.arms, last, strict=True)
-        ]
-        made = trajectories([a.led for a in self.arms], courses)
+        made = trajectories([a.timed for a in self.arms], self._courses(paths))
         longest = max(made, key=lambda trajectory: len(trajectory.t))
-        q = {
-            a.name: np.pad(m.q, ((0, len(longest.t) - len(m.t)), (0, 0)), "edge")
-            for a, m in zip(self.arms, made, strict=True)
-        }
+        q: dict[str, Array] = {}
+        checked = {}
+        for arm, trajectory in zip(self.arms, made, strict=True):
+            waiting = len(longest.t) - len(trajectory.t)  # samples in which the arm stays at its last waypoint
+            q[arm.name] = np.pad(trajectory.q, ((0, waiting), (0, 0)), "edge")
+            checked[arm.name] = trajectory.findings
+
         self.progress("distances between the arms", 0.0)
-        apart = distances({a.name: (a.mechanism, a.place.T_world_base) for a in self.arms}, q, longest.t, self.check)
-        every, phases = np.column_stack(list(q.values())), []
-        for phase, (span, path, own, searched) in enumerate(zip(longest.phases, paths, seen, rounds, strict=True)):
+        placed = {a.name: (a.mechanism, a.place.T_world_base) for a in self.arms}
+        arm_distances = distances(placed, q, longest.t, self.check)
+        q_all = np.column_stack(list(q.values()))
+        phases = []
+        for phase, span in enumerate(longest.phases):
             rows = slice(span.start, span.stop + 1)
-            near = {
-                k: nearest_at(c, path, every[rows], longest.t[rows]) for k, c in own.items() if np.isfinite(c.found)
-            }
+            near = {}
+            for kind, certificate in certificates[phase].items():
+                if np.isfinite(certificate.found):
+                    near[kind] = nearest_at(certificate, paths[phase], q_all[rows], longest.t[rows])
             if "between_arms" in near:
-                near["between_arms"] = near["between_arms"].among(apart, span.t0, span.t1)
+                near["between_arms"] = near["between_arms"].among(arm_distances, span.t0, span.t1)
             whole = nearest(n.seen for n in near.values())
-            phases.append(CommonPhase(self._named(phase), span.t0, span.t1, whole, near, span.solver or "", searched))
-        moved = {}
-        for a, m in zip(self.arms, made, strict=True):
-            spans = [PhaseTimes(p.name, p.waypoint or "", p.t0, p.t1) for p in m.phases]
-            moved[a.name] = RobotSamples(a.protocol, _joints(a.mechanism), q[a.name], spans)
-        checked = {a.name: m.findings for a, m in zip(self.arms, made, strict=True)}
-        names, robots = list(moved), {**moved, **self._resting()}
-        return PlannedTogether(self.read, self.clearance, robots, names, longest.t, phases, checked, apart)
+            name = self._named(phase)
+            phases.append(CommonPhase(name, span.t0, span.t1, whole, near, span.solver or "", rounds[phase]))
+
+        robots = {}
+        for arm, trajectory in zip(self.arms, made, strict=True):
+            spans = [PhaseTimes(p.name, p.waypoint or "", p.t0, p.t1) for p in trajectory.phases]
+            robots[arm.name] = RobotSamples(arm.protocol, _joints(arm.mechanism), q[arm.name], spans)
+        planned = list(robots)
+        robots |= self._resting()
+        return PlannedTogether(self.read, self.clearance, robots, planned, longest.t, phases, checked, arm_distances)
+
+    def _courses(self, paths: Sequence[Path]) -> list[list[_Course]]:
+        """Return, for each arm, its joint path in each of its phases."""
+        courses = []
+        start = 0
+        for arm in self.arms:
+            stop = start + arm.q.shape[1]
+            own = [_Course(path, slice(start, stop), self.check) for path in paths[: len(arm.q) - 1]]
+            courses.append(own)
+            start = stop
+        return courses
 
     def _kind(self, a: str, b: str) -> str:
         """Return the kind of a pair of bodies (a key of `KINDS`); `a` and `b` are their names in the joint space."""
-        first, second = self.owners.get(a), self.owners.get(b)
+        first = self.owners.get(a)
+        second = self.owners.get(b)
         if first is None or second is None:
             return "to_scene"
-        return "inside_arm" if first == second else "between_arms"
+        if first == second:
+            return "inside_arm"
+        return "between_arms"
 
     def _resting(self) -> dict[str, RobotSamples]:
         """Return the scene's robots that are not planned, each at rest in the pose that it has as an obstacle."""
         from twin.planning.plan_files import RobotSamples
 
+        planned = {a.name for a in self.arms}
         out = {}
         for place in self.read.places:
-            if place.name in {a.name for a in self.arms}:
+            if place.name in planned:
                 continue
             self.check()
             robot = self.load(place.robot)
@@ -298,23 +350,32 @@ class _Plan:
         from twin.planning.priority import beside
         from twin.planning.rounds import SearchRound, SearchRounds
 
-        out, before, found = None, [], {}
+        path: Path | None = None
+        before: list[str] = []
+        found: dict[str, SearchRounds] = {}
         for arm, every in zip(self.arms, self.spaces, strict=True):
             space = every.keeping(arm.keep(phase))
             start, goal = arm.ends(phase)
-            label = f"{arm.name}: path around obstacles{' and ' + ', '.join(before) if before else ''}"
+            label = f"{arm.name}: path around obstacles"
+            moving = ""
+            if before:
+                label += f" and {', '.join(before)}"
+                verb = "move" if len(before) > 1 else "moves"
+                moving = f" while {' and '.join(before)} {verb}"
             rounds: list[SearchRound] = []
-            more = {"seed": self.seed, "progress": lambda f, t=label: self.progress(t, f), "ended": rounds.append}
+            options = {"seed": self.seed, "progress": lambda f, t=label: self.progress(t, f), "ended": rounds.append}
             try:
-                out = around(space, start, goal, **more) if out is None else beside(space, out, start, goal, **more)
+                if path is None:
+                    path = around(space, start, goal, **options)
+                else:
+                    path = beside(space, path, start, goal, **options)
             except ProtocolError as error:
-                moving = f" while {' and '.join(before)} {'move' if len(before) > 1 else 'moves'}" if before else ""
                 raise ProtocolError(f"{arm.name}, phase '{arm.named(phase)}'{moving}: {error}") from error
             before.append(arm.name)
             if rounds:
                 found[arm.name] = SearchRounds("length", tuple(rounds))
-        assert out is not None
-        return out, found
+        assert path is not None
+        return path, found
 
 
 def _joints(mechanism: Mechanism) -> list[tuple[str, bool]]:
@@ -325,7 +386,9 @@ class _Course:
     """The joint path of one arm: its columns of the common path. Each evaluation first checks for cancellation."""
 
     def __init__(self, path: Path, columns: slice, check: Callable[[], None]) -> None:
-        self._path, self._columns, self._check = path, columns, check
+        self._path = path
+        self._columns = columns
+        self._check = check
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         """Return q (k, n) at s (k,), or its derivative of order 1 or 2."""
