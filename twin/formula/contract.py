@@ -229,76 +229,92 @@ def check_formula(formula: Any) -> None:
 
     if not formula.joints:
         fail("the formula has no active joint; give at least one ActiveJoint.")
-    names = [j.name for j in formula.joints]
-    _unique(fail, "joint", names)
+    _unique(fail, "joint", [joint.name for joint in formula.joints])
     for joint in formula.joints:
         if not _JOINT_NAME.fullmatch(joint.name):
             fail(f"joint name '{joint.name}' is not an identifier [a-z][a-z0-9_]*.")
         if joint.kind not in ("prismatic", "revolute"):
             fail(f"joint '{joint.name}' is '{joint.kind}'; a joint is prismatic or revolute.")
-    _unique(fail, "parameter", [p.name for p in formula.parameters])
-    for p in formula.parameters:
-        if not isinstance(p.value, int | float) or not math.isfinite(p.value):
-            fail(f"parameter '{p.name}' is {p.value}; the value must be a finite number in SI units.")
-        if not p.note:
-            fail(f"parameter '{p.name}' has no note; state the source of the value, or why it is assumed.")
+    _unique(fail, "parameter", [parameter.name for parameter in formula.parameters])
+    for parameter in formula.parameters:
+        value = parameter.value
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            fail(f"parameter '{parameter.name}' is {value}; the value must be a finite number in SI units.")
+        if not parameter.note:
+            fail(f"parameter '{parameter.name}' has no note; state the source of the value, or why it is assumed.")
     _check_coordinates(formula, fail)
     _check_equations(formula, fail)
     _check_point_search(formula, fail)
     for aspect in formula.aspects:
         if aspect.preferred not in (-1, 1):
             fail(f"aspect '{aspect.symbol}': preferred is {aspect.preferred}, but must be +1 or -1.")
-    _unique(fail, "measure", [m.name for m in formula.measures])
+    _unique(fail, "measure", [measure.name for measure in formula.measures])
     for measure in formula.measures:
-        if not measure.alarm >= 0:
+        if not measure.alarm >= 0:  # also true for NaN
             fail(f"measure '{measure.name}': alarm {measure.alarm} must not be negative.")
-    width = len(formula.coordinates.names) if formula.has("inverse") else len(names)
+    # a seed has coordinates or, for a formula without inverse equations, joints
+    width = len(formula.joints)
+    if formula.has("inverse"):
+        width = len(formula.coordinates.names)
     for i, seed in enumerate(formula.seeds):
-        if len(seed) != width or not np.all(np.isfinite(np.asarray(seed, float))):
+        numbers = np.asarray(seed, float)
+        if len(seed) != width or not np.all(np.isfinite(numbers)):
             fail(f"seed {i} must have {width} finite numbers, found {list(seed)}.")
 
 
 def arguments(function: Rows) -> tuple[list[str], list[str]]:
     """Return (names of the required arguments, names of the optional arguments) of a function of symbols."""
-    required, optional = [], []
-    for p in inspect.signature(function).parameters.values():
-        (required if p.default is inspect.Parameter.empty else optional).append(p.name)
+    required = []
+    optional = []
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.default is inspect.Parameter.empty:
+            required.append(parameter.name)
+        else:
+            optional.append(parameter.name)
     return required, optional
 
 
 def unread(formula: Formula, chosen: Mapping[str, str]) -> list[str]:
     """Return the parameters that no equation uses in the chosen variants."""
-    functions = [e.variants[chosen.get(e.name, e.default)] for e in formula.equations]
-    read = {n for f in (*functions, formula.characteristic_length) for names in arguments(f) for n in names}
-    return [p.name for p in formula.parameters if p.name not in read]
+    functions = [formula.characteristic_length]
+    for equation in formula.equations:
+        variant = chosen.get(equation.name, equation.default)
+        functions.append(equation.variants[variant])
+    read: set[str] = set()
+    for function in functions:
+        required, optional = arguments(function)
+        read.update(required, optional)
+    return [parameter.name for parameter in formula.parameters if parameter.name not in read]
 
 
 def _check_coordinates(formula: Formula, fail: Callable[[str], None]) -> None:
-    c = formula.coordinates
-    _unique(fail, "coordinate", c.names)
-    if len(c.units) != len(c.names) or set(c.units) - {"m", "rad"}:
-        fail(f"coordinates {list(c.names)} need a unit each, 'm' or 'rad'; found {list(c.units)}.")
+    names = formula.coordinates.names
+    units = formula.coordinates.units
+    _unique(fail, "coordinate", names)
+    if len(units) != len(names) or set(units) - {"m", "rad"}:
+        fail(f"coordinates {list(names)} need a unit each, 'm' or 'rad'; found {list(units)}.")
 
 
 def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
     if not (formula.has("inverse") or formula.has("forward")):
         fail("the formula has no inverse and no forward equation; write at least one.")
-    _unique(fail, "equation", [e.name for e in formula.equations])
-    for e in formula.equations:
-        if e.stage not in ("inverse", "forward", "helper"):
-            fail(f"equation '{e.name}': stage '{e.stage}' is not one of inverse, forward, helper.")
-        if not e.outputs:
-            fail(f"equation '{e.name}' has no outputs.")
-        for output in e.outputs:
+    _unique(fail, "equation", [equation.name for equation in formula.equations])
+    for equation in formula.equations:
+        if equation.stage not in ("inverse", "forward", "helper"):
+            fail(f"equation '{equation.name}': stage '{equation.stage}' is not one of inverse, forward, helper.")
+        if not equation.outputs:
+            fail(f"equation '{equation.name}' has no outputs.")
+        for output in equation.outputs:
             if not _IDENTIFIER.fullmatch(output):
-                fail(f"equation '{e.name}': output '{output}' is not an identifier.")
-        if e.default not in e.variants:
-            fail(f"equation '{e.name}': default variant '{e.default}' is not one of {sorted(e.variants)}.")
-        for variant, function in e.variants.items():
+                fail(f"equation '{equation.name}': output '{output}' is not an identifier.")
+        if equation.default not in equation.variants:
+            known = sorted(equation.variants)
+            fail(f"equation '{equation.name}': default variant '{equation.default}' is not one of {known}.")
+        for variant, function in equation.variants.items():
             if not callable(function):
-                fail(f"equation '{e.name}', variant '{variant}' is not a function.")
-            if len(e.variants) > 1 and not e.reasons.get(variant):
-                fail(f"equation '{e.name}', variant '{variant}' has no reason; state the change and its reason.")
+                fail(f"equation '{equation.name}', variant '{variant}' is not a function.")
+            if len(equation.variants) > 1 and not equation.reasons.get(variant):
+                fail(f"equation '{equation.name}', variant '{variant}' has no reason; state the change and its reason.")
 
 
 def _check_point_search(formula: Formula, fail: Callable[[str], None]) -> None:
@@ -307,12 +323,14 @@ def _check_point_search(formula: Formula, fail: Callable[[str], None]) -> None:
         return
     if not formula.has("forward"):
         fail("point_search needs a forward equation.")
-    outputs = {name for e in formula.equations if e.stage == "inverse" for name in e.outputs}
+    outputs: set[str] = set()
+    for equation in formula.equations:
+        if equation.stage == "inverse":
+            outputs.update(equation.outputs)
     for name in search.unknowns:
         if name not in outputs:
-            fail(
-                f"point_search: no inverse equation gives its unknown '{name}'; they give {', '.join(sorted(outputs))}."
-            )
+            known = ", ".join(sorted(outputs))
+            fail(f"point_search: no inverse equation gives its unknown '{name}'; they give {known}.")
 
 
 def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> None:

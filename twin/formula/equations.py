@@ -46,8 +46,9 @@ class Equations:
     """
 
     def __init__(self, source: str = "DERIVED", variant: str = "corrected") -> None:
-        self.source, self.variant_name = source, variant
-        self._made: list[Equation] = []
+        self.source = source
+        self.variant_name = variant
+        self._registered: list[Equation] = []
 
     def __call__(
         self,
@@ -70,19 +71,28 @@ class Equations:
             name: name of the equation; default: the name of the function.
             why: reason why this variant is correct; only needed if there are other variants.
         """
-        outputs = tuple(gives.split() if isinstance(gives, str) else gives)
+        if isinstance(gives, str):
+            gives = gives.split()
+        outputs = tuple(gives)
+        if stage == "helper":
+            reading = "corrected"
+        else:
+            reading = variant or self.variant_name
+        reasons = {}
+        if why:
+            reasons[reading] = why
 
-        def note(function: _Function) -> _Function:
+        def register(function: _Function) -> _Function:
             own = name or function.__name__
-            if any(e.name == own for e in self._made):
+            if any(equation.name == own for equation in self._registered):
                 raise KinematicsError(f"two equations are named '{own}': register the second as a variant of the first")
-            reading = "corrected" if stage == "helper" else variant or self.variant_name
-            reasons = {reading: why} if why else {}
-            source_ = source or self.source
-            self._made.append(Equation(own, title, source_, stage, outputs, {reading: function}, reasons, reading))
+            equation = Equation(
+                own, title, source or self.source, stage, outputs, {reading: function}, reasons, reading
+            )
+            self._registered.append(equation)
             return function
 
-        return note
+        return register
 
     def variant(self, name: str, of: Callable[..., Any], why: str) -> Callable[[Callable[..., Any]], Variant]:
         """Return a decorator that registers a variant of an equation: a function with only the rows that differ.
@@ -101,27 +111,39 @@ class Equations:
             KinematicsError: `of` is not an equation of this file. The file is parsed when the variant is first used;
                 only then, an error with file and line is raised for a row that does not exist in `of`.
         """
-        found = [i for i, e in enumerate(self._made) if any(f is of for f in e.variants.values())]
-        if not found:
+        place = self._place_of(of)
+        if place is None:
             raise KinematicsError(f"variant '{name}' changes {of!r}, which is not an equation of this file")
 
-        def note(function: Callable[..., Any]) -> Variant:
-            e = self._made[found[0]]
+        def register(function: Callable[..., Any]) -> Variant:
+            equation = self._registered[place]
             made = Variant(of, function)
-            self._made[found[0]] = replace(e, variants={**e.variants, name: made}, reasons={**e.reasons, name: why})
+            variants = {**equation.variants, name: made}
+            reasons = {**equation.reasons, name: why}
+            self._registered[place] = replace(equation, variants=variants, reasons=reasons)
             return made
 
-        return note
+        return register
+
+    def _place_of(self, function: Callable[..., Any]) -> int | None:
+        """Return the index of the equation of which the function is a variant; None if there is none."""
+        for i, equation in enumerate(self._registered):
+            # not `in`, which would compare by equality
+            if any(variant is function for variant in equation.variants.values()):
+                return i
+        return None
 
     def __iter__(self) -> Iterator[Equation]:
-        return iter(sorted(self._made, key=lambda e: get_args(Stage).index(e.stage)))
+        stages = get_args(Stage)
+        return iter(sorted(self._registered, key=lambda equation: stages.index(equation.stage)))
 
 
 class Variant:
     """The function `base` with the rows changed by the function `change`."""
 
     def __init__(self, base: Callable[..., Any], change: Callable[..., Any]) -> None:
-        self.base, self.change = base, change
+        self.base = base
+        self.change = change
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Return the outputs of `base`, computed with the changed rows."""
@@ -155,12 +177,13 @@ def rows(function: Callable[..., Any]) -> tuple[Row, ...]:
     """
     function = inspect.unwrap(function)
     if hasattr(function, _CHANGES):
-        return _merged(*getattr(function, _CHANGES))
+        base, change = getattr(function, _CHANGES)
+        return _merged(base, change)
     node = definition(function)
     body = node.body
     if body and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
-        body = body[1:]
-    return tuple(Row(s, node) for s in body)
+        body = body[1:]  # without the docstring
+    return tuple(Row(statement, node) for statement in body)
 
 
 def definition(function: Callable[..., Any]) -> ast.FunctionDef:
@@ -169,13 +192,16 @@ def definition(function: Callable[..., Any]) -> ast.FunctionDef:
     Raises:
         KinematicsError: the function has no source (a lambda, a built-in, a decorated wrapper).
     """
-    f = inspect.unwrap(function)
-    f = inspect.unwrap(getattr(f, _CHANGES, (None, f))[1])
-    code = getattr(f, "__code__", None)
+    written = inspect.unwrap(function)
+    if hasattr(written, _CHANGES):
+        _, change = getattr(written, _CHANGES)
+        written = inspect.unwrap(change)
+    code = getattr(written, "__code__", None)
     if code is None or not Path(code.co_filename).is_file():
         raise KinematicsError(f"{function!r} has no source file; the text of an equation must be readable")
     path = Path(code.co_filename)
-    node = _definitions(path, text_of(path, f.__globals__)).get((code.co_name, code.co_firstlineno))
+    definitions = _definitions(path, text_of(path, written.__globals__))
+    node = definitions.get((code.co_name, code.co_firstlineno))
     if node is None:
         raise KinematicsError(f"{code.co_filename}:{code.co_firstlineno}: '{code.co_name}' is not a plain function")
     return node
@@ -191,7 +217,10 @@ def _definitions(path: Path, data: bytes) -> dict[tuple[str, int], ast.FunctionD
             if isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
                 waiting.append(node)
             if isinstance(node, ast.FunctionDef):
-                found[node.name, min([node.lineno, *(d.lineno for d in node.decorator_list)])] = node
+                first_line = node.lineno
+                for decorator in node.decorator_list:
+                    first_line = min(first_line, decorator.lineno)
+                found[node.name, first_line] = node
     return found
 
 
@@ -207,67 +236,98 @@ def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, 
     def fail(node: ast.stmt, text: str) -> KinematicsError:
         return KinematicsError(f"{path}:{node.lineno}: {change.__name__}() {text}")
 
-    out, own, waiting, changes = list(rows(base)), rows(change), [], []
-    there, given = {n for r in out for n in assigned(r.node)}, set(inspect.signature(base).parameters)
-    for row in own[:-1]:
-        names = assigned(row.node)
+    merged = list(rows(base))
+    symbols_of_base: set[str] = set()
+    for row in merged:
+        symbols_of_base.update(assigned(row.node))
+    arguments_of_base = set(inspect.signature(base).parameters)
+    *changed_rows, last_row = rows(change)
+    added: list[Row] = []  # rows with symbols that `base` does not have, until their place is known
+    changed: list[str] = []
+    for row in changed_rows:
+        names = set(assigned(row.node))
         if not names:
             raise fail(row.node, "is a variant: its rows must be assignments of symbols, as in `q1 = ...`")
-        if not there & set(names) and given & set(names):
-            out[:0], waiting = [*waiting, row], []
-            changes += names
+        if not symbols_of_base & names:
+            if arguments_of_base & names:
+                merged[:0] = [*added, row]
+                added = []
+                changed += assigned(row.node)
+            else:
+                added.append(replace(row, new=True))
             continue
-        if not there & set(names):
-            waiting.append(replace(row, new=True))
-            continue
-        at = [i for i, r in enumerate(out) if set(assigned(r.node)) == set(names)]
-        if len(at) != 1:
+        places = [i for i, other in enumerate(merged) if set(assigned(other.node)) == names]
+        if len(places) != 1:
+            symbols = ", ".join(assigned(row.node))
             raise fail(
                 row.node,
-                f"changes {', '.join(names)}: {len(at)} rows of the equation assign exactly these symbols, not one row",
+                f"changes {symbols}: {len(places)} rows of the equation assign exactly these symbols, not one row",
             )
-        out[at[0] : at[0] + 1] = [*waiting, row]
-        waiting = []
-        changes += names
-    last = own[-1].node
-    value = getattr(last, "value", None)
-    said = [getattr(e, "id", "") for e in (value.elts if isinstance(value, ast.Tuple) else [value])]
-    if not isinstance(last, ast.Return) or waiting or sorted(said) != sorted(changes):
-        raise fail(last, f"must end by returning the symbols that it changes: return {', '.join(changes)}")
-    return tuple(out)
+        place = places[0]
+        merged[place : place + 1] = [*added, row]
+        added = []
+        changed += assigned(row.node)
+    last = last_row.node
+    returned = _names(getattr(last, "value", None))
+    if not isinstance(last, ast.Return) or added or sorted(returned) != sorted(changed):
+        raise fail(last, f"must end by returning the symbols that it changes: return {', '.join(changed)}")
+    return tuple(merged)
 
 
 def assigned(node: ast.stmt) -> tuple[str, ...]:
     """Return the names that a plain assignment assigns; an empty result for any other statement."""
     if not isinstance(node, ast.Assign) or len(node.targets) != 1:
         return ()
-    target = node.targets[0]
-    names = [getattr(t, "id", "") for t in (target.elts if isinstance(target, ast.Tuple) else [target])]
-    return tuple(names) if all(names) else ()
+    names = _names(node.targets[0])
+    if not all(names):
+        return ()
+    return tuple(names)
+
+
+def _names(expression: ast.expr | None) -> list[str]:
+    """Return the name of each entry of a tuple, or of a single expression; "" for an entry that is not a name."""
+    entries = [expression]
+    if isinstance(expression, ast.Tuple):
+        entries = list(expression.elts)
+    return [getattr(entry, "id", "") for entry in entries]
 
 
 def _changed(base: Callable[..., Any], change: Callable[..., Any]) -> FunctionType:
     """Return `base` with the rows of `change`, as a function whose line numbers are those of the file."""
     if not isinstance(base, FunctionType) or base.__closure__ or not isinstance(change, FunctionType):
         raise KinematicsError(f"{change!r} changes {base!r}: both must be functions at the top level of one file")
-    body = [r.node for r in _merged(base, change)]
-    root: Callable[..., Any] = base
-    while hasattr(root, _CHANGES):
-        root = getattr(root, _CHANGES)[0]
-    node, given = copy.copy(definition(change)), copy.copy(definition(root).args)
-    code = base.__code__
-    known = {*code.co_varnames, *(n for s in body for n in assigned(s))}
-    asked = code.co_varnames[code.co_argcount : code.co_argcount + code.co_kwonlyargcount]
-    asked = [*asked, *(a.arg for a in node.args.args if a.arg not in known)]
-    more = [ast.arg(n) for n in asked if n not in {a.arg for a in given.kwonlyargs}]
-    given.kwonlyargs = [*given.kwonlyargs, *more]
-    given.kw_defaults = [*given.kw_defaults, *(None for _ in more)]
-    node.args, node.body, node.decorator_list = given, body, []
+    body = [row.node for row in _merged(base, change)]
+    node = copy.copy(definition(change))
+    node.args = _arguments(base, node, body)
+    node.body = body
+    node.decorator_list = []
+    module = ast.fix_missing_locations(ast.Module([node], []))
     scope: dict[str, Any] = {}
-    path = code.co_filename
-    exec(compile(ast.fix_missing_locations(ast.Module([node], [])), path, "exec"), base.__globals__, scope)
+    exec(compile(module, base.__code__.co_filename, "exec"), base.__globals__, scope)
     made = scope[change.__name__]
-    made.__defaults__, made.__kwdefaults__ = base.__defaults__, base.__kwdefaults__
+    made.__defaults__ = base.__defaults__
+    made.__kwdefaults__ = base.__kwdefaults__
     made.__doc__ = change.__doc__
     setattr(made, _CHANGES, (base, change))
     return made
+
+
+def _arguments(base: FunctionType, change: ast.FunctionDef, body: Sequence[ast.stmt]) -> ast.arguments:
+    """Return the arguments of `base` and, as keyword arguments, the symbols that only the changed rows need."""
+    root: Callable[..., Any] = base
+    while hasattr(root, _CHANGES):
+        root, _ = getattr(root, _CHANGES)
+    found = copy.copy(definition(root).args)
+    code = base.__code__
+    known = set(code.co_varnames)
+    for statement in body:
+        known.update(assigned(statement))
+    # `base` can itself be a variant with keyword arguments that the function in the file does not have
+    needed = list(code.co_varnames[code.co_argcount : code.co_argcount + code.co_kwonlyargcount])
+    needed += [argument.arg for argument in change.args.args if argument.arg not in known]
+    existing = {argument.arg for argument in found.kwonlyargs}
+    added = [ast.arg(name) for name in needed if name not in existing]
+    no_defaults: list[ast.expr | None] = [None] * len(added)
+    found.kwonlyargs = [*found.kwonlyargs, *added]
+    found.kw_defaults = [*found.kw_defaults, *no_defaults]
+    return found

@@ -6,8 +6,7 @@ import inspect
 import re
 import threading
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -29,8 +28,11 @@ _SQUARE = re.compile(r"not square but (\d+)x(\d+)")
 _MANY = 20_000
 """Minimum number of samples in a batch for which a compiled kernel is used."""
 
-_REGULAR, _ROUNDING = 1e8, 1e-15
-"""Maximum condition number of numeric matrices to invert; magnitude below which entries of an inverse become zero."""
+_REGULAR = 1e8
+"""Maximum condition number of numeric matrices to invert."""
+
+_ROUNDING = 1e-15
+"""Magnitude below which entries of an inverse become zero."""
 
 _BLOCK = 32
 """Number of samples in one mapped call; larger blocks are no faster, and are slower for small batches."""
@@ -44,22 +46,37 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
     Raises:
         KinematicsError: an equation or a variant is unknown; the message lists the existing names.
     """
-    known = {e.name: e for e in formula.equations if e.stage != "helper"}
-    chosen = {name: e.default for name, e in known.items()}
+    known = {equation.name: equation for equation in formula.equations if equation.stage != "helper"}
+    chosen = {name: equation.default for name, equation in known.items()}
+    if variants is None:
+        return chosen
     if isinstance(variants, str):
-        having = {name: variants for name, e in known.items() if variants in e.variants}
-        if not having:
-            names = {v for e in known.values() for v in e.variants}
-            raise KinematicsError(f"formula '{formula.name}': {unknown('variant', variants, names)}")
-        variants = having
-    for name, variant in (variants or {}).items():
+        return chosen | _everywhere(formula, known.values(), variants)
+    for name, variant in variants.items():
         if name not in known:
             raise KinematicsError(f"formula '{formula.name}': {unknown('equation', name, known)}")
-        if variant not in known[name].variants:
-            raise KinematicsError(
-                f"formula '{formula.name}', equation '{name}': {unknown('variant', variant, known[name].variants)}"
-            )
+        existing = known[name].variants
+        if variant not in existing:
+            text = unknown("variant", variant, existing)
+            raise KinematicsError(f"formula '{formula.name}', equation '{name}': {text}")
         chosen[name] = variant
+    return chosen
+
+
+def _everywhere(formula: Formula, equations: Iterable[Equation], variant: str) -> dict[str, str]:
+    """Return {equation: variant} for the equations that have this variant.
+
+    Raises:
+        KinematicsError: there is no such equation.
+    """
+    chosen = {}
+    existing: set[str] = set()
+    for equation in equations:
+        existing.update(equation.variants)
+        if variant in equation.variants:
+            chosen[equation.name] = variant
+    if not chosen:
+        raise KinematicsError(f"formula '{formula.name}': {unknown('variant', variant, existing)}")
     return chosen
 
 
@@ -76,9 +93,10 @@ def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence
         if name not in symbols:
             text = unknown("symbol", name, symbols, unread).removeprefix("there is no ")
             raise KinematicsError(f"{what} needs {text}")
+    values = {name: symbols[name] for name in (*required, *optional) if name in symbols}
     try:
         with contained(function):
-            return function(**{n: symbols[n] for n in (*required, *optional) if n in symbols})
+            return function(**values)
     except (KinematicsError, ProgramEndError):
         raise
     except Exception as error:
@@ -86,8 +104,13 @@ def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence
 
 
 def _message(error: Exception) -> str:
-    square = _SQUARE.search(str(error))
-    return no_inverse(int(square[1]), int(square[2])) if square else str(error)
+    text = str(error)
+    found = _SQUARE.search(text)
+    if found is None:
+        return text
+    rows = int(found[1])
+    columns = int(found[2])
+    return no_inverse(rows, columns)
 
 
 def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
@@ -103,22 +126,24 @@ def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any],
     for equation in formula.equations:
         if equation.stage != stage or all(name in out for name in equation.outputs):
             continue
-        function = equation.variants[chosen.get(equation.name, equation.default)]
-        for name, value in zip(equation.outputs, _outputs(formula, equation, function, out), strict=True):
-            out.setdefault(name, value)
+        variant = chosen.get(equation.name, equation.default)
+        values = _outputs(formula, equation, equation.variants[variant], out)
+        for name, value in zip(equation.outputs, values, strict=True):
+            out.setdefault(name, value)  # an output that was given keeps its value
     return out
 
 
 def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
     """Return {symbol: value} of a pose (4, 4): the pose itself and its coordinates."""
     what = f"formula '{formula.name}', coordinates.from_pose"
+    function = formula.coordinates.from_pose
     try:
-        with contained(formula.coordinates.from_pose):
-            values = formula.coordinates.from_pose(T)
+        with contained(function):
+            values = function(T)
     except ProgramEndError:
         raise
     except Exception as error:
-        raise KinematicsError(f"{what} fails at {_where(error, formula.coordinates.from_pose)}: {error}") from error
+        raise KinematicsError(f"{what} fails at {_where(error, function)}: {error}") from error
     names = formula.coordinates.names
     if not isinstance(values, tuple | list) or len(values) != len(names):
         raise KinematicsError(f"{what} must return {len(names)} values: {', '.join(names)}.")
@@ -128,16 +153,20 @@ def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
 def to_pose(formula: Formula, symbols: Mapping[str, Any]) -> ca.SX:
     """Return the pose (4, 4) from the coordinates among the symbols."""
     what = f"formula '{formula.name}', coordinates.to_pose"
+    function = formula.coordinates.to_pose
+    values = []
     for name in formula.coordinates.names:
         if name not in symbols:
-            raise KinematicsError(f"{what} needs {unknown('symbol', name, symbols).removeprefix('there is no ')}")
+            text = unknown("symbol", name, symbols).removeprefix("there is no ")
+            raise KinematicsError(f"{what} needs {text}")
+        values.append(symbols[name])
     try:
-        with contained(formula.coordinates.to_pose):
-            T = ca.SX(formula.coordinates.to_pose(*(symbols[n] for n in formula.coordinates.names)))
+        with contained(function):
+            T = ca.SX(function(*values))
     except ProgramEndError:
         raise
     except Exception as error:
-        raise KinematicsError(f"{what} fails at {_where(error, formula.coordinates.to_pose)}: {error}") from error
+        raise KinematicsError(f"{what} fails at {_where(error, function)}: {error}") from error
     if T.shape != (4, 4):
         raise KinematicsError(f"{what} must return a pose of shape (4, 4), not {T.shape}.")
     return T
@@ -160,43 +189,57 @@ def gather(formula: Formula, symbols: Mapping[str, Any], names: tuple[str, ...],
         if value.shape != (1, 1):
             raise KinematicsError(f"formula '{formula.name}': {what} '{name}' has shape {value.shape}, not (1, 1).")
         column.append(value)
-    return ca.vertcat(*column) if column else ca.SX(0, 1)
+    if not column:
+        return ca.SX(0, 1)  # `vertcat` of nothing has no column
+    return ca.vertcat(*column)
 
 
 def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapping[str, Any]) -> list[Any]:
+    """Return the values of an equation's outputs; implicit outputs (see `Equation`) are solved for.
+
+    Raises:
+        KinematicsError: as `run`; or an implicit equation is not linear.
+    """
     what = f"formula '{formula.name}', equation '{equation.name}'"
+    names = equation.outputs
     required, _ = arguments(function)
-    implicit = [n for n in equation.outputs if n in required and n not in symbols]
-    unknowns = {n: ca.SX.sym(n) for n in implicit}
+    unknowns = {name: ca.SX.sym(name) for name in names if name in required and name not in symbols}
     given = {**symbols, **unknowns}
-    values = call(function, given, what, () if given.keys() >= set(required) else unread(formula, {}))
+    suggestions = ()
+    if not given.keys() >= set(required):
+        suggestions = unread(formula, {})
+    values = call(function, given, what, suggestions)
     values = list(values) if isinstance(values, tuple | list) else [values]
-    if len(values) != len(equation.outputs):
-        raise KinematicsError(
-            f"{what} returns {len(values)} values for {len(equation.outputs)} outputs: {', '.join(equation.outputs)}."
-        )
-    if not implicit:
+    if len(values) != len(names):
+        raise KinematicsError(f"{what} returns {len(values)} values for {len(names)} outputs: {', '.join(names)}.")
+    if not unknowns:
         return values
-    rows = ca.vertcat(*(values[equation.outputs.index(n)] for n in implicit))
+    implicit = ", ".join(unknowns)
+    places = [names.index(name) for name in unknowns]
+    rows = ca.vertcat(*[values[place] for place in places])
     x = ca.vertcat(*unknowns.values())
     if rows.shape != x.shape:
-        raise KinematicsError(f"{what}: its implicit rows {', '.join(implicit)} must be scalars.")
+        raise KinematicsError(f"{what}: its implicit rows {implicit} must be scalars.")
+    # the rows are x = A x + b
     A = ca.jacobian(rows, x)
     if ca.depends_on(A, x):
-        raise KinematicsError(f"{what} is implicit in {', '.join(implicit)} and not linear in them.")
-    solved = _solved(ca.SX.eye(len(implicit)) - A, ca.substitute(rows, x, 0 * x))
-    values = [ca.substitute(ca.SX(v), x, solved) for v in values]
-    for i, n in enumerate(implicit):
-        values[equation.outputs.index(n)] = solved[i]
+        raise KinematicsError(f"{what} is implicit in {implicit} and not linear in them.")
+    b = ca.substitute(rows, x, 0 * x)
+    solution = _solution(ca.SX.eye(len(unknowns)) - A, b)
+    values = [ca.substitute(ca.SX(value), x, solution) for value in values]
+    for i, place in enumerate(places):
+        values[place] = solution[i]
     return values
 
 
-def _solved(A: ca.SX, b: ca.SX) -> ca.SX:
+def _solution(A: ca.SX, b: ca.SX) -> ca.SX:
     """Return the solution of A x = b; a matrix of plain numbers is inverted once, not at every evaluation."""
     if not ca.symvar(A):
         numbers = ca.DM(ca.densify(A)).full()
         if np.linalg.cond(numbers) < _REGULAR:
-            return ca.SX(ca.sparsify(ca.DM(np.linalg.inv(numbers)), _ROUNDING)) @ b
+            inverse = ca.DM(np.linalg.inv(numbers))
+            # without entries that are only rounding errors, which would add terms
+            return ca.SX(ca.sparsify(inverse, _ROUNDING)) @ b
     return ca.solve(A, b)
 
 
@@ -225,9 +268,9 @@ def attach(function: ca.Function, *arguments: Array) -> tuple[Array, Callable[[]
             buffer.set_arg(i, argument.data)  # pyright: ignore[reportCallIssue]
     if out.size:
         buffer.set_res(0, out.data)  # pyright: ignore[reportCallIssue]
-    call = partial(trigger)
-    call.__dict__["memory"] = buffer, arguments  # kept alive as long as this procedure
-    return out, call
+    procedure = partial(trigger)
+    procedure.__dict__["memory"] = buffer, arguments  # kept alive as long as this procedure
+    return out, procedure
 
 
 class Evaluator:
@@ -244,7 +287,11 @@ class Evaluator:
     def __init__(self, name: str, z: Any, out: Any, shape: tuple[int, ...] = ()) -> None:
         self.name = name
         self.shape = shape or (out.numel(),)
-        self.function = ca.Function(name, [z], [symbolic.flat(out) if out.shape[1] > 1 else ca.densify(out)])
+        if out.shape[1] > 1:
+            column = symbolic.flat(out)
+        else:
+            column = ca.densify(out)
+        self.function = ca.Function(name, [z], [column])
         self._lock = threading.Lock()
         self.one = self._caller()
 
@@ -255,21 +302,30 @@ class Evaluator:
         """
         from twin import codegen
 
-        stage, size, shape = codegen.Stage(self.function, ("z",), ("out",)), self.function.size1_in(0), self.shape
-        with suppress(ValueError):  # kernels do not support some operations: CasADi remains
-            code = codegen.Kernel([stage], {"z": size}, ["out"], single=True, exact=True).single()
-            self.one = code if len(shape) == 1 else lambda z: code(z).reshape(shape)
+        stage = codegen.Stage(self.function, ("z",), ("out",))
+        sizes = {"z": self.function.size1_in(0)}
+        shape = self.shape
+        try:
+            code = codegen.Kernel([stage], sizes, ["out"], single=True, exact=True).single()
+        except ValueError:  # kernels do not support some operations: CasADi remains
+            return
+        if len(shape) == 1:
+            self.one = code
+        else:
+            self.one = lambda z: code(z).reshape(shape)
 
     def _caller(self) -> Callable[[Array], Array]:
         # Local names are used instead of attributes, `with` and `[:]`, which would take as long as the function itself.
-        (given, call), lock = self.bind(), threading.Lock()
-        acquire, release = lock.acquire, lock.release
+        given, compute = self.bind()
+        lock = threading.Lock()
+        acquire = lock.acquire
+        release = lock.release
 
         def one(z: Array) -> Array:
             acquire()
             try:
                 given[...] = z
-                return call()
+                return compute()
             finally:
                 release()
 
@@ -295,15 +351,17 @@ class Evaluator:
         from twin import codegen
 
         stage = codegen.Stage(self.function, ("z",), ("out",))
+        sizes = {"z": self.function.size1_in(0)}
         try:
-            return codegen.Kernel([stage], {"z": self.function.size1_in(0)}, ["out"])
+            return codegen.Kernel([stage], sizes, ["out"])
         except ValueError:  # kernels do not support rootfinders and some operations: use CasADi
             return None
 
     @cached_property
     def _mapped(self) -> tuple:
         function = self.function.map(_BLOCK)
-        inputs, outputs = np.zeros((_BLOCK, self.function.size1_in(0))), np.zeros((_BLOCK, self.function.size1_out(0)))
+        inputs = np.zeros((_BLOCK, self.function.size1_in(0)))
+        outputs = np.zeros((_BLOCK, self.function.size1_out(0)))
         buffer, trigger = function.buffer()
         buffer.set_arg(0, inputs.reshape(-1).data)  # pyright: ignore[reportCallIssue]
         buffer.set_res(0, outputs.reshape(-1).data)  # pyright: ignore[reportCallIssue]
@@ -312,13 +370,14 @@ class Evaluator:
     def many(self, Z: Array) -> Array:
         """Return the values (k, *shape) at the rows of Z (k, n)."""
         k = len(Z)
-        if k >= _MANY and self.function.size1_out(0) and self._kernel is not None:
+        width = self.function.size1_out(0)
+        if k >= _MANY and width and self._kernel is not None:
             return self._kernel.rows(np.asarray(Z, float)).reshape(k, *self.shape)
-        result = np.zeros((k, self.function.size1_out(0)))
+        result = np.zeros((k, width))
         if k <= 16:
             for i in range(k):
                 result[i] = self.one(Z[i]).ravel()
-        elif self.function.size1_out(0):
+        elif width:
             with self._lock:
                 inputs, outputs, trigger, _ = self._mapped
                 for start in range(0, k, _BLOCK):

@@ -37,23 +37,28 @@ class Program:
         length: float,
         extra_values: Mapping[str, float],
     ) -> None:
-        self.formula, self.variants, self.parameters = formula, variants, parameters
-        self.order, self.length, self.extra_values = order, length, extra_values
-        self.inverse_flow, self.forward_flow = formula.has("inverse"), formula.has("forward")
-        n = len(order)
+        self.formula = formula
+        self.variants = variants
+        self.parameters = parameters
+        self.order = order
+        self.length = length
+        self.extra_values = extra_values
+        self.inverse_flow = formula.has("inverse")
+        self.forward_flow = formula.has("forward")
         if self.inverse_flow:
             self._z = ca.SX.sym("z", 16)
             symbols = self._after_pose(symbolic.unflat(self._z, 4, 4))
             self._q = self._joints(symbols)
         else:
-            self._z = self._q = ca.SX.sym("q", n)
+            self._z = ca.SX.sym("q", len(order))
+            self._q = self._z
             symbols = self._after_joints(self._z)
         self._symbols = flow.run(formula, variants, symbols, "helper")
         # Compiled here, not at first use, so that a missing point or measure causes an error at once.
-        self.group = {
-            kind: Evaluator(kind, self._z, flow.gather(formula, self._symbols, tuple(of.values()), kind))
-            for kind, of in formula.scalars.items()
-        }
+        self.group = {}
+        for kind, symbol_of_name in formula.scalars.items():
+            column = flow.gather(formula, self._symbols, tuple(symbol_of_name.values()), kind)
+            self.group[kind] = Evaluator(kind, self._z, column)
         self.points = Evaluator("points", self._z, self._points(), (len(formula.points), 3))
         self._partial: dict[tuple[str, ...], Evaluator] = {}
 
@@ -64,22 +69,27 @@ class Program:
         The misfit is the norm of the difference between the pose and the pose rebuilt from its coordinates.
         """
         T = symbolic.unflat(self._z, 4, 4)
-        misfit = _length(ca.vec(flow.to_pose(self.formula, self._symbols) - T))
+        T_rebuilt = flow.to_pose(self.formula, self._symbols)
+        misfit = _length(ca.vec(T_rebuilt - T))
         return Evaluator("inverse", self._z, ca.vertcat(self._q, misfit))
 
     @cached_property
     def judged_inverse(self) -> Evaluator:
         """Function of the pose (16,) that returns q (n); NaN if the pose is out of reach, or not rigid (`POSE_TOL`)."""
-        pose = self.inverse.function(self._z)
-        q, misfit = pose[:-1], pose[-1]
-        good = ca.logic_and(misfit <= POSE_TOL, ca.sumsqr(q) < np.inf)
-        return Evaluator("judged_inverse", self._z, ca.vertcat(*(ca.if_else(good, v, np.nan) for v in ca.vertsplit(q))))
+        result = self.inverse.function(self._z)
+        q = result[:-1]
+        misfit = result[-1]
+        finite = ca.sumsqr(q) < np.inf  # false for NaN, too
+        good = ca.logic_and(misfit <= POSE_TOL, finite)
+        judged = [ca.if_else(good, value, np.nan) for value in ca.vertsplit(q)]
+        return Evaluator("judged_inverse", self._z, ca.vertcat(*judged))
 
     @cached_property
     def inverse_jacobian(self) -> Evaluator:
         """Function of the pose (16,) that returns the derivative (n, 6) of q with respect to a twist of the tool."""
         xi = ca.SX.sym("xi", 6)
-        J = ca.jacobian(self.joints_at(symbolic.retract(symbolic.unflat(self._z, 4, 4), xi)), xi)
+        T = symbolic.retract(symbolic.unflat(self._z, 4, 4), xi)
+        J = ca.jacobian(self.joints_at(T), xi)
         J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # at least a third faster, because derivatives repeat terms
         return Evaluator("inverse_jacobian", self._z, J, (len(self.order), 6))
 
@@ -93,19 +103,24 @@ class Program:
     def forward_jacobian(self) -> Evaluator:
         """Function of q (n) that returns the Jacobian (6, n): the tool's twist per rate of q, linear rows first."""
         q, T = self._forward()
+        n = len(self.order)
         R = T[0:3, 0:3]
-        columns = []
-        for i in range(len(self.order)):
-            W = ca.jtimes(R, q, ca.SX.eye(len(self.order))[:, i]) @ R.T
-            columns.append(ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
-        J = ca.vertcat(ca.jacobian(T[0:3, 3], q), ca.horzcat(*columns))
-        return Evaluator("forward_jacobian", q, ca.cse(J), (6, len(self.order)))
+        angular = []
+        for i in range(n):
+            # dR/dq_i R^T is the cross product matrix of the angular velocity
+            W = ca.jtimes(R, q, ca.SX.eye(n)[:, i]) @ R.T
+            angular.append(ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
+        linear = ca.jacobian(T[0:3, 3], q)
+        J = ca.vertcat(linear, ca.horzcat(*angular))
+        return Evaluator("forward_jacobian", q, ca.cse(J), (6, n))
 
     @cached_property
     def pose_of_coordinates(self) -> Evaluator:
         """Function of the coordinates of the published equations that returns the pose (4, 4)."""
-        x = ca.SX.sym("x", len(self.formula.coordinates.names))
-        T = flow.to_pose(self.formula, dict(zip(self.formula.coordinates.names, ca.vertsplit(x), strict=True)))
+        names = self.formula.coordinates.names
+        x = ca.SX.sym("x", len(names))
+        symbols = dict(zip(names, ca.vertsplit(x), strict=True))
+        T = flow.to_pose(self.formula, symbols)
         return Evaluator("pose_of_coordinates", x, T, (4, 4))
 
     @cached_property
@@ -124,31 +139,34 @@ class Program:
         separate Python calls would take ten times as long as the solution.
         """
         n = len(self.order)
-        xi, p = ca.SX.sym("xi", 6), ca.SX.sym("p", n + 16)
-        T = symbolic.retract(symbolic.unflat(p[n:], 4, 4), xi)
-        known = [i for i, name in enumerate(self.order) if name not in self.extra_values]
-        off = (self.joints_at(T) - p[:n])[known]
+        xi = ca.SX.sym("xi", 6)
+        p = ca.SX.sym("p", n + 16)
+        q = p[:n]
+        T_start = symbolic.unflat(p[n:], 4, 4)
+        T = symbolic.retract(T_start, xi)
+        # joints that are not in the equations have a fixed value here, whatever their q
+        in_equations = [i for i, name in enumerate(self.order) if name not in self.extra_values]
+        joint_errors = (self.joints_at(T) - q)[in_equations]
         finder = ca.rootfinder(
             "finder",
             "fast_newton",
-            {"x": xi, "p": p, "g": off},
+            {"x": xi, "p": p, "g": joint_errors},
             {"error_on_fail": False, "abstol": 1e-14, "abstolStep": 1e-14, "max_iter": 12},
         )
         travel = _length(ca.vertcat(xi[:3] / self.length, xi[3:]))
         aspects = self.group["aspect"].function(symbolic.flat(T))
-        answer = ca.Function("answer", [xi, p], [ca.vertcat(symbolic.flat(T), _length(off), travel, aspects)])
+        results = ca.vertcat(symbolic.flat(T), _length(joint_errors), travel, aspects)
+        answer = ca.Function("answer", [xi, p], [results])
         z = ca.MX.sym("z", n + 16)
-        out = answer(finder(x0=ca.DM.zeros(6), p=z)["x"], z)
+        solution = finder(x0=ca.DM.zeros(6), p=z)["x"]
+        out = answer(solution, z)
         return Evaluator("newton", z, out, (out.shape[0],))
 
     def from_points(self, names: tuple[str, ...]) -> Evaluator:
         """Return a function that computes q (n) from the named points (3 numbers each, in the order of `names`)."""
         if names not in self._partial:
             z = ca.SX.sym("z", 3 * len(names))
-            symbols: dict[str, Any] = dict(self.parameters)
-            for i, name in enumerate(names):
-                symbol, p = self.formula.points[name], z[3 * i : 3 * i + 3]
-                symbols |= {symbol: p} if isinstance(symbol, str) else dict(zip(symbol, ca.vertsplit(p), strict=True))
+            symbols = {**self.parameters, **self._symbols_of_points(names, z)}
             symbols = flow.run(self.formula, self.variants, symbols, "inverse")
             self._partial[names] = Evaluator("from_points", z, self._joints(symbols))
         return self._partial[names]
@@ -161,24 +179,35 @@ class Program:
         """
         key = ("margins", *passive, "", *points)
         if key not in self._partial:
-            n, m = len(self.parameters), len(self.order)
-            z = ca.SX.sym("z", n + 16 + m + len(passive) + 3 * len(points))
-            numbers, pose, q, turns, places = ca.vertsplit(
-                z, [0, n, n + 16, n + 16 + m, n + 16 + m + len(passive), z.numel()]
-            )
-            symbols: dict[str, Any] = dict(zip(self.parameters, ca.vertsplit(numbers), strict=True)) if n else {}
+            sizes = [len(self.parameters), 16, len(self.order), len(passive), 3 * len(points)]
+            ends = np.cumsum(sizes).tolist()
+            z = ca.SX.sym("z", sum(sizes))
+            numbers, pose, q, passive_values, coordinates = ca.vertsplit(z, [0, *ends])
+            symbols: dict[str, Any] = {name: numbers[i] for i, name in enumerate(self.parameters)}
             symbols |= flow.from_pose(self.formula, symbolic.unflat(pose, 4, 4))
-            symbols |= dict(zip(self.order, ca.vertsplit(q), strict=True))
-            symbols |= {name: turns[i] for i, name in enumerate(passive)}
-            for i, name in enumerate(points):
-                symbol, p = self.formula.points[name], places[3 * i : 3 * i + 3]
-                symbols |= {symbol: p} if isinstance(symbol, str) else dict(zip(symbol, ca.vertsplit(p), strict=True))
+            symbols |= {name: q[i] for i, name in enumerate(self.order)}
+            symbols |= {name: passive_values[i] for i, name in enumerate(passive)}
+            symbols |= self._symbols_of_points(points, coordinates)
             for stage in ("inverse", "forward", "helper"):
                 symbols = flow.run(self.formula, self.variants, symbols, stage)
-            kinds = self.formula.scalars
-            names = tuple(s for kind in ("reach", "measure", "aspect") for s in kinds[kind].values())
-            self._partial[key] = Evaluator("margins_at", z, flow.gather(self.formula, symbols, names, "margin"))
+            names = []
+            for kind in ("reach", "measure", "aspect"):
+                names += self.formula.scalars[kind].values()
+            margins = flow.gather(self.formula, symbols, tuple(names), "margin")
+            self._partial[key] = Evaluator("margins_at", z, margins)
         return self._partial[key]
+
+    def _symbols_of_points(self, names: tuple[str, ...], coordinates: ca.SX) -> dict[str, ca.SX]:
+        """Return {symbol: value} of named points from their coordinates, three for each point in this order."""
+        symbols = {}
+        for i, name in enumerate(names):
+            symbol = self.formula.points[name]
+            p = coordinates[3 * i : 3 * i + 3]
+            if isinstance(symbol, str):
+                symbols[symbol] = p
+            else:
+                symbols |= zip(symbol, ca.vertsplit(p), strict=True)
+        return symbols
 
     def around(self, state: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return pose (4, 4) and joints (n) after a step from a state, as expressions of both.
@@ -187,7 +216,8 @@ class Program:
         and the step is a twist (6,).
         """
         if self.forward_flow:
-            return ca.SX(self._after_joints(state + step)[POSE_SYMBOL]), state + step
+            q = state + step
+            return ca.SX(self._after_joints(q)[POSE_SYMBOL]), q
         T = symbolic.retract(symbolic.unflat(state, 4, 4), step)
         return T, self.joints_at(T)
 
@@ -204,7 +234,8 @@ class Program:
         return flow.run(self.formula, self.variants, symbols, "forward")
 
     def _after_joints(self, q: ca.SX) -> dict[str, Any]:
-        symbols = {**self.parameters, **dict(zip(self.order, ca.vertsplit(q), strict=True))}
+        symbols: dict[str, Any] = dict(self.parameters)
+        symbols |= zip(self.order, ca.vertsplit(q), strict=True)
         symbols = flow.run(self.formula, self.variants, symbols, "forward")
         if POSE_SYMBOL not in symbols:
             symbols[POSE_SYMBOL] = flow.to_pose(self.formula, symbols)
@@ -230,7 +261,9 @@ class Program:
             if p.numel() != 3:
                 raise KinematicsError(f"{what} has shape {p.shape}, but must have 3 numbers.")
             rows.append(ca.reshape(p, 1, 3))
-        return ca.vertcat(*rows) if rows else ca.SX(0, 3)
+        if not rows:
+            return ca.SX(0, 3)  # `vertcat` of nothing has no columns
+        return ca.vertcat(*rows)
 
 
 def _length(v: ca.SX) -> ca.SX:
