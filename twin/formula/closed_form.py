@@ -42,17 +42,24 @@ class ClosedForm:
         """Return the function (q (n,), qd (n,)) -> `Terms`."""
         import casadi as ca  # imported here, because it takes long
 
-        n, k = len(self.joints), len(self.parameters)
-        q, qd, p = ca.SX.sym("q", n), ca.SX.sym("qd", n), ca.SX.sym("p", k)
-        M, C, g = self.terms(q, qd, {e.name: p[i] for i, e in enumerate(self.parameters)})
-        change = ca.reshape(ca.jtimes(ca.reshape(M, n * n, 1), q, qd), n, n)
-        stacked = ca.vertcat(ca.reshape(M, n * n, 1), g)
-        f = ca.Function("terms", [q, qd, p], [M, C, g, change, ca.jacobian(stacked, p)])
+        n = len(self.joints)
+        k = len(self.parameters)
+        q = ca.SX.sym("q", n)
+        qd = ca.SX.sym("qd", n)
+        p = ca.SX.sym("p", k)
+        parameters = {parameter.name: p[i] for i, parameter in enumerate(self.parameters)}
+        M, C, g = self.terms(q, qd, parameters)
+        M_column = ca.reshape(M, n * n, 1)  # column by column
+        change = ca.reshape(ca.jtimes(M_column, q, qd), n, n)
+        share = ca.jacobian(ca.vertcat(M_column, g), p)
+        f = ca.Function("terms", [q, qd, p], [M, C, g, change, share])
         values = self.values
 
         def evaluate(at: Array, rates: Array) -> Terms:
             M, C, g, change, share = (np.array(x, float) for x in f(at, rates, values))
-            return Terms(M, C, g.reshape(-1), change, share[: n * n].reshape(n, n, k, order="F"), share[n * n :])
+            M_share = share[: n * n].reshape(n, n, k, order="F")
+            g_share = share[n * n :]
+            return Terms(M, C, g.reshape(-1), change, M_share, g_share)
 
         return evaluate
 

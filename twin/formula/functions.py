@@ -11,10 +11,13 @@ from twin.formula.scalar import Scalar
 
 def if_else(condition: Any, yes: Any, no: Any) -> Any:
     """Return `yes` where the condition is true, else `no`, entry by entry; both values are always computed."""
-    if any(isinstance(x, np.ndarray | list | tuple) for x in (condition, yes, no)):
-        parts = np.broadcast_arrays(*(np.asarray(x, dtype=object) for x in (condition, yes, no)))
-        out = np.array([if_else(*p) for p in zip(*(p.ravel() for p in parts), strict=True)], dtype=object)
-        return plain(out.reshape(parts[0].shape))
+    values = (condition, yes, no)
+    if any(isinstance(value, np.ndarray | list | tuple) for value in values):
+        conditions, yeses, noes = np.broadcast_arrays(*[np.asarray(value, dtype=object) for value in values])
+        out = np.full(conditions.shape, None, dtype=object)
+        for i in np.ndindex(out.shape):
+            out[i] = if_else(conditions[i], yeses[i], noes[i])
+        return plain(out)
     if isinstance(condition, Scalar):
         return condition.if_else(yes, no)
     return yes if condition else no
@@ -22,35 +25,42 @@ def if_else(condition: Any, yes: Any, no: Any) -> Any:
 
 def rotation_x(angle: Any) -> Any:
     """Return the rotation (3, 3) about x; the angle is in rad."""
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
 def rotation_y(angle: Any) -> Any:
     """Return the rotation (3, 3) about y; the angle is in rad."""
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
 def rotation_z(angle: Any) -> Any:
     """Return the rotation (3, 3) about z; the angle is in rad."""
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
 def pose(R: Any, p: Any) -> Any:
     """Return the pose (4, 4) with a rotation (3, 3) and a position (3,) in m."""
-    R, p = np.asarray(R), np.asarray(p)
+    R = np.asarray(R)
+    p = np.asarray(p)
     if R.shape != (3, 3) or p.shape != (3,):
         raise ValueError(f"pose(R, p) takes a rotation (3, 3) and a position (3,), not {R.shape} and {p.shape}")
     T = np.zeros((4, 4), np.result_type(R, p, float))  # objects if an entry is a symbol
-    T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
+    T[:3, :3] = R
+    T[:3, 3] = p
+    T[3, 3] = 1.0
     return T
 
 
 def inverse(T: Any) -> Any:
     """Return the inverse of a pose (4, 4)."""
-    R, p = T[:3, :3], T[:3, 3]
+    R = T[:3, :3]
+    p = T[:3, 3]
     return pose(R.T, -(R.T @ p))
 
 

@@ -7,7 +7,7 @@ and symbols in one array, arrays of zeros to fill with symbols, conditions, `mat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -18,9 +18,22 @@ from twin.formula.functions import if_else, plain
 from twin.formula.scalar import Scalar
 
 _MATH = {
-    **{n: getattr(np, n) for n in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "hypot")},
-    **{f"a{n}": getattr(np, f"arc{n}") for n in ("sin", "cos", "tan", "tan2")},
-    **{n: getattr(np, n) for n in ("radians", "degrees")},
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "sinh": np.sinh,
+    "cosh": np.cosh,
+    "tanh": np.tanh,
+    "exp": np.exp,
+    "log": np.log,
+    "sqrt": np.sqrt,
+    "hypot": np.hypot,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "radians": np.radians,
+    "degrees": np.degrees,
     "fabs": np.absolute,
     "pow": np.power,
 }
@@ -51,10 +64,16 @@ def lifted(value: Any) -> Any:
     """Return NumPy, math or one of their functions as a version that accepts symbols; return other values unchanged."""
     if isinstance(value, ModuleType):
         return _MODULES.get(value.__name__, value)
-    if isinstance(value, np.ufunc) or getattr(value, "__module__", "") in ("numpy", "numpy.linalg"):
-        space = _LINALG if getattr(value, "__module__", "") == "numpy.linalg" else _NUMPY
-        return getattr(space, value.__name__, value) if callable(value) else value
-    if getattr(value, "__module__", "") == "math":
+    module = getattr(value, "__module__", "")
+    if isinstance(value, np.ufunc):
+        module = "numpy"
+    if module in ("numpy", "numpy.linalg") and not callable(value):
+        return value
+    if module == "numpy":
+        return getattr(_NUMPY, value.__name__, value)
+    if module == "numpy.linalg":
+        return getattr(_LINALG, value.__name__, value)
+    if module == "math":
         return getattr(_MODULES["math"], value.__name__)
     return value
 
@@ -78,13 +97,16 @@ class _Space:
 
 def _kind(*values: Any) -> type[Scalar] | None:
     """Return the class of the first symbol in values, lists and arrays; None if there is no symbol."""
-    for v in values:
-        if isinstance(v, Scalar):
-            return type(v)
-        if isinstance(v, list | tuple) or (isinstance(v, np.ndarray) and v.dtype == object):
-            found = _kind(*(v if isinstance(v, list | tuple) else v.ravel()))
-            if found is not None:
-                return found
+    for value in values:
+        if isinstance(value, Scalar):
+            return type(value)
+        found = None
+        if isinstance(value, list | tuple):
+            found = _kind(*value)
+        elif isinstance(value, np.ndarray) and value.dtype == object:
+            found = _kind(*value.ravel())
+        if found is not None:
+            return found
     return None
 
 
@@ -93,42 +115,60 @@ def _boxed(x: Any, kind: type[Scalar]) -> Any:
     if isinstance(x, Scalar):
         return x
     if isinstance(x, np.ndarray | list | tuple):
-        a = np.asarray(x, dtype=object)
-        out = np.full(a.shape, None, dtype=object)
-        for i, v in np.ndenumerate(a):
-            out[i] = v if isinstance(v, Scalar) else kind(float(v))
+        values = np.asarray(x, dtype=object)
+        out = np.full(values.shape, None, dtype=object)
+        for i, value in np.ndenumerate(values):
+            out[i] = value if isinstance(value, Scalar) else kind(float(value))
         return out
     return kind(float(x))
 
 
 def _numbers(x: Any) -> Any:
-    return plain(x) if isinstance(x, np.ndarray) else x
+    """Return an array without symbols as an array of floats; return other values unchanged."""
+    if isinstance(x, np.ndarray):
+        return plain(x)
+    return x
+
+
+def _on_numbers(f: Callable[..., Any], args: Iterable[Any], kwargs: Mapping[str, Any]) -> Any:
+    """Return the result of a NumPy function for arguments without symbols."""
+    numbers = [_numbers(arg) for arg in args]
+    return f(*numbers, **kwargs)
 
 
 def _elementwise(f: Any) -> Callable[..., Any]:
+    """Return a version of a function of single entries (a ufunc)."""
+
     def call(*args: Any, **kwargs: Any) -> Any:
         kind = _kind(*args)
         if kind is None:
-            return f(*map(_numbers, args), **kwargs)
+            return _on_numbers(f, args, kwargs)
         if f in _COMPARE:
             kwargs["dtype"] = object  # otherwise the result would have to be True or False
-        return f(*(_boxed(a, kind) for a in args), **kwargs)
+        boxed = [_boxed(arg, kind) for arg in args]
+        return f(*boxed, **kwargs)
 
     call.__name__ = f.__name__
     return call
 
 
 def _whole(f: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a version of a function of whole arrays, such as `np.stack`."""
+
     def call(*args: Any, **kwargs: Any) -> Any:
         kind = _kind(*args)
         if kind is None:
-            return f(*map(_numbers, args), **kwargs)
-        if kwargs.get("dtype") is float:  # dtype float is dropped, because the array may contain symbols
+            return _on_numbers(f, args, kwargs)
+        # dtype float is dropped, because the array may contain symbols
+        if kwargs.get("dtype") is float:
             del kwargs["dtype"]
         if f in (np.array, np.asarray) and len(args) == 2 and args[1] is float:
             args = args[:1]
-        out = f(*(_boxed(a, kind) if isinstance(a, np.ndarray) else a for a in args), **kwargs)
-        return _boxed(out, kind) if isinstance(out, np.ndarray) and out.dtype == object else out
+        boxed = [_boxed(arg, kind) if isinstance(arg, np.ndarray) else arg for arg in args]
+        out = f(*boxed, **kwargs)
+        if isinstance(out, np.ndarray) and out.dtype == object:
+            return _boxed(out, kind)
+        return out
 
     call.__name__ = f.__name__
     return call
@@ -138,8 +178,10 @@ def _filled_later(f: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     """Return a version of `zeros`, `ones` or a similar function; symbols can be assigned to entries of its arrays."""
 
     def call(*args: Any, **kwargs: Any) -> np.ndarray:
-        made = f(*map(_numbers, args), **kwargs)
-        return made.astype(object) if made.dtype == float else made
+        array = _on_numbers(f, args, kwargs)
+        if array.dtype == float:
+            return array.astype(object)
+        return array
 
     call.__name__ = f.__name__
     return call
@@ -158,7 +200,8 @@ def _clip(x: Any, low: Any, high: Any) -> Any:
 
 
 def _sign(x: Any) -> Any:
-    return if_else(_NUMPY.less(x, 0), -1.0, if_else(_NUMPY.greater(x, 0), 1.0, 0.0))
+    of_others = if_else(_NUMPY.greater(x, 0), 1.0, 0.0)
+    return if_else(_NUMPY.less(x, 0), -1.0, of_others)
 
 
 def _det(A: Any) -> Any:
@@ -169,7 +212,11 @@ def _det(A: Any) -> Any:
         raise ValueError(f"a determinant takes a square matrix, not {A.shape}")
     if len(A) == 1:
         return A[0, 0]
-    return sum((-1.0) ** j * A[0, j] * _det(_without(A, 0, j)) for j in range(len(A)))
+    # Laplace's expansion along the first row
+    total = 0
+    for j in range(len(A)):
+        total = total + (-1.0) ** j * A[0, j] * _det(_without(A, 0, j))
+    return total
 
 
 def _inv(A: Any) -> Any:
@@ -179,16 +226,25 @@ def _inv(A: Any) -> Any:
     kind = _kind(A)
     if kind is None:
         return np.linalg.inv(_numbers(A))
-    n, det = len(A), _det(A)
-    rows = [[(-1.0) ** (i + j) * _det(_without(A, j, i)) / det for j in range(n)] for i in range(n)]
-    return _boxed(rows, kind)
+    n = len(A)
+    det = _det(A)
+    inverse = np.full((n, n), None, dtype=object)
+    for i in range(n):
+        for j in range(n):
+            # the cofactor of the transposed entry
+            inverse[i, j] = (-1.0) ** (i + j) * _det(_without(A, j, i)) / det
+    return _boxed(inverse, kind)
 
 
 def _pinv(A: Any) -> Any:
     A = np.asarray(A)
     if _kind(A) is None:
         return np.linalg.pinv(_numbers(A))
-    return A.T @ _inv(A @ A.T) if A.shape[0] < A.shape[1] else _inv(A.T @ A) @ A.T
+    # of a matrix of full rank
+    rows, columns = A.shape
+    if rows < columns:
+        return A.T @ _inv(A @ A.T)
+    return _inv(A.T @ A) @ A.T
 
 
 def _solve(A: Any, b: Any) -> Any:
@@ -196,15 +252,19 @@ def _solve(A: Any, b: Any) -> Any:
 
 
 def _without(A: np.ndarray, i: int, j: int) -> np.ndarray:
-    return np.delete(np.delete(A, i, 0), j, 1)
+    """Return a matrix without row i and column j."""
+    without_row = np.delete(A, i, axis=0)
+    return np.delete(without_row, j, axis=1)
 
 
 _LINALG = _Space(np.linalg, det=_det, inv=_inv, pinv=_pinv, solve=_solve)
 _NUMPY = _Space(
     np,
-    **{n: _filled_later(getattr(np, n)) for n in _MAKE},
-    **dict.fromkeys(("maximum", "fmax"), _maximum),
-    **dict.fromkeys(("minimum", "fmin"), _minimum),
+    **{name: _filled_later(getattr(np, name)) for name in _MAKE},
+    maximum=_maximum,
+    fmax=_maximum,
+    minimum=_minimum,
+    fmin=_minimum,
     linalg=_LINALG,
     where=if_else,
     clip=_clip,
@@ -212,11 +272,15 @@ _NUMPY = _Space(
 )
 
 
-def _of_math(name: str, f: Callable[..., Any]) -> Callable[..., Any]:
-    other = _elementwise(_MATH[name])
+def _of_math(name: str) -> Callable[..., Any]:
+    """Return a version of a function of `math` that accepts symbols; numbers are left to `math`."""
+    on_number = getattr(math, name)
+    on_symbol = _elementwise(_MATH[name])
 
     def call(*args: Any) -> Any:
-        return f(*args) if _kind(*args) is None else other(*args)
+        if _kind(*args) is None:
+            return on_number(*args)
+        return on_symbol(*args)
 
     call.__name__ = name
     return call
@@ -225,5 +289,5 @@ def _of_math(name: str, f: Callable[..., Any]) -> Callable[..., Any]:
 _MODULES: dict[str, Any] = {
     "numpy": _NUMPY,
     "numpy.linalg": _LINALG,
-    "math": SimpleNamespace(**{**vars(math), **{n: _of_math(n, getattr(math, n)) for n in _MATH}}),
+    "math": SimpleNamespace(**(vars(math) | {name: _of_math(name) for name in _MATH})),
 }

@@ -30,13 +30,20 @@ from twin.formula.symbol import from_sx, to_sx
 
 FUNCTIONS = ("inverse", "forward", "points")
 
+_OUTPUTS = {
+    "inverse": ((1, 1), "a number"),
+    "points": ((3, 1), "three numbers"),
+    "forward": ((4, 4), "a pose (4, 4)"),
+}
+"""Shape of each output in CasADi, and the shape in words, by kind of function."""
+
 _LENGTH = 0.1
 """Characteristic length in m of a formula whose parameters include no length."""
 
 
 def is_plain(module: ModuleType) -> bool:
     """Return whether a module is a plain formula (has functions `inverse` or `forward`, no FORMULA)."""
-    return any(hasattr(module, n) for n in ("inverse", "forward"))
+    return hasattr(module, "inverse") or hasattr(module, "forward")
 
 
 def plain_formula(
@@ -55,66 +62,88 @@ def plain_formula(
         KinematicsError: at the first fault, with file and line.
     """
     text = (inspect.getdoc(module) or name).strip()
+    first_line = text.splitlines()[0].strip(" .")
     values = vars(module)
-    casadi = any(_of_casadi(v) for v in values.values())
+    casadi = any(_of_casadi(value) for value in values.values())
     functions = values if casadi else scope(values)
     parameters = _parameters(module, path)
-    names = [n for n, _ in joints]
-    asked = {n for f in FUNCTIONS if isinstance(functions.get(f), FunctionType) for n in _arguments(functions[f])}
-    coordinates = _coordinates({*names, *(p.name for p in parameters)}, asked)
-    known = [*coordinates.names, *(p.name for p in parameters)]
-    unread = [p.name for p in parameters if p.name not in asked]
+    parameter_names = [parameter.name for parameter in parameters]
+    joint_names = [joint for joint, _ in joints]
+    used: set[str] = set()
+    for kind in FUNCTIONS:
+        function = functions.get(kind)
+        if isinstance(function, FunctionType):
+            used.update(_arguments(function))
+    coordinates = _coordinates({*joint_names, *parameter_names}, used)
+    known = [*coordinates.names, *parameter_names]
+    unread = [parameter for parameter in parameter_names if parameter not in used]
 
-    def rows(which: str, more: Sequence[str] = ()) -> _Rows | None:
-        f = values.get(which)
-        if f is None:
+    def rows(kind: str, points: Sequence[str] = ()) -> _Rows | None:
+        """Return the function of a kind, which may use the named points; None if the module does not have it."""
+        value = values.get(kind)
+        if value is None:
             return None
-        if not isinstance(f, FunctionType):
-            raise KinematicsError(
-                f"{path}:{_line_of(module, path, which)}: {which} must be a function, not {type(f).__name__}."
-            )
-        return _Rows(which, path, functions[which], names, [*known, *more], POSE_SYMBOL, casadi, unread)
+        if not isinstance(value, FunctionType):
+            line = _line_of(module, path, kind)
+            raise KinematicsError(f"{path}:{line}: {kind} must be a function, not {type(value).__name__}.")
+        return _Rows(kind, path, functions[kind], joint_names, [*known, *points], POSE_SYMBOL, casadi, unread)
 
     points = rows("points")
+    point_names: tuple[str, ...] = ()
     if points is not None:
-        points.outputs = _point_names(points, parameters, names, coordinates)
-    inverse, forward = rows("inverse", points.outputs if points else ()), rows("forward")
-    first = points is not None and inverse is not None and bool(set(points.outputs) & set(inverse.argument_names))
-    if first and points is not None and set(names) & set(inspect.signature(points).parameters):
+        point_names = _point_names(points, parameters, joint_names, coordinates)
+        points.outputs = point_names
+    inverse = rows("inverse", point_names)
+    forward = rows("forward")
+    # whether inverse() uses named points, which points() must then compute from the pose
+    points_first = inverse is not None and bool(set(point_names) & set(inverse.argument_names))
+    if points is not None and points_first and set(joint_names) & set(inspect.signature(points).parameters):
         text = "inverse() cannot use the named points, because points() computes them from the joints"
         raise points.error(text, points.line)
+    before_joints = [inverse]
+    if points_first:
+        before_joints = [points, inverse]
+    active = []
+    for joint, angle in joints:
+        active.append(ActiveJoint(joint, "revolute" if angle else "prismatic"))
     formula = Formula(
         name=name,
-        title=str(values.get("TITLE", text.splitlines()[0].strip(" ."))),
+        title=str(values.get("TITLE", first_line)),
         source=str(values.get("SOURCE", path.name)),
         parameters=parameters,
-        joints=tuple(ActiveJoint(n, "revolute" if angle else "prismatic") for n, angle in joints),
+        joints=tuple(active),
         coordinates=coordinates,
-        equations=_in_order(points, inverse, forward, names, first, path),
+        equations=_equations(points, inverse, forward, joint_names, points_first, path),
         characteristic_length=_length_scale(parameters),
-        points={n: n for n in points.outputs} if points else {},
+        points={point: point for point in point_names},
         seeds=_seeds(coordinates, home, inverse is not None),
-        numbers=_on_numbers([r for r in ((points if first else None), inverse) if r is not None], coordinates),
+        numbers=_on_numbers([row for row in before_joints if row is not None], coordinates),
     )
-    _try(formula, [r for r in (points, inverse, forward) if r is not None])
+    _try(formula, [row for row in (points, inverse, forward) if row is not None])
     return formula
 
 
-def _in_order(
-    points: _Rows | None, inverse: _Rows | None, forward: _Rows | None, joints: Sequence[str], first: bool, path: Path
+def _equations(
+    points: _Rows | None,
+    inverse: _Rows | None,
+    forward: _Rows | None,
+    joints: Sequence[str],
+    points_first: bool,
+    path: Path,
 ) -> tuple[Equation, ...]:
-    """Return the equations in execution order; if `first`, points are computed before the inverse, which uses them."""
-    named = points.outputs if points else ()
-    order: tuple[tuple[_Rows | None, Stage, tuple[str, ...], str], ...] = (
-        (points, "inverse" if first else "helper", named, "named points"),
-        (inverse, "inverse", tuple(joints), "points -> joints" if first else "pose -> joints"),
-        (forward, "forward", (POSE_SYMBOL,), "joints -> pose"),
-    )
+    """Return the equations in execution order; points come first if the inverse uses them, else last."""
     equations = []
-    for row, stage, outputs, title in order if first else (*order[1:], order[0]):
-        if row is not None:
-            row.outputs = outputs
-            equations.append(_equation(row, stage, title, path))
+    if inverse is not None:
+        inverse.outputs = tuple(joints)
+        title = "points -> joints" if points_first else "pose -> joints"
+        equations.append(_equation(inverse, "inverse", title, path))
+    if forward is not None:
+        forward.outputs = (POSE_SYMBOL,)
+        equations.append(_equation(forward, "forward", "joints -> pose", path))
+    if points is not None and points_first:
+        equations.insert(0, _equation(points, "inverse", "named points", path))
+    elif points is not None:
+        equations.append(_equation(points, "helper", "named points", path))
     return tuple(equations)
 
 
@@ -127,14 +156,19 @@ class _Rows(PlainRows):
         Raises:
             KinematicsError: the function fails, or an output has a wrong shape; the message gives file and line.
         """
-        parts = self.spread(self.on_symbols(symbols), _split)
-        return tuple(self._leave(p, n) for p, n in zip(parts, self.outputs, strict=True))
+        values = self.spread(self.on_symbols(symbols), _split)
+        outputs = []
+        for value, name in zip(values, self.outputs, strict=True):
+            outputs.append(self._output(value, name))
+        return tuple(outputs)
 
     def on_symbols(self, symbols: Mapping[str, Any]) -> Any:
         """Return the result of the function for CasADi symbols {name: symbol}."""
         if self.casadi:
-            return self.run(self.arguments(symbols, lambda x: x, lambda *q: ca.vertcat(*q)))
-        return self.run(self.arguments(symbols, from_sx, lambda *q: np.array([from_sx(x) for x in q], object)))
+            arguments = self.arguments(symbols, lambda x: x, lambda *q: ca.vertcat(*q))
+        else:
+            arguments = self.arguments(symbols, from_sx, lambda *q: np.array([from_sx(x) for x in q], object))
+        return self.run(arguments)
 
     def run(self, arguments: Mapping[str, Any]) -> Any:
         """Call the function and return its result; an operation that gives NaN or infinity raises an error."""
@@ -148,10 +182,9 @@ class _Rows(PlainRows):
         except Exception as error:
             raise self.located(error) from error
 
-    def _leave(self, value: Any, name: str) -> ca.SX:
+    def _output(self, value: Any, name: str) -> ca.SX:
         """Return an output as SX: a scalar, a column of three, or a pose."""
-        shape = {"inverse": (1, 1), "points": (3, 1), "forward": (4, 4)}[self.name]
-        what = {"inverse": "a number", "points": "three numbers", "forward": "a pose (4, 4)"}[self.name]
+        shape, what = _OUTPUTS[self.name]
         try:
             out = to_sx(value)
         except (TypeError, ValueError, NotImplementedError) as error:
@@ -159,20 +192,27 @@ class _Rows(PlainRows):
         if shape == (3, 1) and out.shape == (1, 3):
             out = out.T
         if out.shape != shape:
-            found = np.shape(value) if isinstance(value, np.ndarray) else out.shape
+            found = out.shape
+            if isinstance(value, np.ndarray):
+                found = value.shape  # what the author wrote; shapes in CasADi have two dimensions
             raise self.error(f"{self.name}(): '{name}' has shape {found}; it must be {what}")
         return out
 
 
 def _split(value: Any) -> list[Any] | None:
+    """Return the entries of a row or a column of CasADi, or of an array with one dimension; None: another value."""
     if isinstance(value, ca.SX | ca.DM) and 1 in value.shape and value.numel() > 1:
         return ca.vertsplit(ca.vec(value))
     return entries(value)
 
 
 def _of_casadi(value: Any) -> bool:
-    name = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None) or ""
-    return name.split(".")[0] == "casadi"
+    if isinstance(value, ModuleType):
+        module = value.__name__
+    else:
+        module = getattr(value, "__module__", None) or ""
+    package, _, _ = module.partition(".")
+    return package == "casadi"
 
 
 def _arguments(function: FunctionType) -> tuple[str, ...]:
@@ -180,23 +220,30 @@ def _arguments(function: FunctionType) -> tuple[str, ...]:
     return code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
 
 
-def _coordinates(taken: set[str], asked: set[str]) -> Coordinates:
+def _coordinates(taken: set[str], used: set[str]) -> Coordinates:
     """Return the coordinates: position, and either Rz Ry Rx angles (if a function uses them) or a rotation vector.
 
-    A rotation vector describes every orientation; the angles are singular at theta = ±90 deg.
+    A rotation vector describes every orientation; the angles are singular at theta = ±90 deg. A coordinate whose name
+    is `taken` by a joint or a parameter gets the prefix "tool_".
     """
-    angles = ("psi", "theta", "phi")
-    if set(angles) & asked - taken:
-        names, turned, back = angles, symbolic.rotation_zyx, symbolic.angles_zyx
-    else:
-        names, turned, back = ("rx", "ry", "rz"), _rotation, _vector
-    clear = tuple(f"tool_{n}" if n in taken else n for n in ("x", "y", "z", *names))
-    return Coordinates(
-        clear,
-        ("m", "m", "m", "rad", "rad", "rad"),
-        lambda *c: symbolic.pose(turned(*c[3:]), ca.vertcat(*c[:3])),
-        lambda T: (T[0, 3], T[1, 3], T[2, 3], *back(T)),
-    )
+    orientation = ("psi", "theta", "phi")
+    rotation_of = symbolic.rotation_zyx
+    orientation_of = symbolic.angles_zyx
+    if not set(orientation) & used - taken:
+        orientation = ("rx", "ry", "rz")
+        rotation_of = _rotation
+        orientation_of = _vector
+    names = []
+    for name in ("x", "y", "z", *orientation):
+        names.append(f"tool_{name}" if name in taken else name)
+
+    def to_pose(x: Any, y: Any, z: Any, *angles: Any) -> Any:
+        return symbolic.pose(rotation_of(*angles), ca.vertcat(x, y, z))
+
+    def from_pose(T: Any) -> tuple[Any, ...]:
+        return T[0, 3], T[1, 3], T[2, 3], *orientation_of(T)
+
+    return Coordinates(tuple(names), ("m", "m", "m", "rad", "rad", "rad"), to_pose, from_pose)
 
 
 def _rotation(x: Any, y: Any, z: Any) -> Any:
@@ -211,13 +258,12 @@ def _vector(T: Any) -> tuple[Any, Any, Any]:
 def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
     given = getattr(module, "PARAMETERS", {})
     if not isinstance(given, Mapping):
-        raise KinematicsError(
-            f"{path}:{_line_of(module, path, 'PARAMETERS')}: PARAMETERS must be a dictionary by name, "
-            'as in {"l1": mm(135)}.'
-        )
+        line = _line_of(module, path, "PARAMETERS")
+        raise KinematicsError(f'{path}:{line}: PARAMETERS must be a dictionary by name, as in {{"l1": mm(135)}}.')
     out = []
     for name, value in given.items():
-        place = f"{path}:{_line_of(module, path, 'PARAMETERS', name)}: PARAMETERS['{name}']"
+        line = _line_of(module, path, "PARAMETERS", name)
+        place = f"{path}:{line}: PARAMETERS['{name}']"
         if not isinstance(name, str) or not name.isidentifier():
             raise KinematicsError(f"{place}: a parameter's name must be a valid argument name of a function.")
         if isinstance(value, int | float):
@@ -236,20 +282,28 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
 def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) -> int:
     """Return the line of a module's variable or function; with `key`, the line of this key in the dictionary `name`."""
     for node in ast.parse(text_of(path, vars(module))).body:
+        # a definition has a name; an assignment has several targets, or one if it is annotated
+        names = [getattr(node, "name", None)]
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
-        if getattr(node, "name", None) == name or any(getattr(t, "id", None) == name for t in targets):
-            if key is not None and isinstance(value := getattr(node, "value", None), ast.Dict):
-                for k in value.keys:
-                    if isinstance(k, ast.Constant) and k.value == key:
-                        return k.lineno
-            return getattr(node, "lineno", 1)
+        names += [getattr(target, "id", None) for target in targets]
+        if name not in names:
+            continue
+        value = getattr(node, "value", None)
+        if key is not None and isinstance(value, ast.Dict):
+            for entry in value.keys:
+                if isinstance(entry, ast.Constant) and entry.value == key:
+                    return entry.lineno
+        return node.lineno
     return 1
 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Any:
     """Return the characteristic length as a function of the parameters: the median of all lengths."""
-    lengths = sorted(abs(p.value) for p in parameters if p.unit in ("mm", "m") and p.value)
-    scale = lengths[len(lengths) // 2] if lengths else _LENGTH
+    lengths = [abs(parameter.value) for parameter in parameters if parameter.unit in ("mm", "m") and parameter.value]
+    lengths.sort()
+    scale = _LENGTH
+    if lengths:
+        scale = lengths[len(lengths) // 2]
     return lambda: scale
 
 
@@ -262,22 +316,33 @@ def _seeds(coordinates: Coordinates, home: tuple[Array, Array | None] | None, in
     if home is None:
         return ()
     T, q = home
-    if not inverse:
-        return () if q is None else (tuple(map(float, q)),)
-    return (tuple(float(x) for x in coordinates.from_pose(ca.DM(T))),)
+    if inverse:
+        return (_numbers_of_pose(coordinates, T),)
+    if q is None:
+        return ()
+    return (tuple(float(x) for x in q),)
+
+
+def _numbers_of_pose(coordinates: Coordinates, T: Array) -> tuple[float, ...]:
+    """Return the coordinates of a pose (4, 4) as numbers in m and rad."""
+    return tuple(float(x) for x in coordinates.from_pose(ca.DM(T)))
 
 
 def _symbols(parameters: Sequence[Parameter], joints: Sequence[str], coordinates: Coordinates) -> dict[str, Any]:
-    out: dict[str, Any] = {p.name: p.value for p in parameters}
-    out |= {n: ca.SX.sym(n) for n in (*coordinates.names, *joints)}
-    return out | {POSE_SYMBOL: ca.SX.sym(POSE, 4, 4)}
+    """Return the values of the parameters, and CasADi symbols for coordinates, joints and pose."""
+    symbols: dict[str, Any] = {parameter.name: parameter.value for parameter in parameters}
+    for name in (*coordinates.names, *joints):
+        symbols[name] = ca.SX.sym(name)
+    symbols[POSE_SYMBOL] = ca.SX.sym(POSE, 4, 4)
+    return symbols
 
 
 def _point_names(
     points: _Rows, parameters: Sequence[Parameter], joints: Sequence[str], coordinates: Coordinates
 ) -> tuple[str, ...]:
+    """Return the names of the points in the dictionary that points() returns."""
     value = points.on_symbols(_symbols(parameters, joints, coordinates))
-    if not isinstance(value, Mapping) or not all(isinstance(k, str) for k in value):
+    if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
         raise points.error(f"points() must return a dictionary of named points, not {type(value).__name__}")
     return tuple(value)
 
@@ -288,10 +353,12 @@ def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
     The function takes a pose (4, 4) and the parameters. It returns a text with file, line and cause, or "" if there is
     no such line.
     """
+    if not rows:
+        return None
 
-    def first(T: Array, parameters: Mapping[str, float]) -> str:
+    def first_fault(T: Array, parameters: Mapping[str, float]) -> str:
         symbols: dict[str, Any] = {**parameters, POSE_SYMBOL: T}
-        symbols |= zip(coordinates.names, (float(x) for x in coordinates.from_pose(ca.DM(T))), strict=True)
+        symbols |= zip(coordinates.names, _numbers_of_pose(coordinates, T), strict=True)
         try:
             for row in rows:
                 if row.casadi:
@@ -302,7 +369,7 @@ def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
             return str(error)
         return ""
 
-    return first if rows else None
+    return first_fault
 
 
 def _try(formula: Formula, rows: Sequence[_Rows]) -> None:
@@ -311,11 +378,14 @@ def _try(formula: Formula, rows: Sequence[_Rows]) -> None:
     Raises:
         KinematicsError: a function fails, or an output is NaN at every pose; the message gives file and line.
     """
-    symbols = _symbols(formula.parameters, [j.name for j in formula.joints], formula.coordinates)
-    symbols |= {n: ca.SX.sym(n, 3) for n in formula.points}
+    joint_names = [joint.name for joint in formula.joints]
+    symbols = _symbols(formula.parameters, joint_names, formula.coordinates)
+    for point in formula.points:
+        symbols[point] = ca.SX.sym(point, 3)
     for row in rows:
-        wanted = inspect.signature(row).parameters
-        for name, value in zip(row.outputs, row(**{n: symbols[n] for n in wanted}), strict=True):
+        arguments = {name: symbols[name] for name in inspect.signature(row).parameters}
+        values = row(**arguments)
+        for name, value in zip(row.outputs, values, strict=True):
             if _has_nan(value):
                 raise row.error(f"{row.name}(): '{name}' is nan at every pose, because one of its constants is nan")
 
@@ -323,5 +393,7 @@ def _try(formula: Formula, rows: Sequence[_Rows]) -> None:
 def _has_nan(value: ca.SX) -> bool:
     """Return whether an expression contains a NaN constant, so that its value is always NaN."""
     f = ca.Function("f", ca.symvar(value), [value])
-    constants = (i for i in range(f.n_instructions()) if f.instruction_id(i) == ca.OP_CONST)
-    return any(np.isnan(f.instruction_constant(i)) for i in constants)
+    for i in range(f.n_instructions()):
+        if f.instruction_id(i) == ca.OP_CONST and np.isnan(f.instruction_constant(i)):
+            return True
+    return False

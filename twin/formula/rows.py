@@ -17,8 +17,11 @@ from twin.core.errors import KinematicsError, unknown
 from twin.formula.loader import text_of
 from twin.formula.scalar import NeedsNumberError
 
-POSE, JOINTS = "pose", "q"
-"""Names of the arguments that receive the whole pose (4, 4), and all active joints (n,)."""
+POSE = "pose"
+"""Name of the argument that receives the whole pose (4, 4)."""
+
+JOINTS = "q"
+"""Name of the argument that receives all active joints (n,), unless a joint has this name."""
 
 
 class PlainRows(ABC):
@@ -54,28 +57,41 @@ class PlainRows(ABC):
         Raises:
             KinematicsError: an argument is unknown; the message gives file and line.
         """
-        self.name, self.path, self.joints, self.pose, self.casadi = name, path, tuple(joints), pose, casadi
-        self.function = self.__wrapped__ = function
-        self.__name__ = self.__qualname__ = name
+        self.name = name
+        self.path = path
+        self.joints = tuple(joints)
+        self.pose = pose
+        self.casadi = casadi
+        self.function = function
+        self.__wrapped__ = function
+        self.__name__ = name
+        self.__qualname__ = name
         self.__doc__ = function.__doc__
-        self.line, self.end = function.__code__.co_firstlineno, _last_return(path, function)
+        self.line = function.__code__.co_firstlineno
+        self.end = _last_return(path, function)
         self.outputs: tuple[str, ...] = ()
         known = {*known, *self.joints, POSE, JOINTS, pose}
         self.argument_names: list[str] = []
-        for p in inspect.signature(function).parameters.values():
-            if p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD, p.POSITIONAL_ONLY):
-                raise self.error(f"{name}() must have named arguments: replace '{p}' by names", self.line)
-            if p.name not in known:
-                raise self.error(f"{name}() uses '{p.name}'; {unknown('symbol', p.name, known, unread)}", self.line)
-            self.argument_names.append(p.name)
-        wanted: list[str] = []
-        for n in self.argument_names:
-            if n == JOINTS and JOINTS not in self.joints:
-                wanted += self.joints
+        for parameter in inspect.signature(function).parameters.values():
+            if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD, parameter.POSITIONAL_ONLY):
+                raise self.error(f"{name}() must have named arguments: replace '{parameter}' by names", self.line)
+            if parameter.name not in known:
+                text = unknown("symbol", parameter.name, known, unread)
+                raise self.error(f"{name}() uses '{parameter.name}'; {text}", self.line)
+            self.argument_names.append(parameter.name)
+        # the signature names symbols: those of which `pose` and `q` consist
+        symbols: list[str] = []
+        for argument in self.argument_names:
+            if argument == JOINTS and JOINTS not in self.joints:
+                symbols += self.joints
+            elif argument == POSE:
+                symbols.append(pose)
             else:
-                wanted.append(pose if n == POSE else n)
-        kind = inspect.Parameter.KEYWORD_ONLY
-        self.__signature__ = inspect.Signature([inspect.Parameter(n, kind) for n in dict.fromkeys(wanted)])
+                symbols.append(argument)
+        parameters = []
+        for symbol in dict.fromkeys(symbols):
+            parameters.append(inspect.Parameter(symbol, inspect.Parameter.KEYWORD_ONLY))
+        self.__signature__ = inspect.Signature(parameters)
 
     @abstractmethod
     def __call__(self, **symbols: Any) -> Any:
@@ -86,15 +102,16 @@ class PlainRows(ABC):
 
         `convert` converts one value to the form that the function requires; `join` joins several values to one array.
         """
-        out = {}
-        for n in self.argument_names:
-            if n == POSE:
-                out[n] = convert(symbols[self.pose])
-            elif n == JOINTS and JOINTS not in self.joints:
-                out[n] = join(*(symbols[j] for j in self.joints))
-            elif n in symbols:
-                out[n] = convert(symbols[n])
-        return out
+        values = {}
+        for argument in self.argument_names:
+            if argument == POSE:
+                values[argument] = convert(symbols[self.pose])
+            elif argument == JOINTS and JOINTS not in self.joints:
+                q = [symbols[joint] for joint in self.joints]
+                values[argument] = join(*q)
+            elif argument in symbols:
+                values[argument] = convert(symbols[argument])
+        return values
 
     def spread(self, value: Any, split: Callable[[Any], list[Any] | None]) -> list[Any]:
         """Return the function's result as a list with one value for each output.
@@ -107,24 +124,26 @@ class PlainRows(ABC):
         """
         names = self.outputs
         if isinstance(value, Mapping):
-            wrong = [f"'{n}' is missing" for n in names if n not in value]
-            wrong += [f"'{n}' is unknown" for n in value if n not in names]
-            if wrong:
+            differences = [f"'{name}' is missing" for name in names if name not in value]
+            differences += [f"'{name}' is unknown" for name in value if name not in names]
+            if differences:
                 what = "points" if self.name == "points" else "active joints"
-                text = ", ".join(names)
-                raise self.error(f"{self.name}() returns names that differ from the {what} {text}: {', '.join(wrong)}")
-            return [value[n] for n in names]
+                expected = f"{what} {', '.join(names)}"
+                text = ", ".join(differences)
+                raise self.error(f"{self.name}() returns names that differ from the {expected}: {text}")
+            return [value[name] for name in names]
         if self.name == "forward":
             return [value]
-        parts = list(value) if isinstance(value, tuple | list) else split(value)
-        if parts is None:
-            parts = [value]
-        if len(parts) != len(names):
+        values = list(value) if isinstance(value, tuple | list) else split(value)
+        if values is None:
+            values = [value]
+        if len(values) != len(names):
+            noun = "value" if len(values) == 1 else "values"
             raise self.error(
-                f"{self.name}() returns {len(parts)} value{'s' * (len(parts) != 1)} for the {len(names)} active "
-                f"joints {', '.join(names)}, in the order of the robot's TOML file"
+                f"{self.name}() returns {len(values)} {noun} for the {len(names)} active joints {', '.join(names)}, "
+                "in the order of the robot's TOML file"
             )
-        return parts
+        return values
 
     def error(self, text: str, line: int | None = None) -> KinematicsError:
         """Return an error whose message has the file, the line and a text; default line: that of the last return."""
@@ -132,15 +151,20 @@ class PlainRows(ABC):
 
     def located(self, error: BaseException) -> KinematicsError:
         """Return a `KinematicsError` with the reason of `error` and its last traceback line that is in this file."""
-        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(self.path)]
-        return self.error(f"{self.name}(): {reason(error)}", lines[-1] if lines else self.line)
+        line = self.line
+        for frame in traceback.extract_tb(error.__traceback__):
+            if frame.filename == str(self.path):
+                line = frame.lineno
+        return self.error(f"{self.name}(): {reason(error)}", line)
 
 
 def reason(error: BaseException) -> str:
     """Return the message about an error in a plain formula, for the author of the formula."""
     text = " ".join(str(error).split()).rstrip(".")
-    if isinstance(error, NeedsNumberError) or "truth value of a CasADi" in text:
-        return text if isinstance(error, NeedsNumberError) else _CASADI_IF
+    if isinstance(error, NeedsNumberError):
+        return text
+    if "truth value of a CasADi" in text:
+        return _CASADI_IF
     if isinstance(error, FloatingPointError):
         return f"{text}: a root or arc function is out of range, or a number is divided by zero"
     if isinstance(error, FutureWarning) and "casadi" in text:
@@ -158,6 +182,7 @@ _CASADI_IF = (
 
 
 def _last_return(path: Path, function: FunctionType) -> int:
+    """Return the line of the function's last `return`; if there is none, or no readable file, that of its `def`."""
     first = function.__code__.co_firstlineno
     try:
         tree = ast.parse(text_of(path, function.__globals__))
@@ -167,7 +192,8 @@ def _last_return(path: Path, function: FunctionType) -> int:
         if isinstance(node, ast.FunctionDef) and node.lineno <= first <= (node.end_lineno or 0):
             if node.name != function.__name__:
                 continue
-            return max((n.lineno for n in ast.walk(node) if isinstance(n, ast.Return)), default=first)
+            returns = [inner.lineno for inner in ast.walk(node) if isinstance(inner, ast.Return)]
+            return max(returns, default=first)
     return first
 
 

@@ -14,8 +14,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 METHODS = (
-    *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
-    *("exp", "log", "sqrt", "arctan2", "hypot", "fabs"),
+    "sin",
+    "cos",
+    "tan",
+    "arcsin",
+    "arccos",
+    "arctan",
+    "sinh",
+    "cosh",
+    "tanh",
+    "exp",
+    "log",
+    "sqrt",
+    "arctan2",
+    "hypot",
+    "fabs",
 )
 """Functions that NumPy calls as methods of the objects in an array."""
 
@@ -42,10 +55,12 @@ class Scalar:
         self.x = x
 
     def _of(self, name: str, *others: Any) -> Any:
-        values = [_value(o) for o in others]
-        if any(v is NotImplemented for v in values):
+        """Return the result of an operation of `functions` with other values."""
+        values = [_value(other) for other in others]
+        if any(value is NotImplemented for value in values):
             return NotImplemented
-        return type(self)(self.functions[name](self.x, *values))
+        result = self.functions[name](self.x, *values)
+        return type(self)(result)
 
     __hash__ = None  # type: ignore[assignment] # equality is a symbol
 
@@ -70,7 +85,8 @@ class Scalar:
         """Return this angle converted from radians to degrees."""
         return self._made(180 / np.pi, operator.mul)
 
-    deg2rad, rad2deg = radians, degrees
+    deg2rad = radians
+    rad2deg = degrees
 
     def if_else(self, yes: Any, no: Any) -> Any:
         """Return `yes` where this condition is true, else `no`."""
@@ -91,8 +107,11 @@ class Scalar:
     __int__ = __index__ = __float__  # type: ignore[assignment]
 
     def _made(self, other: Any, operation: Callable[[Any, Any], Any]) -> Any:
+        """Return the result of an operator with another value."""
         value = _value(other)
-        return NotImplemented if value is NotImplemented else type(self)(operation(self.x, value))
+        if value is NotImplemented:
+            return NotImplemented
+        return type(self)(operation(self.x, value))
 
 
 def _value(other: Any) -> Any:
@@ -114,7 +133,13 @@ def _method(name: str) -> Callable[..., Any]:
 
 def _operator(name: str, reflected: bool = False) -> Callable[..., Any]:
     compute = getattr(operator, name)
-    return lambda self, other: self._made(other, (lambda a, b: compute(b, a)) if reflected else compute)
+    operation = compute
+    if reflected:  # `other` is on the left
+
+        def operation(a: Any, b: Any) -> Any:
+            return compute(b, a)
+
+    return lambda self, other: self._made(other, operation)
 
 
 for _name in METHODS:

@@ -14,7 +14,7 @@ class Symbol(Scalar):
     """A scalar whose value is a CasADi SX."""
 
     __slots__ = ()
-    functions = {**{n: getattr(ca, n) for n in METHODS}, "if_else": ca.if_else}  # noqa: RUF012
+    functions = {name: getattr(ca, name) for name in (*METHODS, "if_else")}  # noqa: RUF012
 
 
 def from_sx(x: Any) -> Any:
@@ -24,8 +24,12 @@ def from_sx(x: Any) -> Any:
     rows, columns = x.shape
     if (rows, columns) == (1, 1):
         return Symbol(x)
-    a = np.array([[Symbol(x[i, j]) for j in range(columns)] for i in range(rows)], dtype=object)
-    return a[:, 0] if columns == 1 else a
+    array = np.full((rows, columns), None, dtype=object)
+    for i, j in np.ndindex(rows, columns):
+        array[i, j] = Symbol(x[i, j])
+    if columns == 1:
+        return array[:, 0]
+    return array
 
 
 def to_sx(value: Any) -> ca.SX:
@@ -39,13 +43,23 @@ def to_sx(value: Any) -> ca.SX:
         return ca.SX(value.x)
     if isinstance(value, ca.SX):
         return value
-    if isinstance(value, ca.DM | int | float | np.number):
-        return ca.SX(float(value)) if not isinstance(value, ca.DM) else ca.SX(value)
+    if isinstance(value, ca.DM):
+        return ca.SX(value)
+    if isinstance(value, int | float | np.number):
+        return ca.SX(float(value))
     if not isinstance(value, np.ndarray | list | tuple):
         raise TypeError(f"{type(value).__name__} is not a number")
-    a = np.asarray(value, dtype=object)
-    if a.ndim > 2:
-        raise ValueError(f"{a.ndim} dimensions")
-    a = a.reshape(-1, 1) if a.ndim < 2 else a
-    rows = [ca.horzcat(*(to_sx(v.item() if isinstance(v, np.ndarray) else v) for v in row)) for row in a]
+    array = np.asarray(value, dtype=object)
+    if array.ndim > 2:
+        raise ValueError(f"{array.ndim} dimensions")
+    if array.ndim < 2:
+        array = array.reshape(-1, 1)
+    rows = []
+    for row in array:
+        entries = []
+        for entry in row:
+            if isinstance(entry, np.ndarray):
+                entry = entry.item()  # an array with one entry counts as a number
+            entries.append(to_sx(entry))
+        rows.append(ca.horzcat(*entries))
     return ca.vertcat(*rows)

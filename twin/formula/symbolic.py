@@ -37,7 +37,8 @@ def norm(v: SX) -> SX:
 def unit(v: SX) -> SX:
     """Return v / |v|, and 0 for v = 0."""
     s = ca.sumsqr(v)
-    return ca.if_else(s > 0, v / ca.sqrt(ca.if_else(s > 0, s, 1)), 0 * v)
+    length = ca.sqrt(ca.if_else(s > 0, s, 1))
+    return ca.if_else(s > 0, v / length, 0 * v)
 
 
 def hat(w: SX) -> SX:
@@ -47,19 +48,22 @@ def hat(w: SX) -> SX:
 
 def rotation_x(a: SX) -> SX:
     """Return the rotation (3, 3) about x by a in rad."""
-    c, s = ca.cos(a), ca.sin(a)
+    c = ca.cos(a)
+    s = ca.sin(a)
     return _matrix([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
 def rotation_y(a: SX) -> SX:
     """Return the rotation (3, 3) about y by a in rad."""
-    c, s = ca.cos(a), ca.sin(a)
+    c = ca.cos(a)
+    s = ca.sin(a)
     return _matrix([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
 def rotation_z(a: SX) -> SX:
     """Return the rotation (3, 3) about z by a in rad."""
-    c, s = ca.cos(a), ca.sin(a)
+    c = ca.cos(a)
+    s = ca.sin(a)
     return _matrix([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
@@ -73,11 +77,11 @@ def angles_zyx(R: SX) -> tuple[SX, SX, SX]:
 
     Only atan2 is used, so that theta has full precision near +-pi/2; psi and phi are undefined at exactly +-pi/2.
     """
-    return (
-        ca.atan2(R[1, 0], R[0, 0]),
-        ca.atan2(-R[2, 0], sqrt(R[0, 0] ** 2 + R[1, 0] ** 2)),
-        ca.atan2(R[2, 1], R[2, 2]),
-    )
+    psi = ca.atan2(R[1, 0], R[0, 0])
+    cos_theta = sqrt(R[0, 0] ** 2 + R[1, 0] ** 2)
+    theta = ca.atan2(-R[2, 0], cos_theta)
+    phi = ca.atan2(R[2, 1], R[2, 2])
+    return psi, theta, phi
 
 
 def pose(R: SX, p: SX) -> SX:
@@ -113,15 +117,21 @@ def quaternion_wxyz(R: SX) -> SX:
     """Return the unit quaternion (4), w first and w >= 0, of R (3, 3) by Shepperd's method."""
     d = [R[0, 0], R[1, 1], R[2, 2]]
     trace = d[0] + d[1] + d[2]
-    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    xy, xz, yz = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    x = R[2, 1] - R[1, 2]
+    y = R[0, 2] - R[2, 0]
+    z = R[1, 0] - R[0, 1]
+    xy = R[0, 1] + R[1, 0]
+    xz = R[0, 2] + R[2, 0]
+    yz = R[1, 2] + R[2, 1]
+    # each column is a multiple of the quaternion; the one with the largest entry is precise
     columns = [
         ca.vertcat(1 + trace, x, y, z),
         ca.vertcat(x, 1 + 2 * d[0] - trace, xy, xz),
         ca.vertcat(y, xy, 1 + 2 * d[1] - trace, yz),
         ca.vertcat(z, xz, yz, 1 + 2 * d[2] - trace),
     ]
-    best, q = trace, columns[0]
+    best = trace
+    q = columns[0]
     for i in range(3):
         q = ca.if_else(d[i] > best, columns[i + 1], q)
         best = ca.fmax(best, d[i])
@@ -132,12 +142,16 @@ def quaternion_wxyz(R: SX) -> SX:
 def log_so3(R: SX) -> SX:
     """Return the rotation vector (3) in rad of R (3, 3); accurate near 0 and near pi, smooth at 0."""
     q = quaternion_wxyz(R)
-    w, v = q[0], q[1:4]
+    w = q[0]
+    v = q[1:4]
     s = ca.sumsqr(v)
     small = s < _SERIES
+    # both branches are evaluated and differentiated, so the arguments of the other branch are made harmless
     n = ca.sqrt(ca.if_else(small, 1, s))
     t = s / ca.if_else(small, w, 1) ** 2
-    return v * ca.if_else(small, 2 / ca.if_else(small, w, 1) * (1 - t / 3 + t**2 / 5), 2 * ca.atan2(n, w) / n)
+    series = 2 / ca.if_else(small, w, 1) * (1 - t / 3 + t**2 / 5)
+    quotient = 2 * ca.atan2(n, w) / n
+    return v * ca.if_else(small, series, quotient)
 
 
 def retract(T: SX, xi: SX) -> SX:
@@ -155,8 +169,14 @@ def pose_residual(T: SX, T_target: SX) -> SX:
     about x and y are both 0 if, and only if, the z axes of the two poses agree.
     """
     R = T_target[0:3, 0:3].T
-    return ca.vertcat(R @ (T[0:3, 3] - T_target[0:3, 3]), log_so3(R @ T[0:3, 0:3]))
+    offset = R @ (T[0:3, 3] - T_target[0:3, 3])
+    rotation = log_so3(R @ T[0:3, 0:3])
+    return ca.vertcat(offset, rotation)
 
 
 def _matrix(rows: list[list[SX]]) -> SX:
-    return ca.vertcat(*(ca.horzcat(*(ca.SX(x) for x in row)) for row in rows))
+    lines = []
+    for row in rows:
+        entries = [ca.SX(entry) for entry in row]
+        lines.append(ca.horzcat(*entries))
+    return ca.vertcat(*lines)
