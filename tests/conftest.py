@@ -69,7 +69,7 @@ def pytest_collection_finish():
 @pytest.fixture(autouse=True, scope="session")
 def _same_work_once():
     """Parse each text of TOML, and smooth each mesh, once in a worker: hundreds of tests show the same robots."""
-    from twin.exchange.write import glb
+    from twin.exchange.formats.glb import write as glb
 
     loads, surface, texts, meshes = tomllib.loads, glb.surface, {}, {}
 

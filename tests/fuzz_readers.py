@@ -60,8 +60,8 @@ def _description(path: Path, on: bool) -> None:
 
 
 def _closures(path: Path, on: bool) -> None:
-    from twin.exchange.read.closures import read_closures
-    from twin.exchange.read.urdf import read_urdf
+    from twin.exchange.formats.urdf.read import read_urdf
+    from twin.exchange.formats.urdf.read.closures import read_closures
 
     read_urdf(DATA / "models/fourbar.urdf", path) if on else read_closures(path)
 

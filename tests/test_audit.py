@@ -23,7 +23,7 @@ from twin.exchange.audit.chain import Link, along, fit
 from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
 from twin.exchange.audit.report import Ledger, finished
 from twin.exchange.formats import audited, family
-from twin.exchange.write.urdf import write_urdf
+from twin.exchange.formats.urdf.write import write_urdf
 
 ROOT = Path(__file__).parents[1]
 
@@ -237,11 +237,14 @@ def test_values_of_a_ball_are_found_from_its_poses(rng):
 
 @pytest.mark.slow
 def test_the_audit_loads_no_writer():
-    code = "import sys; from twin.exchange.audit import gltf, mjcf, usd_checks; print(*sys.modules)"
+    load = "[format.module('audit') for format in audited()]"
+    code = f"import sys; from twin.exchange.formats import audited; {load}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     loaded = set(done.stdout.split())
     wrong = ("twin.exchange.write", "twin.usd.write", "twin.reference", "twin.planning", "casadi", "pinocchio")
     assert not {m for m in loaded if m.startswith(wrong)}
+    parts = [m.split(".") for m in loaded if m.startswith("twin.exchange.formats.")]
+    assert not {".".join(p) for p in parts if len(p) > 4 and p[4] in ("write", "read")}
 
 
 @pytest.mark.parametrize("extensions", ["", ', "extensionsUsed": ["X_strange"]'])  # which is a warning

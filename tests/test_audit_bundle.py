@@ -14,8 +14,8 @@ from made import bundle as base
 from twin.exchange.audit import audit
 from twin.exchange.audit.motion import Clip
 from twin.exchange.audit.poses import about, pose
-from twin.exchange.audit.rcm import check_rcm
 from twin.exchange.audit.report import Ledger
+from twin.exchange.formats.tracks.audit.rcm import check_rcm
 
 
 @pytest.fixture(scope="module")

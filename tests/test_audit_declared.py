@@ -15,8 +15,8 @@ from pxr import Gf, Sdf
 from made.bundle import grave, write_good
 from twin.exchange.audit import audit
 from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.unity import check_package
-from twin.exchange.audit.unity_shipped import PACKAGE
+from twin.exchange.formats.unity.audit import check_package
+from twin.exchange.formats.unity.audit.shipped import PACKAGE
 
 
 @pytest.fixture(scope="module")

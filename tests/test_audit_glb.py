@@ -13,8 +13,8 @@ import pytest
 from made import bundle as base
 from made.glb_apart import Glb as Apart
 from twin.exchange.audit import audit
-from twin.exchange.audit.gltf import read_gltf
 from twin.exchange.audit.report import Ledger
+from twin.exchange.formats.glb.audit import read_gltf
 
 
 @pytest.fixture(scope="module")
@@ -359,7 +359,7 @@ def test_matrix_nodes_clips_and_samplers_of_others_are_read(mode, tmp_path):
 
 
 def test_samplers_between_their_keys(tmp_path):
-    from twin.exchange.audit.gltf_clips import Channel
+    from twin.exchange.formats.glb.audit.clips import Channel
 
     t, values = np.array([0.0, 2.0]), np.array([[0.0, 0, 0], [2.0, 0, 0]])
     zero = np.zeros_like(values)

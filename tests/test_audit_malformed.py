@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from twin.exchange.audit import audit
-from twin.exchange.audit.csharp import CSharpError, Script
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.scene import audit_scene
-from twin.exchange.audit.urdf import Urdf
+from twin.exchange.formats.unity.audit.csharp import CSharpError, Script
+from twin.exchange.formats.urdf.audit import Urdf
 
 LONG = "a" * 300  # longer than the name of any file
 

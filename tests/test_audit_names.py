@@ -27,10 +27,10 @@ def other():
 @pytest.fixture(scope="module")
 def two(tmp_path_factory) -> Path:
     """Return a folder with two motions of the four-bar linkage in tracks, GLB, USD and USDZ."""
-    from twin.exchange.write.glb import glb_bytes
-    from twin.exchange.write.tracks import write_tracks
-    from twin.exchange.write.usd import write_usd
-    from twin.exchange.write.usdz import write_usdz
+    from twin.exchange.formats.glb.write import glb_bytes
+    from twin.exchange.formats.tracks.write import write_tracks
+    from twin.exchange.formats.usd.write import write_usd
+    from twin.exchange.formats.usdz.write import write_usdz
 
     robot, clips = made.four_bar(), [swing(), other()]
     folder = tmp_path_factory.mktemp("two") / "bars"

@@ -13,14 +13,14 @@ import pytest
 from twin.exchange.audit import audit
 from twin.exchange.audit.colors import apart, linear
 from twin.exchange.audit.compare_physics import compare_physics
-from twin.exchange.audit.csharp import CSharpError, Script, Value
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.physics import Drive, Joint, Physics, along
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger
-from twin.exchange.write.mjcf import write_mjcf
-from twin.exchange.write.urdf import write_urdf
-from twin.exchange.write.usd import write_usd
+from twin.exchange.formats.mjcf.write import write_mjcf
+from twin.exchange.formats.unity.audit.csharp import CSharpError, Script, Value
+from twin.exchange.formats.urdf.write import write_urdf
+from twin.exchange.formats.usd.write import write_usd
 from twin.model.inertia import Inertia
 
 HERE = Path(__file__).parent

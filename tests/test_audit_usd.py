@@ -301,7 +301,7 @@ def foreign(path: Path, up: str = "Y", meters: float = 0.01, physics: bool = Fal
 @pytest.mark.parametrize("suffix", ["usd", "usda", "usdc"])
 def test_units_and_up_axis_of_a_foreign_stage_are_honoured(suffix, tmp_path):
     from twin.exchange.audit.report import Ledger
-    from twin.exchange.audit.usd import read_usd
+    from twin.exchange.formats.usd.audit import read_usd
 
     content = read_usd(foreign(tmp_path / f"x.{suffix}"), Ledger("x"))
     (clip,) = content.clips

@@ -14,12 +14,12 @@ from made.importing_same import made
 from twin.cad.build import read_mechanism
 from twin.core import spatial
 from twin.exchange.audit import audit
+from twin.exchange.formats.mjcf.write import write_mjcf
+from twin.exchange.formats.urdf.write import urdf_findings, write_urdf
+from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
-from twin.exchange.write.mjcf import write_mjcf
-from twin.exchange.write.urdf import urdf_findings, write_urdf
-from twin.exchange.write.usd import write_usd
 from twin.reference import ReferenceModel
 from twin.reference.dynamics import Dynamics
 from twin.reference.holding import holding_efforts

@@ -21,13 +21,13 @@ from made import drawn_robots
 from twin.cad.build import read_mechanism
 from twin.core import spatial
 from twin.exchange.audit import audit
+from twin.exchange.formats.glb.write import write_glb
+from twin.exchange.formats.mjcf.write import write_mjcf
+from twin.exchange.formats.urdf.write import write_urdf
+from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
-from twin.exchange.write.glb import write_glb
-from twin.exchange.write.mjcf import write_mjcf
-from twin.exchange.write.urdf import write_urdf
-from twin.exchange.write.usd import write_usd
 from twin.reference import ReferenceModel
 from twin.usd.read.names import identifier
 

@@ -13,9 +13,9 @@ from made import column, gripper, mechanisms, transmissions
 from made.lanes import thinned
 from twin.core import spatial
 from twin.core.errors import MechanismError
+from twin.exchange.formats.mjcf.write import mjcf_text
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
-from twin.exchange.write.mjcf import mjcf_text
 from twin.model.body import Body
 from twin.model.joint import Joint
 from twin.reference.dynamics import Dynamics

@@ -255,7 +255,7 @@ def test_an_audit_that_disagrees_ends_with_1_and_says_so(monkeypatch, run):
 
 def test_a_defect_in_a_file_is_seen_by_the_audit(robot, monkeypatch, tmp_path):
     """The chain from writer to verdict has teeth: a millimetre in one link's keys."""
-    from twin.exchange.write import glb
+    from twin.exchange.formats.glb import write as glb
 
     true = glb.glb_bytes
 

@@ -14,11 +14,11 @@ from pxr import Usd, UsdGeom, UsdPhysics, UsdUtils, UsdValidation
 
 import twin
 from twin.core import spatial
+from twin.exchange.formats.mjcf.write import mjcf_findings, write_mjcf
+from twin.exchange.formats.urdf.write import urdf_findings, write_urdf
+from twin.exchange.formats.usd.write import write_usd
+from twin.exchange.formats.usdz.write import HOLD, write_usdz
 from twin.exchange.write.clip import Clip
-from twin.exchange.write.mjcf import mjcf_findings, write_mjcf
-from twin.exchange.write.urdf import urdf_findings, write_urdf
-from twin.exchange.write.usd import write_usd
-from twin.exchange.write.usdz import HOLD, write_usdz
 from twin.reference import ReferenceModel
 from twin.usd.write.spanning import spanning
 

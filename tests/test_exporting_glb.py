@@ -11,8 +11,8 @@ import pytest
 import trimesh
 
 from twin.core import spatial
+from twin.exchange.formats.glb.write import glb_bytes, moving_paths, surface, write_glb
 from twin.exchange.write.clip import Between, Clip, home_poses
-from twin.exchange.write.glb import glb_bytes, moving_paths, surface, write_glb
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint

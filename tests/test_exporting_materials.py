@@ -16,11 +16,11 @@ from pxr import Usd, UsdGeom, UsdShade
 import twin
 from twin.cad.description import load
 from twin.core import spatial, units
+from twin.exchange.formats.glb.write import write_glb
+from twin.exchange.formats.mjcf.write import write_mjcf
+from twin.exchange.formats.urdf.write import write_urdf
+from twin.exchange.formats.usdz.write import write_usdz
 from twin.exchange.read import read
-from twin.exchange.write.glb import write_glb
-from twin.exchange.write.mjcf import write_mjcf
-from twin.exchange.write.urdf import write_urdf
-from twin.exchange.write.usdz import write_usdz
 from twin.model.body import Body, Finish, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint

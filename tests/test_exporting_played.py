@@ -12,9 +12,9 @@ import pytest
 import twin
 from made.lanes import one_of_a_kind
 from twin.core import spatial
+from twin.exchange.formats.tracks.write import write_tracks
+from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.write.clip import Between, Clip
-from twin.exchange.write.tracks import write_tracks
-from twin.exchange.write.urdf import write_urdf
 from twin.model.body import Body, Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism

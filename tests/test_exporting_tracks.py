@@ -13,8 +13,8 @@ from pydantic import ValidationError
 
 from twin import api
 from twin.core import spatial
+from twin.exchange.formats.tracks.write import schema_text, track, write_tracks
 from twin.exchange.write.clip import make_clip, model_hash
-from twin.exchange.write.tracks import schema_text, track, write_tracks
 from twin.schema.track import Track
 
 SHORT = Path(__file__).parent / "data/short.toml"

@@ -15,11 +15,11 @@ from twin.core.errors import SourceError
 from twin.exchange.audit.compare_physics import compare_physics, solved
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.physics_truth import mechanism_physics
-from twin.exchange.audit.physics_usd import stage_physics
 from twin.exchange.audit.report import Ledger
+from twin.exchange.formats.urdf.write import write_urdf
+from twin.exchange.formats.usd.audit.physics import stage_physics
+from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
-from twin.exchange.write.urdf import write_urdf
-from twin.exchange.write.usd import write_usd
 from twin.model.following import following
 from twin.model.joint import Joint
 from twin.model.mechanism import Coupling

@@ -15,8 +15,8 @@ from twin.core.errors import BudgetError, SourceError, TwinError
 from twin.core.foreign import guard
 from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import Budget
+from twin.exchange.formats.step.read import read_skeleton
 from twin.exchange.read import read
-from twin.exchange.read.step import read_skeleton
 
 DATA = Path(__file__).parent / "data/importing"
 

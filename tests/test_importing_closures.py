@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from twin.core.errors import SourceError
+from twin.exchange.formats.urdf.read.closures import RETYPED
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
-from twin.exchange.read.closures import RETYPED
 from twin.reference import ReferenceModel
 
 HINGE = (

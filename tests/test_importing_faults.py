@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from twin.core.errors import SourceError
-from twin.exchange.read.sdf import read_sdf
-from twin.exchange.read.urdf import read_urdf
+from twin.exchange.formats.sdf.read import read_sdf
+from twin.exchange.formats.urdf.read import read_urdf
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
 LIMIT = '<limit lower="-1" upper="1" effort="10" velocity="2"/>'

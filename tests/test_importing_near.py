@@ -20,9 +20,9 @@ from twin.cad.build import read_mechanism
 from twin.cad.step import Face, Part, read_step
 from twin.core import spatial
 from twin.core.units import DEG, MM
+from twin.exchange.formats.step.read import bodies, read_skeleton, write_skeleton
 from twin.exchange.read.pairs import find_pairs
 from twin.exchange.read.proposals import propose
-from twin.exchange.read.step import bodies, read_skeleton, write_skeleton
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent

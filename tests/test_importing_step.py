@@ -11,7 +11,7 @@ import pytest
 from twin import api, cli
 from twin.cad.build import read_mechanism
 from twin.cad.step import _numbered
-from twin.exchange.read.step import read_skeleton, write_skeleton
+from twin.exchange.formats.step.read import read_skeleton, write_skeleton
 from twin.reference import ReferenceModel
 
 ROOT = Path(__file__).parents[1]

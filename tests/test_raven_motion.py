@@ -13,7 +13,7 @@ import pytest
 import twin
 from twin.core.errors import MechanismError, TwinError
 from twin.core.units import DEG
-from twin.exchange.write.mjcf import mjcf_text
+from twin.exchange.formats.mjcf.write import mjcf_text
 from twin.reference import inertia
 from twin.robots import _raven_motion
 from twin.simulation.dynamics.arm import arm

@@ -21,11 +21,11 @@ from twin import api
 from twin.cli import main
 from twin.core import assets, spatial
 from twin.exchange.audit import audit
+from twin.exchange.formats.mjcf.write import write_mjcf
+from twin.exchange.formats.urdf.write import write_urdf
+from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
-from twin.exchange.write.mjcf import write_mjcf
-from twin.exchange.write.urdf import write_urdf
-from twin.exchange.write.usd import write_usd
 from twin.reference import ReferenceModel
 
 PRECISION = {"urdf": 1e-9, "mjcf": 1e-9, "usd": 2e-6, "sdf": 1e-9}

@@ -20,7 +20,7 @@ from twin import api, cli
 from twin.core import spatial
 from twin.core.errors import DescriptionError, MechanismError, TwinError
 from twin.core.units import DEG
-from twin.exchange.write.mjcf import mjcf_text
+from twin.exchange.formats.mjcf.write import mjcf_text
 from twin.model.body import Body, Frame
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint

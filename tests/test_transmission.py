@@ -23,13 +23,13 @@ from twin.analysis.joints import by_joints
 from twin.cad.build import read_mechanism
 from twin.core.errors import DescriptionError, MechanismError, ProtocolError, StageError
 from twin.exchange.audit import audit
+from twin.exchange.formats.mjcf.write import mjcf_findings, write_mjcf
+from twin.exchange.formats.urdf.write import urdf_findings, write_urdf
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.drives import with_drives
 from twin.exchange.read.folder import write_folder
 from twin.exchange.read.source import Imported
-from twin.exchange.write.mjcf import mjcf_findings, write_mjcf
-from twin.exchange.write.urdf import urdf_findings, write_urdf
 from twin.kinematics.closed_loops.dragging import Dragger, bounds_of
 from twin.model.transmission import Actuator, Transmission
 from twin.planning.check import check

@@ -13,8 +13,8 @@ import pytest
 import twin
 from twin.core.errors import OutputError
 from twin.core.spatial import matrix_from_quat_wxyz
-from twin.exchange.write import unity
-from twin.exchange.write.unity import PACKAGE, package_files, write_unity
+from twin.exchange.formats.unity import write as unity
+from twin.exchange.formats.unity.write import PACKAGE, package_files, write_unity
 from twin.schema.track import Track
 from unity import make_golden
 from unity import make_metas as metas

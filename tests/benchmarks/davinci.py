@@ -139,7 +139,7 @@ def mujoco_row(s: Setup, folder: Path) -> Contender:
     """Return MuJoCo, which holds the loops of our MJCF by constraints while drives follow the joints of the session."""
     import mujoco
 
-    from twin.exchange.write.mjcf import write_mjcf
+    from twin.exchange.formats.mjcf.write import write_mjcf
 
     models, controls = {}, {}
     for n, r in s.robots.items():
@@ -210,7 +210,7 @@ class Bullet:
 
 def pybullet_rows(s: Setup, folder: Path, table: Table) -> list[Contender]:
     """Return PyBullet on our URDF, every joint driven or loops tied by points, and on virtual arms with its inverse."""
-    from twin.exchange.write.urdf import write_urdf
+    from twin.exchange.formats.urdf.write import write_urdf
 
     urdfs = {n: write_urdf(r.mechanism, folder / f"{n}_urdf") for n, r in s.robots.items()}
     full = {}

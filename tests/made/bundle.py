@@ -75,12 +75,12 @@ def swing():
 
 def write_good(folder: Path) -> Path:
     """Write the four-bar linkage with its swing in every format, a Unity package and proof.json; return the folder."""
-    from twin.exchange.write.glb import glb_bytes
-    from twin.exchange.write.mjcf import write_mjcf
-    from twin.exchange.write.tracks import write_tracks
-    from twin.exchange.write.urdf import write_urdf
-    from twin.exchange.write.usd import write_usd
-    from twin.exchange.write.usdz import write_usdz
+    from twin.exchange.formats.glb.write import glb_bytes
+    from twin.exchange.formats.mjcf.write import write_mjcf
+    from twin.exchange.formats.tracks.write import write_tracks
+    from twin.exchange.formats.urdf.write import write_urdf
+    from twin.exchange.formats.usd.write import write_usd
+    from twin.exchange.formats.usdz.write import write_usdz
 
     robot, clip = made.four_bar(), swing()
     folder.mkdir(parents=True, exist_ok=True)

@@ -17,10 +17,10 @@ FORMATS = ("urdf", "mjcf", "usd", "glb")
 
 def write(mechanism, kind: str, folder: Path) -> None:
     """Write a mechanism at rest in one format, without motion."""
-    from twin.exchange.write.glb import glb_bytes
-    from twin.exchange.write.mjcf import write_mjcf
-    from twin.exchange.write.urdf import write_urdf
-    from twin.exchange.write.usd import write_usd
+    from twin.exchange.formats.glb.write import glb_bytes
+    from twin.exchange.formats.mjcf.write import write_mjcf
+    from twin.exchange.formats.urdf.write import write_urdf
+    from twin.exchange.formats.usd.write import write_usd
     from twin.reference import ReferenceModel
 
     folder.mkdir(parents=True)

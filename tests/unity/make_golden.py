@@ -57,8 +57,8 @@ def matrix(pose: np.ndarray) -> np.ndarray:
 def robot() -> tuple[Any, Any, Any]:
     """Return the mechanism of SILS, the Clip of its protocol table2, and a track of some of its keys."""
     import twin
+    from twin.exchange.formats.tracks.write import track
     from twin.exchange.write.clip import make_clip
-    from twin.exchange.write.tracks import track
 
     loaded = twin.load("sils")
     protocol = loaded.protocol("table2")

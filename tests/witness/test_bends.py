@@ -9,7 +9,7 @@ import pytest
 from pxr import Usd, UsdGeom
 
 from made import organs as made
-from twin.exchange.write.glb import bends_glb
+from twin.exchange.formats.glb.write import bends_glb
 from twin.usd.write.bends import write_bends
 from unity import mono
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom
 
+from twin.exchange.formats.glb.write import glb_bytes
+from twin.exchange.formats.usdz.write import package, write_usdz
 from twin.exchange.write.clip import Between, Clip
-from twin.exchange.write.glb import glb_bytes
-from twin.exchange.write.usdz import package, write_usdz
 
 pytestmark = pytest.mark.witness
 

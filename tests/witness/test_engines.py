@@ -54,7 +54,7 @@ def case(name: str, protocol: str) -> Case:
 
 
 def stage_of(mechanism, folder: Path) -> Path:
-    from twin.exchange.write.usd import write_usd
+    from twin.exchange.formats.usd.write import write_usd
 
     write_usd(mechanism, [], folder)
     return folder / f"{mechanism.name}_sim.usda"
@@ -155,7 +155,7 @@ def test_simulators_put_links_of_the_stage_where_they_are(foreign, figures, tmp_
 
 @pytest.mark.parametrize(("name", "protocol"), CASES)
 def test_drake_puts_links_of_the_urdf_where_they_are(foreign, figures, tmp_path, name, protocol):
-    from twin.exchange.write.urdf import write_urdf
+    from twin.exchange.formats.urdf.write import write_urdf
 
     foreign.need("drake")
     this = case(name, protocol)
@@ -170,7 +170,7 @@ def test_drake_puts_links_of_the_urdf_where_they_are(foreign, figures, tmp_path,
 def test_mujoco_puts_links_of_the_mjcf_where_they_are(figures, tmp_path, name, protocol):
     import mujoco
 
-    from twin.exchange.write.mjcf import write_mjcf
+    from twin.exchange.formats.mjcf.write import write_mjcf
     from twin.reference import ReferenceModel
     from twin.usd.write.spanning import spanning
 

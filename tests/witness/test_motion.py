@@ -9,8 +9,8 @@ import pytest
 
 import twin
 from twin.core.units import DEG
+from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.write import xml
-from twin.exchange.write.urdf import write_urdf
 from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.dynamics.plant import ModelPlant

@@ -15,7 +15,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 
 from made import mechanisms as made
 from twin.exchange.audit import audit
-from twin.exchange.write.usdz import package, write_usdz
+from twin.exchange.formats.usdz.write import package, write_usdz
 from twin.usd.check import run_usd_validators
 
 NO = float("nan")

@@ -45,7 +45,7 @@ def scene(name: str, protocol: str):
 
 
 def track_of(name: str, protocol: str, folder) -> dict:
-    from twin.exchange.write.tracks import write_tracks
+    from twin.exchange.formats.tracks.write import write_tracks
 
     mechanism, drawn, clip = scene(name, protocol)
     return json.loads(write_tracks(mechanism, clip, folder, drawn)[0].read_text("utf-8"))
@@ -54,7 +54,7 @@ def track_of(name: str, protocol: str, folder) -> dict:
 def load_mjcf(mechanism, folder):
     import mujoco
 
-    from twin.exchange.write.mjcf import write_mjcf
+    from twin.exchange.formats.mjcf.write import write_mjcf
 
     model = mujoco.MjModel.from_xml_path(str(write_mjcf(mechanism, folder)))
     assert model.opt.timestep == 1e-3
@@ -250,7 +250,7 @@ def test_drake_holds_the_loops_of_the_mjcf(foreign, figures, tmp_path, name, pro
 @pytest.mark.parametrize("name", ROBOTS)
 def test_newtons_default_importer_starts_at_home(foreign, figures, tmp_path, name):
     """Its MuJoCo solver gives loops springs of its own, and places the second point of a hinge at joint zero."""
-    from twin.exchange.write.usd import write_usd
+    from twin.exchange.formats.usd.write import write_usd
     from twin.usd.write.spanning import spanning
 
     foreign.need("newton")
@@ -288,7 +288,7 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
 
     `TWIN_NEWTON_SECONDS` of motion; 0 is all of it, which takes 17 minutes for the MJCF of all robots.
     """
-    from twin.exchange.write.usd import write_usd
+    from twin.exchange.formats.usd.write import write_usd
 
     foreign.need("newton")
     mechanism = scene(name, protocol)[0]
@@ -329,7 +329,7 @@ def test_newton_is_driven_along_a_protocol(foreign, figures, tmp_path, file, nam
 @pytest.mark.parametrize(("name", "protocol"), CASES)
 @pytest.mark.parametrize("player", ["pinocchio", "yourdfpy"])
 def test_a_urdf_is_played_from_a_track(foreign, figures, tmp_path, player, name, protocol):
-    from twin.exchange.write.urdf import write_urdf
+    from twin.exchange.formats.urdf.write import write_urdf
 
     _, drawn, _ = scene(name, protocol)
     track = track_of(name, protocol, tmp_path)

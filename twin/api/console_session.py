@@ -393,8 +393,8 @@ class ConsoleSession(Result):
         objects is written to objects/, as GLB, tracks and USD stage. For a simulated surgeon, the session file is
         written as well.
         """
-        from twin.exchange.write.glb import write_glb
-        from twin.exchange.write.tracks import write_tracks
+        from twin.exchange.formats.glb.write import write_glb
+        from twin.exchange.formats.tracks.write import write_tracks
 
         if self.recorded is not None:
             (folder / FILE).write_bytes(self.recorded)
@@ -443,9 +443,9 @@ class ConsoleSession(Result):
         return [o.name for o in self.scene.objects if f"{o.name}.pose" in self.ran.kept.sizes]
 
     def _write_objects(self, folder: Path) -> None:
-        from twin.exchange.write.glb import write_glb
-        from twin.exchange.write.tracks import write_tracks
-        from twin.exchange.write.usd import write_usd
+        from twin.exchange.formats.glb.write import write_glb
+        from twin.exchange.formats.tracks.write import write_tracks
+        from twin.exchange.formats.usd.write import write_usd
 
         mechanism = together([o for o in self.scene.objects if o.name in self._moved])
         poses = {name: self.ran.kept[f"{name}.pose"].reshape(-1, 4, 4) for name in self._moved}
@@ -480,7 +480,7 @@ class ConsoleSession(Result):
         )
 
     def _write_mcap(self, path: Path) -> None:
-        from twin.exchange.write.mcap import write_mcap
+        from twin.exchange.formats.mcap.write import write_mcap
 
         links, joints, kept = {}, {}, self.ran.kept
         for name in self._moved:

@@ -71,7 +71,7 @@ def track(
         robot = robot.weighed()
     arm = arm_of(robot.mechanism, table, cited=source == "cited")
     if plant == "mujoco":
-        from twin.exchange.write.mjcf import mjcf_text
+        from twin.exchange.formats.mjcf.write import mjcf_text
 
         arm = replace(arm, mjcf=mjcf_text(arm.mechanism))
     t = trajectory

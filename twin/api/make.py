@@ -51,7 +51,7 @@ def build(
             installed package, whose data are read-only.
         OutputError: the folder cannot be written; it stays unchanged.
     """
-    from twin.exchange.write.usd import bake, baked_times, write_usd
+    from twin.exchange.formats.usd.write import bake, baked_times, write_usd
 
     if robot.files is None:
         raise TwinError(f"{robot.name} was loaded from a USD stage: there is no CAD to build from")

@@ -100,7 +100,7 @@ class Source:
     @contextlib.contextmanager
     def fresh_stage(self) -> Iterator[Path]:
         """Yield the robot's own USD stage if it is up to date with the CAD, else one rebuilt in a temporary folder."""
-        from twin.exchange.write.usd import fresh_stage
+        from twin.exchange.formats.usd.write import fresh_stage
 
         cad = vars(self).get("weighed") or self.cad  # `cad` and `weighed` have the same file hash
         with fresh_stage(self._files.stage, cad.mechanism.source, lambda: self.weighed.mechanism) as root:

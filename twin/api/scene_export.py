@@ -23,9 +23,9 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.core.units import UM
+from twin.exchange.formats.glb.write import bends_glb
 from twin.exchange.write.bundle import Bundle, chosen_formats
 from twin.exchange.write.clip import Budget, between_keys, home_poses
-from twin.exchange.write.glb import bends_glb
 from twin.model.deformable import Bend
 from twin.model.movable import Movable, together
 from twin.model.scene import Place, Scene, load_scene
@@ -157,7 +157,7 @@ def export_scene(
                 progress=lambda label, part, name=place.name: progress(f"{name}: {label}", part),
             )
         if scene.objects and "glb" in kinds:
-            from twin.exchange.write.glb import write_glb
+            from twin.exchange.formats.glb.write import write_glb
 
             write_glb(together(scene.objects), (), work / "objects.glb")
         progress("organs", 0.0)
@@ -213,7 +213,7 @@ def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
 
 
 def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path, bends: Sequence[Bend]) -> Path:
-    from twin.exchange.write.usd import write_simulated
+    from twin.exchange.formats.usd.write import write_simulated
     from twin.simulation.scene_stage import write_scene
 
     stages = {}

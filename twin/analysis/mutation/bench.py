@@ -26,7 +26,7 @@ from twin.core.errors import TwinError
 from twin.core.findings import SEVERITIES, Finding
 from twin.core.findings import error as unchecked
 from twin.core.spatial import Array
-from twin.exchange.write.usd import bake, baked_times, write_usd
+from twin.exchange.formats.usd.write import bake, baked_times, write_usd
 from twin.model.mechanism import Mechanism
 from twin.planning.link_motion import LinkMotion
 from twin.planning.plan import plan

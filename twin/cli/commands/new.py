@@ -86,7 +86,7 @@ def _make(
     require_free(target, args.force)
     progress(f"read {source.name}", 0.0)
     if format_of(source).name == "step":
-        from twin.exchange.read.step import read_skeleton, write_skeleton
+        from twin.exchange.formats.step.read import read_skeleton, write_skeleton
 
         if args.closures or args.root:
             raise TwinError(f"{source}: --closures and --root do not apply to a STEP file")

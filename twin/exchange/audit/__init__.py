@@ -2,13 +2,13 @@
 
 poses       quaternions and matrices, implemented independently of the writers
 motion      the common result of the readers: clips of link poses in the world frame
-gltf, usd, tracks, mjcf, urdf      readers
-physics     the mechanism data of a file, in one form for all formats; physics_usd, physics_mjcf return this form
+context     what a reader may know beside its file; the readers are the modules `audit` in twin.exchange.formats
+physics     the mechanism data of a file, in one form for all formats
 sense       find physically impossible data in one file
 compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
 claims      check statements in the files: interpolation errors, assumed numbers, README.txt
-unity, proof                       check the Unity package and proof.json of a bundle
+proof       check proof.json of a bundle
 states      compare files without motion with the mechanism, at joint states drawn from its range
 diagnose    find a common mistake that explains a difference
 scene       audit an exported scene: the folder of each robot, then the scene's stages against these folders
@@ -29,14 +29,12 @@ from twin.exchange.audit.claims import check_claims, check_proof_clips, check_re
 from twin.exchange.audit.compare import Reference, compare, compare_hashes, compare_rest, compare_shapes, references
 from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.context import Context
-from twin.exchange.audit.folder import Found, find
+from twin.exchange.audit.folder import SCENE, Found, find
 from twin.exchange.audit.motion import Content, check_names
 from twin.exchange.audit.physics import Physics
 from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.proof import check_proof
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
-from twin.exchange.audit.scene import FILE as SCENE
-from twin.exchange.audit.scene import audit_scene
 from twin.exchange.audit.sense import check_sense
 from twin.exchange.audit.states import CLIP, States, compare_joints, compare_states, same_names
 from twin.exchange.format import Format
@@ -83,6 +81,8 @@ def audit(
     """
     path, tell = Path(path), progress or (lambda label, fraction: None)
     if (path / SCENE).is_file():
+        from twin.exchange.audit.scene import audit_scene  # imports audits of formats, which import this package
+
         contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, None, tell))
     else:
         drawn = None if states is None else cache(states)

@@ -12,12 +12,12 @@ from twin.core.errors import TwinError
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import read_bytes
 from twin.exchange.audit import poses
-from twin.exchange.audit.gltf_clips import Clips
-from twin.exchange.audit.gltf_file import Gltf, open_gltf
-from twin.exchange.audit.gltf_nodes import parents_first, read_nodes
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity
-from twin.exchange.audit.usd_file import trouble
+from twin.exchange.formats.glb.audit.clips import Clips
+from twin.exchange.formats.glb.audit.container import Gltf, open_gltf
+from twin.exchange.formats.glb.audit.nodes import parents_first, read_nodes
+from twin.exchange.formats.usd.audit.header import trouble
 
 GLB, USD = "organs.glb", "usd/organs.usdc"
 """Paths of the files of the deformables, relative to the folder of the scene."""

@@ -14,6 +14,9 @@ from twin.exchange.formats import audited
 MOST_FILES = 20_000
 """Maximum number of files in an audited folder."""
 
+SCENE = "scene.json"
+"""Name of the file that lists the robots of an exported scene, with their folders and base poses."""
+
 _TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".md"), "text")}
 """File name suffixes of text formats."""
 

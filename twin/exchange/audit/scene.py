@@ -16,15 +16,13 @@ from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.bends import audit_bends
 from twin.exchange.audit.compare import references
+from twin.exchange.audit.folder import SCENE
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, ReadError, guarded, quantity
-from twin.exchange.audit.usd import World
-from twin.exchange.audit.usd_checks import version
+from twin.exchange.formats.usd.audit import World
+from twin.exchange.formats.usd.audit.checks import version
 from twin.usd.check import run_usd_validators
-
-FILE = "scene.json"
-"""Name of the file that lists the robots of an exported scene, with their folders and base poses."""
 
 REACH = 0.1
 """Distance in m between a link's origin and the other points at which deviations are measured, to include rotations."""
@@ -52,7 +50,7 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     robot.
     """
     contents: list[Content] = []
-    ledger = Ledger(FILE, "twin.exchange.audit scene", "1")
+    ledger = Ledger(SCENE, "twin.exchange.audit scene", "1")
     ledgers, robots = [ledger], {}
     for name, protocol, T, path in _places(folder, ledger):
         own, theirs = audited(path)
@@ -75,9 +73,9 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
 
 def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Path]]:
     """Yield (name, protocol or "", T_world_base, folder) of each robot in scene.json; report unusable entries."""
-    check_size(folder / FILE, "JSON")
+    check_size(folder / SCENE, "JSON")
     try:
-        data = json.loads((folder / FILE).read_text(encoding="utf-8"))
+        data = json.loads((folder / SCENE).read_text(encoding="utf-8"))
         rows = [(str(r["name"]), str(r["protocol"]), r["T_world_base"], str(r["folder"])) for r in data["robots"]]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         text = f"the list of robots is missing or malformed: {type(error).__name__}, {error}."
@@ -100,7 +98,7 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
 def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
     """Return {object: T_world_object (1, 4, 4)} for the movable objects in scene.json; report unusable entries."""
     try:
-        rows = json.loads((folder / FILE).read_text(encoding="utf-8")).get("objects", [])
+        rows = json.loads((folder / SCENE).read_text(encoding="utf-8")).get("objects", [])
         out = {str(r["name"]): np.array(r["T_world_object"], float).reshape(1, 4, 4) for r in rows}
     except (ValueError, KeyError, TypeError) as error:
         ledger.add("scene.objects", "error", f"the list of objects is malformed: {type(error).__name__}, {error}.")

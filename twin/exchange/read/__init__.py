@@ -3,16 +3,12 @@
     source     the common result of all readers: a mechanism with findings
     xml        XML with errors that name file and element
     shapes     boxes, cylinders, spheres and mesh files as meshes of a body
-    urdf       URDF, with loops from a closure YAML in the same folder (closures)
-    mjcf       MJCF with equality constraints, compiled by MuJoCo; mjcf_robots selects one of several robots
-    sdf        SDF; sdf_world selects one of several models, and resolves includes and nested models
-    usd        UsdPhysics stages
     start      the joint values at which the robot starts, within the joint limits
     closing    find a pose in which the loops close; report remaining gaps
-    step       STEP assemblies, read as skeletons: bodies, fitting faces (pairs), proposed joints (proposals)
+    pairs      fitting faces of the solids of a STEP assembly; proposals: joints that these faces propose
     folder     write the robot folder: description, meshes, notes; initial formula and protocol (templates)
 
-Files of all these formats are only read; no code in them is run.
+The readers are the modules `read` in twin.exchange.formats. Files of all formats are only read; no code in them is run.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Write a robot and its protocols for other programs: GLB, USD, USDZ, tracks, MJCF, URDF, a Unity package."""
+"""Write a robot and its protocols for other programs: the export folder, its clips, and what several writers use."""

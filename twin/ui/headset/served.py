@@ -79,7 +79,7 @@ def of_robot(
 
     `robot`, `source`, `protocol` and `plans` are arguments of `Twin`; `feed` is the source of deformables, None: none.
     """
-    from twin.exchange.write.glb import glb_bytes
+    from twin.exchange.formats.glb.write import glb_bytes
 
     clock = Clock()
     twin = Twin(robot, source, protocol, plans, clock)
@@ -147,7 +147,7 @@ def of_console(
 
 def of_mirror(mirror: Mirror) -> Served:
     """Return the content for a mirrored machine: solid robot (measured joint values), ghost (desired joint values)."""
-    from twin.exchange.write.glb import glb_bytes
+    from twin.exchange.formats.glb.write import glb_bytes
     from twin.ui.headset.mirrored import Mirrored
 
     robot, own, placed = mirror.robot, {}, []
@@ -169,7 +169,7 @@ def of_mirror(mirror: Mirror) -> Served:
 
 
 def _placed(loaded: LoadedScene, live: Live | Operation, about: Sequence[JsonObject]) -> Served:
-    from twin.exchange.write.glb import glb_bytes
+    from twin.exchange.formats.glb.write import glb_bytes
 
     scene, robots, props, own, placed = loaded.scene, loaded.robots, loaded.props, {}, []
     for place, one in zip(scene.places, about, strict=True):

@@ -1,12 +1,52 @@
-"""Write the Unity package of an export."""
+"""Copy the Unity package `com.twin.player` into an export."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from twin.core.errors import OutputError
 from twin.core.findings import Finding
 from twin.exchange.write.order import Order
-from twin.exchange.write.unity import write_unity
+
+PACKAGE = Path(__file__).resolve().parents[3] / "ui/headset/unity"
+"""Folder of the package, both in a source checkout and in an installed wheel."""
+
+
+def package_files() -> tuple[str, ...]:
+    """Return the relative paths of the package's files, sorted, with forward slashes.
+
+    Raises:
+        OutputError: the package does not exist.
+    """
+    found = (p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*") if p.is_file())
+    names = tuple(sorted(n for n in found if not any(part.startswith(".") for part in n.split("/"))))
+    if "package.json" not in names:
+        raise OutputError(f"the Unity package is not in {PACKAGE}: install twin again, or export without 'unity'")
+    return names
+
+
+def write_unity(folder: Path) -> tuple[Path, ...]:
+    """Copy the package into `folder` and return the paths of its files, sorted.
+
+    The package is the same for every robot. The menu "Twin > Import bundle…" of Unity imports the robot's model and
+    tracks from the export folder. Times and permissions of the files are not copied. The folder, `<bundle>/unity`, is
+    created if it does not exist.
+
+    Raises:
+        OutputError: the package does not exist, or the folder cannot be written.
+    """
+    written = []
+    for name in package_files():
+        target = Path(folder) / name
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes((PACKAGE / name).read_bytes())
+        except OSError as error:
+            raise OutputError(
+                f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."
+            ) from error
+        written.append(target)
+    return tuple(written)
 
 
 def write(order: Order, folder: Path) -> list[Finding]:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import struct
+import zipfile
 from pathlib import Path
 
 from twin.core.foreign.archive import check_zip
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.context import Context
 from twin.exchange.audit.motion import Content
-from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.usd_checks import version
-from twin.exchange.audit.usd_file import check_usdz
+from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.usd.audit import read_layer
+from twin.exchange.formats.usd.audit.checks import version
+
+ALIGNMENT = 64
+"""Each file in the archive must start at a multiple of this number of bytes, because readers map it into memory."""
+
+LAYERS = (".usd", ".usda", ".usdc")
+_LOCAL = struct.Struct("<4s5H3I2H")
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content | None:
@@ -23,6 +30,51 @@ def read(path: Path, ledger: Ledger, context: Context) -> Content | None:
     ledger.tool, ledger.version = "twin.exchange.audit on usd-core", version()
     check_size(path, "USD")
     check_zip(path, "USDZ")
-    if not check_usdz(path, ledger):
+    if not _opens(path, ledger):
         return None
     return read_layer(path, ledger, context)
+
+
+def _opens(path: Path, ledger: Ledger) -> bool:
+    """Report faults of a .usdz archive; return whether the stage in the archive can be opened.
+
+    Several layers are allowed, but three.js displays nothing for an archive with sublayers, and reports no error.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+            broken = archive.testzip()
+    except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
+        ledger.add("usdz.archive", "error", f"the file is not a readable zip archive: {error}.")
+        return False
+    if broken:
+        ledger.add("usdz.archive", "error", f"the checksum of '{broken}' in the archive is wrong.", broken)
+        return False
+    if not entries or Path(entries[0].filename).suffix.lower() not in LAYERS:
+        first = entries[0].filename if entries else "nothing"
+        ledger.add("usdz.first", "error", f"the first file in the archive is {first}, but must be a USD layer.", first)
+        return False
+    data = path.read_bytes()
+    for entry in entries:
+        if entry.is_dir():
+            continue
+        if entry.compress_type != zipfile.ZIP_STORED:
+            text = f"'{entry.filename}' is compressed: readers reject such an archive."
+            ledger.wrong("usdz.compressed", text, entry.filename, suggestion="do not compress")
+            continue
+        fields = _LOCAL.unpack_from(data, entry.header_offset)
+        start = entry.header_offset + _LOCAL.size + fields[-2] + fields[-1]
+        if start % ALIGNMENT:
+            text = (
+                f"'{entry.filename}' starts at byte {start}, not a multiple of {ALIGNMENT}: readers that map the "
+                "file into memory fail."
+            )
+            ledger.wrong("usdz.alignment", text, entry.filename, size=Measured(start % ALIGNMENT, 0.0))
+    layers = [e.filename for e in entries if Path(e.filename).suffix.lower() in LAYERS]
+    if len(layers) > 1:
+        text = (
+            f"the archive contains {len(layers)} layers: three.js shows nothing for such a file, and reports no error."
+        )
+        ledger.add("usdz.layers", "warning", text, layers[1], suggestion="flatten the layers into one")
+    ledger.row("archive: stored, aligned, one layer", float(len(ledger.found)), "found", 0.0)
+    return True

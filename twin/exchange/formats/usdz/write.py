@@ -1,12 +1,140 @@
-"""Write the USDZ files of an export."""
+"""Write one .usdz for AR Quick Look and other viewers: shape and motion, no physics.
+
+The archive has one flattened .usdc, y up, in metres. The robot's root prim rotates z up to y up; poses of links are
+relative to the robot's base frame, as in the tracks and in the GLB. Only links that move have samples. Viewers repeat
+the motion; if the last pose differs from the first, the last pose is held for `HOLD` seconds before the motion repeats.
+"""
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from twin.core.atomic import Scratch
 from twin.core.findings import Finding
+from twin.core.spatial import Array
+from twin.exchange.write.clip import home_poses, rounded
 from twin.exchange.write.order import Order
-from twin.exchange.write.usdz import write_usdz
+from twin.model.mechanism import Mechanism
+from twin.usd.write import Motion, write_motion
+from twin.usd.write.geometry import write_geometry
+from twin.usd.write.layers import TIME_CODES_PER_SECOND, save
+
+if TYPE_CHECKING:
+    from twin.exchange.write.clip import Clip
+
+HOLD = 1.0
+"""Time in s for which the last pose is held before the motion repeats."""
+
+STILL = 1e-9
+"""Maximum change of a link's pose (in m, and in entries of the rotation matrix) for which no samples are written."""
+
+_ALIGNMENT = 64
+"""Alignment in bytes of files in the archive (USDZ specification), so that readers can map the files into memory."""
+
+_PADDING = 0x1986
+"""Identifier of the zip extra field that pads a header to the alignment, as in usd-core."""
+
+
+def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
+    """Write the robot, with a motion or at rest, as one .usdz file, which is reproducible byte by byte.
+
+    The file contains meshes and materials, but no frames, points or joints. Without a clip, the robot is at home.
+
+    Raises:
+        StageError: the clip does not match the mechanism, or the file cannot be written.
+        AssemblyError: there is no clip, and the loops of the mechanism cannot be closed.
+    """
+    with Scratch() as name:
+        folder = Path(name)
+        layers = [str(write_geometry(mechanism, folder / "geometry.usdc", _rest(mechanism, clip)))]
+        end = 0.0
+        if clip is not None:
+            moving = {n: Ts for n, Ts in rounded(clip.links).items() if np.abs(Ts - Ts[0]).max() > STILL}
+            layers.insert(0, str(write_motion(mechanism, folder, Motion(clip.name, clip.times, moving)).layer))
+            returns = all(np.abs(Ts[-1] - Ts[0]).max() < STILL for Ts in moving.values())
+            end = (float(clip.times[-1]) + (0.0 if returns else HOLD)) * TIME_CODES_PER_SECOND
+        flat = _flattened(mechanism, layers, end)
+        package(save(flat, folder / f"{mechanism.name}.usdc"), path)
+    return path
+
+
+def _rest(mechanism: Mechanism, clip: Clip | None) -> dict[str, Array]:
+    """Return {body: T_world_body (4, 4)} at the start of the motion; if there is no motion, at home."""
+    if clip is not None:
+        return rounded({name: Ts[0] for name, Ts in clip.links.items()})
+    return home_poses(mechanism)
+
+
+def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer:
+    """Merge `layers` (strongest first) into one layer, rotate it to y up, remove twin's custom data, and return it."""
+    stage = Usd.Stage.CreateInMemory()
+    # Set the rate before adding sublayers: USD rescales the times of sublayers with a different rate.
+    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
+    stage.GetRootLayer().subLayerPaths = layers
+    flat = stage.Flatten(False)
+    stage = Usd.Stage.Open(flat)
+    root = stage.GetPrimAtPath(f"/{mechanism.name}")
+    for prim in list(stage.Traverse()):
+        if UsdGeom.Imageable(prim) and UsdGeom.Imageable(prim).GetPurposeAttr().Get() == UsdGeom.Tokens.guide:
+            stage.RemovePrim(prim.GetPath())
+            continue
+        for attribute in prim.GetAuthoredAttributes():
+            if attribute.GetName().startswith("twin:"):
+                prim.RemoveProperty(attribute.GetName())
+    _single_precision(flat)
+    UsdGeom.Xformable(root).AddRotateXOp().Set(-90.0)
+    stage.SetDefaultPrim(root)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
+    stage.SetFramesPerSecond(TIME_CODES_PER_SECOND)
+    stage.SetStartTimeCode(0.0)
+    stage.SetEndTimeCode(end)
+    return flat
+
+
+def _single_precision(layer: Sdf.Layer) -> None:
+    """Convert translations to float3, the precision of viewers.
+
+    The reader of three.js (r187) does not support the packed form in which usdc stores double3 values of small whole
+    numbers: a link with translation (0, 0, 0) is not displayed, and no error is reported.
+    """
+    double = []
+    layer.Traverse(
+        Sdf.Path.absoluteRootPath,
+        lambda path: double.append(path) if path.name == "xformOp:translate" else None,
+    )
+    for path in double:
+        old = layer.GetAttributeAtPath(path)
+        if old.typeName != Sdf.ValueTypeNames.Double3:
+            continue
+        default, samples = old.default, {t: layer.QueryTimeSample(path, t) for t in layer.ListTimeSamplesForPath(path)}
+        prim = layer.GetPrimAtPath(path.GetPrimPath())
+        prim.RemoveProperty(old)
+        new = Sdf.AttributeSpec(prim, path.name, Sdf.ValueTypeNames.Float3)
+        if default is not None:
+            new.default = Gf.Vec3f(default)
+        for code, value in samples.items():
+            layer.SetTimeSample(path, code, Gf.Vec3f(value))
+
+
+def package(layer: Path, path: Path) -> None:
+    """Pack one layer file into an undated .usdz archive, uncompressed and aligned to 64 bytes as USDZ requires.
+
+    Raises:
+        OSError: the archive cannot be written.
+    """
+    info = zipfile.ZipInfo(layer.name, (1980, 1, 1, 0, 0, 0))
+    info.create_system, info.external_attr = 3, 0o644 << 16
+    spare = -(30 + len(layer.name) + 4) % _ALIGNMENT
+    info.extra = _PADDING.to_bytes(2, "little") + spare.to_bytes(2, "little") + bytes(spare)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        archive.writestr(info, layer.read_bytes())
 
 
 def write(order: Order, folder: Path) -> list[Finding]:

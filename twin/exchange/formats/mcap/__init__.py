@@ -1,0 +1,1 @@
+"""MCAP: a recorded motion with its signals, for viewers of robot data."""

@@ -1,0 +1,172 @@
+"""Check a Unity package against the import requirements of the Unity editor, without running the editor."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from twin.exchange.audit.context import Context
+from twin.exchange.audit.report import Ledger
+from twin.exchange.formats.unity.audit.frames import check_frames
+from twin.exchange.formats.unity.audit.golden import check_golden
+from twin.exchange.formats.unity.audit.shipped import check_shipped
+
+REQUIRED = ("name", "version", "displayName", "unity")
+_GUID = re.compile(r"^guid:\s*([0-9a-f]{32})\s*$", re.MULTILINE)
+_NAME = re.compile(r"^[a-z0-9-]+(\.[a-z0-9-]+){2,}$")
+_BEHAVIOUR = re.compile(r"class\s+(\w+)\s*:[^{]*\b(?:MonoBehaviour|ScriptableObject)\b")
+
+
+def check_package(folder: Path, ledger: Ledger) -> None:
+    """Report faults that prevent Unity from importing a package: fields, assemblies, .meta files, GUIDs, scripts."""
+    data = _json(folder / "package.json", folder, ledger)
+    if data is None:
+        return
+    _check_fields(folder, data, ledger)
+    seen = list(_visible(folder))
+    guids = _check_metas(folder, seen, ledger)
+    _check_assemblies(folder, seen, guids, ledger)
+    _check_scripts(folder, seen, ledger)
+    check_shipped(folder, data, ledger)
+    for file in seen:
+        name = file.relative_to(folder).as_posix()
+        if file.name == "Frames.cs":
+            check_frames(file, name, ledger)
+        elif file.name == "twin-golden.json":
+            check_golden(file, name, ledger)
+    wrong = [f for f in ledger.found if f.severity != "info"]
+    ledger.row(f"package: {len(seen)} files, {len(guids)} GUIDs", float(len(wrong)), "found", 0.0)
+
+
+def _json(file: Path, folder: Path, ledger: Ledger) -> dict[str, Any] | None:
+    name = file.relative_to(folder).as_posix()
+    try:
+        data = json.loads(file.read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        ledger.add("unity.json", "error", f"{name} cannot be read: {str(error)[:120]}.", name)
+        return None
+    if not isinstance(data, dict):
+        ledger.add("unity.json", "error", f"{name} is not a JSON object.", name)
+        return None
+    return data
+
+
+def _check_fields(folder: Path, data: dict[str, Any], ledger: Ledger) -> None:
+    for key in REQUIRED:
+        if not isinstance(data.get(key), str) or not data[key]:
+            ledger.wrong("unity.package", f"package.json lacks '{key}'.", "package.json")
+    if isinstance(data.get("name"), str) and not _NAME.match(data["name"]):
+        text = f"package name '{data['name']}' does not have the form com.company.package."
+        ledger.wrong("unity.package", text, "package.json")
+    if not re.match(r"^\d+\.\d+\.\d+", str(data.get("version", "0.0.0"))):
+        ledger.wrong("unity.package", f"version {data['version']} does not have the form x.y.z.", "package.json")
+    if not re.match(r"^\d+\.\d+$", str(data.get("unity", "2022.3"))):
+        ledger.wrong("unity.package", f"unity {data['unity']} does not have the form year.release.", "package.json")
+    for sample in data.get("samples", []):
+        path = sample.get("path", "") if isinstance(sample, dict) else ""
+        if not path or not (folder / path).is_dir():
+            text = f"sample '{path}' does not exist."
+            ledger.wrong("unity.sample", text, "package.json")
+
+
+def _visible(folder: Path) -> Iterator[Path]:
+    """Yield the files and folders that Unity imports. Hidden paths, `*~` and `*.tmp` are skipped."""
+    for path in sorted(folder.rglob("*")):
+        parts = path.relative_to(folder).parts
+        if not any(p.endswith("~") or p.startswith(".") for p in parts) and path.suffix != ".tmp":
+            yield path
+
+
+def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Path]:
+    """Check that every asset has a .meta file with a unique GUID; return {GUID: asset}."""
+    assets = {p for p in seen if p.suffix != ".meta"}
+    guids: dict[str, Path] = {}
+    for asset in sorted(assets):
+        name = asset.relative_to(folder).as_posix()
+        meta = asset.with_name(asset.name + ".meta")
+        if not meta.is_file():
+            text = f"'{name}' has no .meta file: Unity ignores such files, because an installed package is read-only."
+            ledger.wrong("unity.meta_missing", text, name, suggestion="write a .meta file with a constant GUID")
+            continue
+        match = _GUID.search(meta.read_text(encoding="utf-8", errors="replace"))
+        if match is None:
+            text = f"'{name}.meta' has no GUID of 32 hexadecimal digits."
+            ledger.wrong("unity.guid", text, f"{name}.meta")
+            continue
+        other = guids.setdefault(match[1], asset)
+        if other != asset:
+            text = (
+                f"'{name}' and '{other.relative_to(folder).as_posix()}' have the same GUID {match[1]}: Unity "
+                "ignores one of them or changes its GUID, which breaks references to it."
+            )
+            ledger.wrong("unity.guid_twice", text, name, suggestion="use the hash of the path as GUID")
+    for meta in (p for p in seen if p.suffix == ".meta"):
+        if meta.with_suffix("") not in assets:
+            name = meta.relative_to(folder).as_posix()
+            text = f"'{name}' describes a file or folder that does not exist."
+            ledger.add("unity.meta_orphan", "warning", text, name)
+    return guids
+
+
+def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], ledger: Ledger) -> None:
+    names: dict[str, str] = {}
+    wanted: list[tuple[str, str]] = []
+    for file in (p for p in seen if p.suffix == ".asmdef"):
+        name = file.relative_to(folder).as_posix()
+        data = _json(file, folder, ledger)
+        if data is None:
+            continue
+        own = data.get("name")
+        if not isinstance(own, str) or not own:
+            ledger.wrong("unity.asmdef", f"{name} has no name.", name)
+            continue
+        if own in names:
+            text = f"{name} and {names[own]} both define the assembly '{own}'."
+            ledger.wrong("unity.asmdef", text, name)
+        names[own] = name
+        wanted += [(name, str(r)) for r in data.get("references", [])]
+        if "Editor" in file.relative_to(folder).parts and data.get("includePlatforms") != ["Editor"]:
+            text = f"{name} is in Editor/, but is not limited to the platform Editor: player builds fail."
+            ledger.wrong("unity.asmdef", text, name, suggestion='"includePlatforms": ["Editor"]')
+    for name, reference in wanted:
+        if reference.startswith("GUID:"):
+            missing = reference.removeprefix("GUID:") not in guids
+        else:  # assemblies of other packages are not available here
+            missing = reference not in names and reference.split(".")[0] in {n.split(".")[0] for n in names}
+        if missing:
+            text = f"{name} references '{reference}', which is not in the package."
+            ledger.wrong("unity.asmdef", text, name)
+
+
+def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
+    scripts = [p for p in seen if p.suffix == ".cs"]
+    if not scripts:
+        ledger.wrong("unity.scripts", "the package has no C# file.", "Runtime")
+    assemblies = [p.parent for p in seen if p.suffix == ".asmdef"]
+    for script in scripts:
+        name = script.relative_to(folder).as_posix()
+        text = script.read_text(encoding="utf-8", errors="replace")
+        if not any(script.is_relative_to(a) for a in assemblies):
+            message = f"{name} belongs to no assembly definition: Unity does not compile such a script of a package."
+            ledger.wrong("unity.asmdef", message, name)
+        behaviours = _BEHAVIOUR.findall(_without_comments(text))
+        if behaviours and script.stem not in behaviours:
+            message = f"{name} contains component {behaviours[0]}: Unity requires that the file has the same name."
+            ledger.wrong("unity.script", message, name)
+        outside = "Editor" not in script.relative_to(folder).parts and "#if UNITY_EDITOR" not in text
+        if outside and "UnityEditor" in _without_comments(text):
+            message = f"{name} uses UnityEditor, but is outside Editor/: player builds fail."
+            ledger.wrong("unity.script", message, name)
+
+
+def _without_comments(text: str) -> str:
+    return re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.DOTALL)
+
+
+def read(path: Path, ledger: Ledger, context: Context) -> None:
+    """Report faults of the package in a folder; a package contains no robot."""
+    ledger.tool, ledger.version = "twin.exchange.audit unity", "1"
+    check_package(path, ledger)

@@ -1,0 +1,152 @@
+"""Read the closure YAML beside a URDF, and check that its loops close: at its home, and along the motions of tracks.
+
+The audit reads the file by itself, as it shares no code with the importer (`twin.exchange.formats.urdf.read.closures`).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.core.foreign.text import read_text
+from twin.exchange.audit import poses
+from twin.exchange.audit.physics import Joint, along
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger, Measured, quantity
+
+CLOSED = 1e-6
+"""Maximum gap in m of a closed loop at home."""
+
+PLAYED = 1e-5
+"""Maximum gap in m of a closed loop with the joint values of a track, which are rounded."""
+
+_TILTED = 100.0
+"""Maximum angle of a closed weld in rad, for each m of the maximum gap."""
+
+_KINDS = {"6d": "fixed", "3d": "spherical"}
+
+
+@dataclass(frozen=True)
+class Closures:
+    """Content of a closure YAML.
+
+    Attributes:
+        pairs: (link, link, "fixed" or "spherical") for each loop.
+        driven: names of the driven joints.
+        home: {joint: value in m or rad} at which the loops are closed.
+        couplings: {name: ({joint: ratio}, sum)}, as in `Physics`; None if the file states none.
+    """
+
+    pairs: tuple[tuple[str, str, str], ...] = ()
+    driven: frozenset[str] = frozenset()
+    home: Mapping[str, float] = field(default_factory=dict)
+    couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
+
+    def joints(self) -> list[Joint]:
+        """Return the loop closures as joints between their two links."""
+        out = []
+        for a, b, kind in self.pairs:
+            out.append(Joint((_named(a, b),), a, b, np.eye(4), along(kind, np.eye(4))))
+        return out
+
+
+def read_closures(path: Path, links: Collection[str], joints: Collection[str], ledger: Ledger) -> Closures | None:
+    """Return the content of a closure YAML; None if it cannot be read. Faults are added to the ledger.
+
+    Only files in which each line is a key with its value in JSON are read, as twin writes them. `links` and `joints`
+    are the names in the URDF.
+    """
+    data: dict[str, Any] = {}
+    for line in read_text(path, "YAML").splitlines():
+        if not line.strip() or line.startswith("#"):
+            continue
+        key, _, value = line.partition(":")
+        try:
+            data[key] = json.loads(value)
+        except (ValueError, RecursionError):
+            ledger.wrong("urdf.closures", f"{path.name}: the value of '{key[:40]}' is not JSON, so no loop is checked.")
+            return None
+    pairs = data.get("closed_loop")
+    types = data.get("type")
+    driven = data.get("name_mot")
+    home = data.get("home", {})
+    text = f"{path.name}: 'closed_loop', 'type' and 'name_mot' must be lists, one type for each pair; 'home' a table."
+    if not isinstance(pairs, list) or not isinstance(types, list) or not isinstance(driven, list):
+        ledger.wrong("urdf.closures", text)
+        return None
+    if not isinstance(home, dict) or len(pairs) != len(types):
+        ledger.wrong("urdf.closures", text)
+        return None
+    out = []
+    for pair, kind in zip(pairs, types, strict=True):
+        known = isinstance(pair, list) and len(pair) == 2 and all(isinstance(n, str) and n in links for n in pair)
+        if not known or kind not in _KINDS:
+            text = (
+                f"{path.name}: {str(pair)[:80]} of type {str(kind)[:20]} is not a pair of links with the type 6d or 3d."
+            )
+            ledger.wrong("urdf.closures", text, str(pair)[:80])
+            continue
+        out.append((pair[0], pair[1], _KINDS[kind]))
+    for name in (*driven, *home):
+        if name not in joints:
+            text = f"{path.name}: joint '{str(name)[:40]}' is not in the URDF."
+            ledger.wrong("urdf.closures", text, str(name)[:40])
+    values = {n: float(q) for n, q in home.items() if isinstance(q, int | float) and math.isfinite(q)}
+    couplings = None
+    if "coupling" in data:
+        couplings = _couplings(path, data["coupling"], joints, ledger)
+    return Closures(tuple(out), frozenset(str(n) for n in driven), values, couplings)
+
+
+def _couplings(
+    path: Path, said: Any, joints: Collection[str], ledger: Ledger
+) -> dict[str, tuple[dict[str, float], float]]:
+    out = {}
+    for name, entry in said.items() if isinstance(said, dict) else (("coupling", said),):
+        try:
+            ratios = {str(n): float(r) for n, r in zip(entry["joints"], entry["ratios"], strict=True)}
+            out[name] = ratios, float(entry["sum"])
+        except (TypeError, KeyError, ValueError):
+            text = f"{path.name}: coupling '{str(name)[:40]}' has no joints with one ratio each, and a sum."
+            ledger.wrong("urdf.closures", text, str(name)[:40])
+            continue
+        if unknown := sorted(set(ratios) - set(joints)):
+            text = f"{path.name}: joint '{unknown[0][:40]}' of coupling '{name[:40]}' is not in the URDF."
+            ledger.wrong("urdf.closures", text, unknown[0][:40])
+    return out
+
+
+def check_gap(pair: tuple[str, str, str], T_a: Array, T_b: Array, where: str, limit: float, ledger: Ledger) -> None:
+    """Report a loop whose two links, with poses (k, 4, 4), do not coincide within `limit` in m.
+
+    For a weld, the angle between the links must also be small.
+    """
+    a, b, kind = pair
+    gap = float(np.linalg.norm(T_a[..., :3, 3] - T_b[..., :3, 3], axis=-1).max())
+    angle = 0.0
+    if kind == "fixed":
+        angle = float(np.max(poses.angle(T_a[..., :3, :3], T_b[..., :3, :3])))
+    ledger.row(f"{where}: gap of the loops", gap, "m", limit, where=_named(a, b))
+    if not (gap <= limit and angle <= _TILTED * limit):
+        text = (
+            f"{where}: the loop that joins '{a}' and '{b}' is open by {quantity(gap, 'm')} and "
+            f"{np.degrees(angle):.4g} deg."
+        )
+        size = Measured(gap * 1e6, limit * 1e6, "um")
+        ledger.wrong("urdf.loop", text, _named(a, b), size=size)
+
+
+def _named(a: str, b: str) -> str:
+    """Return the name of the joint that closes a loop: what the names of the two links have in common."""
+    count = 0
+    for x, y in zip(a, b, strict=False):
+        if x != y:
+            break
+        count += 1
+    return a[:count].rstrip("_-") or a

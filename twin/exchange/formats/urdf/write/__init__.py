@@ -1,0 +1,317 @@
+"""Write a robot as URDF, and its loops beside it as a closure YAML, because URDF cannot hold loops.
+
+Links have the names and the frames of the mechanism's bodies. A URDF joint rotates about a line through the origin of
+its child link. If the origin of a body is not on its pin, the body is therefore the child of an auxiliary link
+`<joint>_axis` at the pin. A ball joint becomes three hinges about x, y and z. Their angles are zero at home, far from
+their singularity. A free joint is `floating`; its zero is the pose at home.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.findings import Finding, Kind, info, warning
+from twin.core.spatial import Array
+from twin.exchange.formats.urdf.write.closures import ends, write_closures
+from twin.exchange.write.left_out import left_out, motors_left_out
+from twin.exchange.write.masses import inertia_of, partly_shown, unweighed
+from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
+from twin.exchange.write.order import Order
+from twin.exchange.write.xml import gains, numbers, srgb, write_xml
+from twin.model.body import Body, Material
+from twin.model.following import Following, following
+from twin.model.inertia import Inertia
+from twin.model.joint import Drive, Joint
+from twin.model.mechanism import EARTH, Coupling, Mechanism
+from twin.usd.write.spanning import spanning
+
+SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
+"""Inertia of an auxiliary link: negligible, but large enough for simulators."""
+
+UNKNOWN = {"effort": "1e6", "velocity": "1e6"}
+"""Values that mean "unknown" for numbers that URDF requires."""
+
+SIMPLE = "transmission_interface/SimpleTransmission"
+"""Transmission type of one motor and one joint: motor value = mechanicalReduction * joint value."""
+
+COUPLED = "twin/LinearTransmission"
+"""Transmission type of several motors and joints; URDF cannot contain the transmission matrix."""
+
+FAR = 1e3
+"""Limit in m of a slide without limits, because URDF requires a limit."""
+
+_ON_AXIS = 1e-12
+"""Maximum distance in m between a body's origin and its pin axis at which the origin counts as a point on the axis."""
+
+
+_TRANSMISSION = Kind("export.urdf_transmission", "warning", "use MJCF or USD if motors matter")
+_LOOPS = Kind("export.urdf_loops", "warning", "use MJCF or USD where programs do not read the closure YAML")
+
+
+def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
+    """Write <robot>.urdf, or <name>.urdf, and the mesh files that it uses; return the path of the .urdf file.
+
+    `urdf_findings` lists the data that the file cannot hold. Masses that the mechanism lacks are assumed. Loops are cut
+    at joints chosen by `twin.usd.write.spanning`, and stated in a closure YAML of the same name. `name` is the name of
+    the files without suffix, if a robot has several (one for each trocar position).
+
+    Raises:
+        AssemblyError: the loops of the mechanism cannot be closed.
+    """
+    from twin.reference import ReferenceModel
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_meshes(mechanism, folder)
+    path = folder / f"{name or mechanism.name}.urdf"
+    home = ReferenceModel(mechanism).home().link_poses
+    cut = _cut(mechanism)
+    couplings = _unheld(mechanism)
+    if has_closures(mechanism):
+        values = _values((*spanning(mechanism).tree, *cut), home)
+        driven = [j.name for j in mechanism.active]
+        write_closures(cut, couplings, driven, values, path.with_suffix(".yaml"))
+    return write_xml(_document(mechanism, home), path)
+
+
+def has_closures(mechanism: Mechanism) -> bool:
+    """Return whether `write_urdf` writes a closure YAML: for loops, and for couplings that are no mimics."""
+    return bool(_cut(mechanism) or _unheld(mechanism))
+
+
+def urdf_findings(mechanism: Mechanism) -> list[Finding]:
+    """Return findings on data that URDF cannot hold; the URDF file contains the findings as comments."""
+    file = f"{mechanism.name}.urdf"
+    found = [*unweighed(mechanism, file), *partly_shown(mechanism, file)]
+    found += motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")
+    found += [
+        _TRANSMISSION(
+            t.name,
+            f"{file}: URDF cannot hold the matrix of transmission {t.name} ({t.equations}), only the names of its "
+            "joints and actuators",
+        )
+        for t in mechanism.transmissions
+        if not all(map(t.single, t.joints))
+    ]
+    cut = _cut(mechanism)
+    if cut:
+        names = ", ".join(f"{j.name} ({j.type}, {j.parent} to {j.child})" for j in cut)
+        text = (
+            f"{file}: URDF cannot close loops; {mechanism.name}.yaml closes them, at {names}. Programs that do not "
+            "read it have correct link poses only with the values of the passive joints from the tracks"
+        )
+        found.append(_LOOPS(", ".join(j.name for j in cut), text))
+    for coupling in _unheld(mechanism):
+        terms = " + ".join(f"{r:g} {n}" for n, r in zip(coupling.joints, coupling.ratios, strict=True))
+        text = (
+            f"{file}: URDF cannot hold coupling {coupling.name}: {terms} = {coupling.total:g}; it is in "
+            f"{mechanism.name}.yaml"
+        )
+        found.append(warning("export.urdf_coupling", coupling.name, text))
+    found += left_out(mechanism, file, "soft_limits", "max_acceleration", "max_jerk", "cone")
+    if mechanism.gravity != EARTH:
+        shown = ", ".join(f"{g:g}" for g in mechanism.gravity)
+        text = f"{file}: the format cannot hold gravity, which is ({shown}) m/s2; set it in the simulator"
+        found.append(info("export.left_out", "gravity", text))
+    if mechanism.frames or mechanism.points:
+        names = ", ".join(x.name for x in (*mechanism.frames, *mechanism.points))
+        found.append(info("export.left_out", names, f"{file}: URDF cannot hold the frames and points {names}"))
+    return found
+
+
+def _mimics(mechanism: Mechanism) -> dict[str, Following]:
+    """Return {coupling: its leader and follower} for couplings of two joints of the tree; URDF can hold no others."""
+    return following(mechanism, {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")})
+
+
+def _unheld(mechanism: Mechanism) -> list[Coupling]:
+    """Return the couplings that are no mimics of URDF."""
+    held = _mimics(mechanism)
+    return [c for c in mechanism.couplings if c.name not in held]
+
+
+def _cut(mechanism: Mechanism) -> list[Joint]:
+    """Return the joints that close loops; a free joint closes none."""
+    return [j for j in spanning(mechanism).cut if j.type != "free"]
+
+
+def _values(joints: Iterable[Joint], home: Mapping[str, Array]) -> dict[str, float]:
+    """Return {joint of the URDF: value in m or rad} at the link poses `home`; hinges of a ball joint are at zero."""
+    out = {}
+    for joint in joints:
+        T = joint.relative(home[joint.parent], home[joint.child])
+        if joint.type == "cylindrical":
+            out[f"{joint.name}_slide"] = float(T[2, 3])
+            out[joint.name] = float(joint.angle(T))
+        elif joint.type in ("revolute", "prismatic"):
+            out[joint.name] = float(joint.coordinate(home[joint.parent], home[joint.child]))
+    return out
+
+
+def _document(mechanism: Mechanism, home: Mapping[str, Array]) -> ET.Element:
+    root = ET.Element("robot", name=mechanism.name)
+    for finding in urdf_findings(mechanism):
+        root.append(ET.Comment(f" {finding.message}. ".replace("--", "-")))
+    for look in dict.fromkeys(mechanism.materials.values()):
+        material = ET.SubElement(root, "material", name=look.name)
+        ET.SubElement(material, "color", rgba=srgb(look.color_rgba))
+    for body in mechanism.bodies:
+        _link(root, body, mechanism.materials, weighed=body.name != mechanism.base or body.inertia is not None)
+    _transmissions(root, mechanism)
+    for joint in (_as_driven(mechanism, j) for j in spanning(mechanism).tree):
+        _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
+    for joint in _cut(mechanism):
+        _closing(root, _as_driven(mechanism, joint))
+    for f in _mimics(mechanism).values():
+        line = {"joint": f.leader, "multiplier": numbers([f.multiplier]), "offset": numbers([f.offset])}
+        ET.SubElement(next(j for j in root.findall("joint") if j.get("name") == f.joint), "mimic", line)
+    return root
+
+
+def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
+    """Return a joint with the maximum effort and speed of its motor, if a single motor drives the joint."""
+    t = mechanism.transmission_of(joint.name)
+    single = t and t.single(joint.name)
+    if not single:
+        return joint
+    motor, ratio = mechanism.actuator(single[0]), abs(single[1])
+    drive = None if motor.max_effort is None else Drive(0.0, 0.0, motor.max_effort / ratio)
+    return replace(joint, drive=drive, max_speed=joint.max_speed or (motor.max_speed and motor.max_speed * ratio))
+
+
+def _transmissions(root: ET.Element, mechanism: Mechanism) -> None:
+    """Write a transmission for every driven joint; joints without a transmission are passive."""
+    for joint in mechanism.active:
+        t = mechanism.transmission_of(joint.name)
+        single = (joint.name, 1.0) if t is None else t.single(joint.name)
+        if single:
+            name = t.name if t and len(t.joints) == 1 else f"{joint.name}_transmission"
+            _transmission(root, name, SIMPLE, [joint.name], {single[0]: 1 / single[1]})
+    for t in mechanism.transmissions:
+        joints = [n for n in t.joints if not t.single(n)]
+        alone = {single[0] for n in t.joints if (single := t.single(n))}
+        if joints:
+            _transmission(root, t.name, COUPLED, joints, dict.fromkeys(a for a in t.actuators if a not in alone))
+
+
+def _transmission(
+    root: ET.Element, name: str, kind: str, joints: list[str], motors: Mapping[str, float | None]
+) -> None:
+    out = ET.SubElement(root, "transmission", name=name)
+    ET.SubElement(out, "type").text = kind
+    for parts, names in (("joint", joints), ("actuator", motors)):
+        for each in names:
+            element = ET.SubElement(out, parts, name=each)
+            ET.SubElement(element, "hardwareInterface").text = "hardware_interface/PositionJointInterface"
+            if parts == "actuator" and (reduction := motors[each]) is not None:
+                ET.SubElement(element, "mechanicalReduction").text = f"{reduction:.12g}"
+
+
+def _link(root: ET.Element, body: Body, materials: Mapping[str, Material], weighed: bool) -> None:
+    link = ET.SubElement(root, "link", name=body.name)
+    if weighed:
+        _inertial(link, inertia_of(body))
+    for mesh in body.meshes:
+        for use in ("visual", "collision"):
+            shape = ET.SubElement(link, use, name=f"{mesh.name}_{use}")
+            ET.SubElement(ET.SubElement(shape, "geometry"), "mesh", filename=mesh_file(mesh), scale=SCALE)
+            if use == "visual":
+                ET.SubElement(shape, "material", name=materials[mesh.name].name)
+
+
+def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
+    """Write a joint of the tree as one URDF joint, or as a chain of URDF joints over auxiliary links."""
+    name, at = joint.name, joint.T_child_joint
+    through_origin = np.linalg.norm(np.cross(at[:3, 3], at[:3, 2])) < _ON_AXIS
+    if joint.type in ("fixed", "prismatic") or (joint.type == "revolute" and through_origin):
+        T = joint.T_parent_joint @ spatial.inverse(at)
+        _single(root, joint, name, joint.type, (joint.parent, joint.child), T, at[:3, 2])
+        return
+    x, y, z = np.eye(3)
+    T = joint.T_parent_joint
+    steps = [(name, "revolute", z)]
+    if joint.type == "cylindrical":
+        steps = [(f"{name}_slide", "prismatic", z), (name, "revolute", z)]
+    elif joint.type == "spherical":
+        steps = [(f"{name}_{a}", "revolute", v) for a, v in zip("xyz", (x, y, z), strict=True)]
+        T = T @ spatial.pose(T_home[:3, :3])
+    inner = joint.parent
+    if joint.type == "free":
+        _single(root, joint, name, "floating", (inner, joint.child), T @ T_home @ spatial.inverse(at), z)
+        return
+    for step, (part, kind, axis) in enumerate(steps):
+        outer = f"{name}_axis" if step == len(steps) - 1 else f"{part}_axis"
+        _inertial(ET.SubElement(root, "link", name=outer), SMALL)
+        _single(root, joint, part, kind, (inner, outer), T, axis)
+        inner, T = outer, np.eye(4)
+    _single(root, joint, f"{name}_body", "fixed", (inner, joint.child), spatial.inverse(at), z)
+
+
+def _closing(root: ET.Element, joint: Joint) -> None:
+    """Write the two links that coincide if the loop at a joint is closed, and the joint itself if it moves in one.
+
+    No joint has the name of a link: Pinocchio could not tell their frames apart by name.
+    """
+    first, second = ends(joint)
+    if joint.type in ("revolute", "prismatic", "cylindrical"):
+        moved = replace(joint, child=first, T_child_joint=np.eye(4))
+        _inertial(ET.SubElement(root, "link", name=first), SMALL)
+        _joint(root, moved, np.eye(4))
+    else:
+        ET.SubElement(root, "link", name=first)
+        _single(root, joint, f"{first}_fixed", "fixed", (joint.parent, first), joint.T_parent_joint, np.eye(3)[2])
+    ET.SubElement(root, "link", name=second)
+    _single(root, joint, f"{second}_fixed", "fixed", (joint.child, second), joint.T_child_joint, np.eye(3)[2])
+
+
+def _single(
+    root: ET.Element, joint: Joint, name: str, kind: str, links: tuple[str, str], T: Array, axis: Array
+) -> None:
+    endless = kind == "revolute" and joint.limits is None
+    out = ET.SubElement(root, "joint", name=name, type="continuous" if endless else kind)
+    ET.SubElement(out, "origin", xyz=numbers(T[:3, 3]), rpy=numbers(spatial.euler_angles(T[:3, :3], "zyx")[::-1]))
+    ET.SubElement(out, "parent", link=links[0])
+    ET.SubElement(out, "child", link=links[1])
+    if kind in ("fixed", "floating"):
+        return
+    ET.SubElement(out, "axis", xyz=numbers(axis))
+    limit = dict(UNKNOWN)
+    if not endless:
+        low, high = joint.limits or (-FAR, FAR)
+        limit |= {"lower": numbers([low]), "upper": numbers([high])}
+    if joint.drive is not None and joint.drive.max_effort is not None:
+        limit["effort"] = gains([joint.drive.max_effort])
+    if joint.max_speed is not None:
+        limit["velocity"] = gains([joint.max_speed])
+    ET.SubElement(out, "limit", limit)
+
+
+def _inertial(link: ET.Element, inertia: Inertia) -> None:
+    out = ET.SubElement(link, "inertial")
+    ET.SubElement(out, "origin", xyz=numbers(inertia.p_body_com), rpy="0 0 0")
+    ET.SubElement(out, "mass", value=f"{inertia.mass:.12g}")
+    I = inertia.I_com  # noqa: E741 - the symbol of the field
+    parts = {"ixx": I[0, 0], "ixy": I[0, 1], "ixz": I[0, 2], "iyy": I[1, 1], "iyz": I[1, 2], "izz": I[2, 2]}
+    ET.SubElement(out, "inertia", {k: f"{v:.12g}" for k, v in parts.items()})
+
+
+def write(order: Order, folder: Path) -> list[Finding]:
+    """Write a robot, and a file for each motion with other trocars, into `folder`; return what is left out."""
+    write_urdf(order.mechanism, folder)
+    for scene in order.elsewhere:
+        write_urdf(scene.mechanism, folder, f"{order.mechanism.name}_{scene.clip.name}")
+    return urdf_findings(order.mechanism)
+
+
+def files(order: Order) -> list[tuple[str, str]]:
+    """Return (file, content) for README.txt."""
+    name = order.mechanism.name
+    rows = [(f"{name}.urdf", "URDF, loops cut open; shapes in meshes/ (mm)")]
+    if has_closures(order.mechanism):
+        rows.append((f"{name}.yaml", "loops and couplings that the URDF cannot hold"))
+    return rows
