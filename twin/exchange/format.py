@@ -97,7 +97,7 @@ class Format:
         sources: suffixes of the files that `twin new` reads.
         takes: options of `twin new` that the format has: "closures", "root".
         use: what to do with the files, a line of README.txt.
-        package: package of the modules; set by `twin.exchange.formats`.
+        package: package of the modules `write`, `audit` and `read`, `__package__`; formats of twin leave it out.
     """
 
     name: str

@@ -14,17 +14,33 @@ from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 
+from twin.core.entry_points import entry_points
 from twin.core.errors import TwinError
 from twin.exchange.format import Format, Holds, Places, Variant
+
+GROUP = "twin.formats"
+"""Group of the entry points that name formats of other packages."""
 
 
 @cache
 def formats() -> tuple[Format, ...]:
-    """Return all formats, by name."""
-    found = {}
-    for module in iter_modules(__path__):
-        package = f"{__name__}.{module.name}"
-        found[module.name] = replace(import_module(f"{package}.format").FORMAT, package=package)
+    """Return all formats, by name.
+
+    Raises:
+        TwinError: a format of another package cannot be imported, or has the name of another format.
+    """
+    found: dict[str, Format] = {}
+    for folder in iter_modules(__path__):
+        format = import_module(f"{__name__}.{folder.name}.format").FORMAT
+        found[format.name] = replace(format, package=f"{__name__}.{folder.name}")
+    for name, format in entry_points(GROUP).items():
+        if not isinstance(format, Format):
+            raise TwinError(f"the entry point '{name}' of {GROUP} is {format!r}, not a twin.exchange.format.Format")
+        if format.name in found:
+            raise TwinError(f"two formats have the name '{format.name}'; the second is the entry point '{name}'")
+        if not format.package:
+            raise TwinError(f"format '{format.name}' of another package needs package=__package__ in Format(...)")
+        found[format.name] = format
     return tuple(found[name] for name in sorted(found))
 
 

@@ -1,0 +1,61 @@
+"""Find the objects that other installed packages name in their metadata, in a group of entry points."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+from twin.core.errors import TwinError
+
+
+def entry_points(group: str) -> dict[str, object]:
+    """Return {name: object} of a group of entry points; a package on `sys.path` hides those of the same name behind it.
+
+    Raises:
+        TwinError: an object cannot be imported; the message names the metadata.
+    """
+    found: dict[str, object] = {}
+    for file in _files(group):
+        for name, place in _rows(file, group):
+            if name not in found:
+                found[name] = _loaded(name, place, file)
+    return found
+
+
+def _files(group: str) -> list[Path]:
+    """Return the metadata files that mention a group.
+
+    `importlib.metadata` is not used: its import, and the metadata of all packages that it reads, take as long as all of
+    `twin --help`.
+    """
+    heading = f"[{group}]".encode()
+    files = []
+    for folder in sys.path:
+        for file in sorted(Path(folder or ".").glob("*.dist-info/entry_points.txt")):
+            if heading in file.read_bytes():
+                files.append(file)
+    return files
+
+
+def _rows(file: Path, group: str) -> list[tuple[str, str]]:
+    """Return (name, "module:object") for each entry point of a group in a file."""
+    rows = []
+    current = ""
+    for line in file.read_text(encoding="utf-8").splitlines():
+        line = line.strip()
+        if line.startswith("["):
+            current = line.strip("[]")
+        elif current == group and "=" in line and not line.startswith(("#", ";")):
+            name, _, place = line.partition("=")
+            rows.append((name.strip(), place.strip()))
+    return rows
+
+
+def _loaded(name: str, place: str, file: Path) -> object:
+    module, _, attribute = place.partition(":")
+    try:
+        return getattr(import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        text = f"the entry point '{name} = {place}' in {file} cannot be imported: {error}"
+        raise TwinError(f"{text}. Repair or uninstall the package.") from error
