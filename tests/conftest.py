@@ -10,6 +10,7 @@ import re
 import signal
 import tomllib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -172,6 +173,32 @@ def parsed_once(request):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(guard, "_limited", limited)
+        yield
+
+
+class _Here:
+    """A call in this process that stands for one in another, made when its result is asked for."""
+
+    def __init__(self, function, *arguments):
+        self.result = partial(function, *arguments)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+@pytest.fixture(autouse=True, scope="session")
+def judged_in_one_process():
+    """Compute what the validator lets another process compute in this one: a worker has one processor.
+
+    Commands that tests start as processes of their own (the wheel, sweeps, the documentation) use the other process.
+    """
+    from twin.validation import judge
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(judge, "Call", _Here)
         yield
 
 
