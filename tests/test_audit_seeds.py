@@ -89,7 +89,7 @@ def real(tmp_path_factory) -> dict[str, Path]:
 
 @pytest.mark.slow
 def test_kinds_of_defects_in_real_robots_are_found(real, tmp_path):
-    chosen = seeds.SEEDS if EVERY else [s for i, s in enumerate(seeds.SEEDS) if i % 32 == 7]
+    chosen = seeds.SEEDS if EVERY else [s for i, s in enumerate(seeds.SEEDS) if i % 64 == 7]
     share, missed = share_found(real, chosen, tmp_path)
     assert share >= LEAST, missed
 

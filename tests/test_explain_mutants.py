@@ -27,7 +27,7 @@ from twin.validation.explain.varied import coincidences
 
 COUNT = int(os.environ.get("TWIN_MUTANTS", "8"))
 PAIRS = int(os.environ.get("TWIN_MUTANT_PAIRS", "1"))
-SWAPS = int(os.environ.get("TWIN_SWAPS", "2"))
+SWAPS = int(os.environ.get("TWIN_SWAPS", "1"))
 SEED = int(os.environ.get("TWIN_MUTANTS_SEED", "7"))
 SECONDS = 8.0
 

@@ -27,7 +27,7 @@ from twin.validation.explain.explain import explain
 from twin.validation.explain.judge import Judge
 
 SEEDS = int(os.environ.get("TWIN_NOISE", "1"))
-MUTANTS = int(os.environ.get("TWIN_NOISY_MUTANTS", "2"))
+MUTANTS = int(os.environ.get("TWIN_NOISY_MUTANTS", "1"))
 ROBOTS = twin.names() if SEEDS > 1 else ["davinci_psm", "sils", "pa10"]
 
 ABOVE = 5 * MM

@@ -411,7 +411,14 @@ def test_quick_looks_are_the_default_and_those_asked_for():
     assert _quick_looks("b", [], asked=False) == ()
 
 
-@pytest.mark.parametrize("alone", [pytest.param(f, marks=[pytest.mark.slow] * (f != "tracks")) for f in FORMATS])
+@pytest.mark.parametrize(
+    "alone",
+    [
+        "tracks",
+        pytest.param("mjcf", marks=pytest.mark.slow),
+        *(pytest.param(f, marks=pytest.mark.nightly) for f in ("usd", "usdz", "glb", "urdf")),
+    ],
+)
 def test_each_format_alone_passes_its_audit(alone, robot, tmp_path):
     """Its README.txt names the motion that the file plays."""
     made = twin.export(robot, folder=tmp_path / "out", formats=[alone], protocols=[SHORT])

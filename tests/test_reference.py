@@ -273,7 +273,7 @@ def sils_run(sils_model):
     return sils_model.run(bang_bang(*ends, 2000))
 
 
-@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.nightly)])
 def test_a_run_equals_its_samples_solved_one_by_one(sils_model, sils_run, every):
     state, worst = None, 0.0
     for k in range(0, 2000, every):

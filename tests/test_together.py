@@ -91,7 +91,7 @@ def test_a_second_arm_of_a_kind_is_found_by_the_name_of_its_robot():
         place_of(scene, of[0], of[:1])
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.nightly)])
 def test_two_arms_exchange_places_without_touching(seed):
     one, whole = both()
     first = around(one, UP, DOWN)

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twin
+from made.lanes import nightly
 from twin.api.act import members_of
 from twin.api.machine import machine, machine_parts
 from twin.cli.machines import running
@@ -97,7 +98,7 @@ def test_increments_lead_to_the_goal_within_the_limits(way, turn, jaw):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("side", ["raven_left", "raven_right"])
+@pytest.mark.parametrize("side", nightly(["raven_left", "raven_right"], every=2))
 def test_a_goal_that_jumps_does_not_make_the_model_too_fast(scene, side):
     """As a hand does whose page stalls: no rehearsal is refused for the speed that this gives."""
     parts, bounds = machine_parts(twin.load(side)), machine_scene.bounds(scene.trainer)
