@@ -202,6 +202,14 @@ def judged_in_one_process():
         yield
 
 
+@pytest.fixture
+def no_plots(monkeypatch):
+    """Write pages as without matplotlib: plots take most of the time of a short judgement."""
+    from twin.ui.report import files
+
+    monkeypatch.setattr(files, "drawable", lambda: False)
+
+
 @pytest.fixture(scope="module")
 def sampled_once():
     """Sample each mechanism once in a file whose tests explain many formulas by it."""

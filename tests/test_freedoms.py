@@ -23,6 +23,8 @@ from twin.model.joint import Joint
 from twin.planning.protocol import load_protocol
 from twin.reference import ReferenceModel
 
+pytestmark = pytest.mark.usefixtures("no_plots")
+
 NAMES = tuple(linkages.LINKAGES)
 
 

@@ -19,6 +19,8 @@ from twin.exchange.read.folder import write_folder
 from twin.exchange.read.templates import protocol
 from twin.ui.session.desk import Desk
 
+pytestmark = pytest.mark.usefixtures("no_plots")
+
 DATA = Path(__file__).parent / "data/importing"
 MODELS = DATA / "models"
 

@@ -20,6 +20,8 @@ from twin.core.errors import BudgetError
 from twin.core.foreign import budget
 from twin.core.foreign.once import Once
 
+pytestmark = pytest.mark.usefixtures("no_plots")
+
 _OPENED: list[str] | None = None
 
 
