@@ -363,6 +363,11 @@ def _take_names(content: Content, way: Mapping[str, str], truth: Physics, states
         if len(joint.names) == 1 and not joint.tied and ends in between:
             joints.setdefault(joint.names[0], between[ends])
     _rename(content, named, joints)
+    # The joints of links without a body have no counterpart by name: in a URDF, two such links join the ends of a loop.
+    bodies = {"", *truth.links}
+    for i, joint in enumerate(physics.joints):
+        if not {joint.parent, joint.child} <= bodies:
+            physics.joints[i] = replace(joint, names=())
     pairs = ", ".join(f"{a} is {b}" for a, b in named.items() if a != b)
     content.ledger.add("states.names", "info", f"links have other names than in {MECHANISM}: {pairs}.")
 
