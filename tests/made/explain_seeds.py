@@ -226,14 +226,24 @@ def _worse(judge, key, score):
     return np.isfinite(before) and score > max(1.0, 1.01 * before)
 
 
+BY_CHANCE = "the cure holds by chance"
+
+
+def _kept(pick):
+    """Return the edits of (result, candidate) pairs that change what the functions compute."""
+    return [e for _, c in pick for e in c.edits if e.kind != "left side"]
+
+
 def outcome(case, faulty, folder, budget):
     """Return how a fault was explained: "rank 1", "tie", or why it was not.
 
-    "no fault": no row is wrong. "no formula": an equation cannot be run.
+    "no fault": no row is wrong. "no formula": an equation cannot be run. `BY_CHANCE`: the cure at rank 1 fails if equal
+    parameters become different, or if assumed ones have another value.
     """
     from twin.validation.explain.deadline import Deadline
     from twin.validation.explain.judge import Judge
     from twin.validation.explain.repair import Search
+    from twin.validation.explain.varied import coincidences
 
     truth = case.truth
     judge, whole = Judge(faulty, None, truth), Judge(case.formula, None, truth)
@@ -249,14 +259,16 @@ def outcome(case, faulty, folder, budget):
         return f"nothing exact found for {lost}"
 
     def repaired(pick, name):
-        chosen = [c.edits for f, c in pick]
-        edits = [e for change in chosen for e in change if e.kind != "left side"]
+        edits = _kept(pick)
         if not edits:
             return False
         with _edited(case, _file_of(faulty), edits, folder / f"{name}.py") as cured:
             return same_function(case.formula, cured, truth)
 
     best = [(f, f.cures[0][0]) for f in found]
+    with _edited(case, _file_of(faulty), _kept(best), folder / "varied.py") as cured:
+        if coincidences(Judge(cured, None, truth)):
+            return BY_CHANCE
     single = all(len(f.cures) == 1 for f in found)
     if repaired(best, "best"):
         return "rank 1" if single else "tie"

@@ -58,8 +58,11 @@ _PARTS = (0.3, 0.3, 0.5, 0.3, 0.3, 0.5, 0.6)
 _ALTERNATIVES = 0.3
 """Maximum part of the remaining time for other edits with the same result, after an edit that repairs all rows."""
 
-_REQUIRED = 0.5
-"""Maximum part of the remaining time for edits found from required values."""
+_REQUIRED_AFTER, _REQUIRED = 1, 0.4
+"""Index of the stage after which edits are found from required values, and the maximum part of the remaining time.
+
+They come before the kinds with many replacements, which may need all the time.
+"""
 
 _MOST_EXACT = 60
 """Maximum number of exact edits of one group of rows that are compared with each other."""
@@ -314,11 +317,13 @@ class Search:
         groups: list[list[Key]] = []
         left = list(self.failing)
         rest_tried = False
+        by_required = False
         # First one token; if this is not enough, terms, factors and parentheses; then the called functions. If several
         # edits repair the rows, one that repairs more of them is searched where they have something in common.
-        for (in_called, kinds), part in zip(_STAGES, _PARTS, strict=True):
+        for n, ((in_called, kinds), part) in enumerate(zip(_STAGES, _PARTS, strict=True)):
             settled = not left and len(groups) < 2
-            if settled and (in_called or kinds == REST):
+            # A value that must be often has several formulas: fewer of them than edits of one token make sense.
+            if settled and not by_required and (in_called or kinds == REST):
                 continue
             self._until = self.deadline.within((_ALTERNATIVES if settled else part) * self.deadline.left)
             tokens = not in_called and kinds != REST  # of the rows themselves: all are tried, to find every tie
@@ -328,13 +333,13 @@ class Search:
             else:
                 singles += self.singles(kinds, statements)
                 rest_tried |= kinds == REST
-            groups = self._cover(singles, self.failing)
-            left = [k for k in self.failing if not any(k in g for g in groups)]
+            groups, left = self._covered(singles)
+            if n == _REQUIRED_AFTER and left:
+                self._until = self.deadline
+                singles += self.required(left)
+                groups, left = self._covered(singles)
+                by_required = not left
         self._until = self.deadline
-        if left:
-            singles += self.required(left)
-            groups = self._cover(singles, self.failing)
-            left = [k for k in self.failing if not any(k in g for g in groups)]
         # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
         looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
         if not rest_tried:
@@ -363,6 +368,11 @@ class Search:
             lost += [] if group else [k]
             left = [x for x in left if x not in f.rows]
         return out, lost
+
+    def _covered(self, candidates: list[Candidate]) -> tuple[list[list[Key]], list[Key]]:
+        """Return (groups of failing rows as in `_cover`, failing rows in no group)."""
+        groups = self._cover(candidates, self.failing)
+        return groups, [k for k in self.failing if not any(k in g for g in groups)]
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
         """Return the rows in groups, the largest first, such that one single edit fixes all rows of a group."""

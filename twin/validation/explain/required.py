@@ -10,8 +10,7 @@ two.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Any
 
@@ -22,9 +21,11 @@ from twin.formula.scalar import Scalar
 from twin.validation.explain.candidate import residuals
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.judge import Judge
-from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.numeric import Matrix, to_array
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit, Source, Statement
+from twin.validation.explain.term_texts import Atom, equal, factors, sums, terms
+from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
 
 _NAME = "_required_"
 """Name of the function, in the edited text, that changes the value of an expression."""
@@ -41,11 +42,14 @@ _STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0)
 _FEWEST = 6
 """Minimum number of poses at which a row must have a value."""
 
-_EQUAL = 1e-6
-"""Relative difference up to which a formula gives the required value; the edit is then tried like any other."""
+_SINGULAR = 1e-9
+"""Smallest ratio of singular values with which the rows determine all entries of a vector."""
 
-_MOST_ATOMS, _MOST_FACTORS, _MOST_ENTRIES = 200, 60, 4
-"""Maximum number of values that may be terms, of those of which products are made, and of entries of a vector."""
+_MOST_ATOMS, _MOST_ENTRIES = 200, 4
+"""Maximum number of values that may be terms, and of entries of a vector of which each is such a value."""
+
+_COFUNCTIONS = {"sin": "cos", "cos": "sin"}
+"""The function that often stands with another one, of the same argument."""
 
 _LONGEST = 100
 """Maximum length of the text of a value."""
@@ -53,54 +57,38 @@ _LONGEST = 100
 _MOST_EDITS = 40
 """Maximum number of edits of one expression."""
 
-_NUMBERS = {
-    **{
-        1.0: "1",
-        2.0: "2",
-        3.0: "3",
-        4.0: "4",
-        0.5: "1 / 2",
-        0.25: "1 / 4",
-        1 / 3: "1 / 3",
-        2 / 3: "2 / 3",
-        1.5: "3 / 2",
-    },
-    **{np.pi: "pi", np.pi / 2: "pi / 2", 2 * np.pi: "2 * pi", np.pi / 3: "pi / 3", 2 * np.pi / 3: "2 * pi / 3"},
-    **{np.sqrt(3): "sqrt(3)", np.sqrt(3) / 2: "sqrt(3) / 2", np.sqrt(3) / 3: "sqrt(3) / 3"},
-    **{np.sqrt(3) / 6: "sqrt(3) / 6", np.sqrt(2): "sqrt(2)", np.sqrt(2) / 2: "sqrt(2) / 2"},
-}
-"""Numbers that terms and factors may be."""
-
-
-@dataclass(frozen=True)
-class _Atom:
-    """A value of which terms and factors are made: its text and its values (k,)."""
-
-    text: str
-    values: Array
-
 
 class _Shift:
     """The function `_NAME`: returns its first argument plus `shift`, and stores this argument and the scope.
 
-    `known` (k,): the poses at which the row has a value.
+    `known` (k,): the poses at which the row has a value. Values and shifts are (k, entries); `entries` is 0 for a
+    scalar, which is stored as one entry.
     """
 
-    def __init__(self, k: int) -> None:
-        self.shift: Array = np.zeros(k)
-        self.value: Array = np.zeros(k)
+    def __init__(self, k: int, entries: int = 0) -> None:
+        self.entries = entries
+        self.shift: Array = np.zeros((k, max(entries, 1)))
+        self.value: Array = self.shift
         self.known: np.ndarray = np.ones(k, bool)
         self.scope: dict[str, Any] = {}
 
     def __call__(self, value: Any, scope: dict[str, Any]) -> Any:
-        """Return the shifted value; raise TypeError if the value is no scalar."""
+        """Return the shifted value; raise TypeError if the value has another form than the shift.
+
+        A scalar is also shifted as a column: an edit may have removed a factor that is a vector.
+        """
+        k = len(self.shift)
         x = value.x if isinstance(value, Scalar) else value
-        if isinstance(x, Matrix) or np.shape(x) not in ((), self.shift.shape):
-            raise TypeError("not a scalar")
-        self.value = np.broadcast_to(np.asarray(x, float), self.shift.shape)
+        scalar = not isinstance(x, Matrix) and np.shape(x) in ((), (k,))
+        column = isinstance(x, Matrix) and x.shape == (self.entries, 1)
+        if not (scalar or column):
+            raise TypeError("not a scalar, and not a vector of this length")
+        self.value = np.broadcast_to(to_array(x, k), self.shift.shape)
         self.scope = dict(scope)
         out = self.value + self.shift
-        return type(value)(out) if isinstance(value, Scalar) else out
+        if self.entries:
+            return Matrix(out[:, :, None])
+        return type(value)(out[:, 0]) if isinstance(value, Scalar) else out[:, 0]
 
 
 class Required:
@@ -112,43 +100,52 @@ class Required:
 
     def edits(self, source: Source, statement: Statement) -> Iterator[Edit]:
         """Yield edits of a statement after which a row agrees, until the deadline; all of them must be tried."""
-        atoms: list[_Atom] | None = None
+        atoms: list[Atom] | None = None
         parents = {c: n for n in ast.walk(statement.node) for c in ast.iter_child_nodes(n)}
-        for node in _scalars(statement.node, parents):
-            if self.deadline.passed:
-                return
-            solved = self._solved(source, statement, node)
-            if solved is None:
-                continue
-            if atoms is None:
-                atoms = _atoms(source, statement, solved, self.judge.truth.k)
-            yield from islice(_written(source, statement, node, parents, solved, atoms), _MOST_EDITS)
+        for node in _expressions(statement.node, parents):
+            for entries in (0, VECTOR):
+                if self.deadline.passed:
+                    return
+                solved = self._solved(source, statement, node, entries)
+                if solved is None:
+                    continue
+                if atoms is None:
+                    atoms = _atoms(source, statement, solved, self.judge.truth.k)
+                writer = _written if not entries else _written_vectors
+                yield from islice(writer(source, statement, node, parents, solved, atoms), _MOST_EDITS)
 
-    def _solved(self, source: Source, statement: Statement, node: ast.expr) -> _Shift | None:
-        """Return the shift of an expression with which all rows agree, or the first row that can; None without one."""
+    def _solved(self, source: Source, statement: Statement, node: ast.expr, entries: int) -> _Shift | None:
+        """Return the shift of an expression with which all rows agree, or the first row that can; None without one.
+
+        `entries` is the number of entries of a vector, 0 for a scalar.
+        """
         start, end = source.span(node)
         text = source.text(start, end)
         new = f"{_NAME}({text}, locals())"
         line = source.line_of(start)
         edit = Edit(source.path, line, start, end, text, new, "required", statement.index, source.name)
-        at_zero = _Shift(self.judge.truth.k)
+        at_zero = _Shift(self.judge.truth.k, entries)
         base = self._residual(edit, at_zero)
         if base is None:
             return None
-        at_zero.shift = np.full(self.judge.truth.k, _DIFFERENCE)
+        at_zero.shift = np.full_like(at_zero.shift, _DIFFERENCE)
         moved = self._residual(edit, at_zero)
         if moved is None:
             return None
         mine = [k for k in self.rows if k in moved and k in base and not np.array_equal(base[k], moved[k])]
-        for rows in (mine, *([k] for k in mine if len(mine) > 1)):
-            shift = self._fitted(edit, rows) if rows else None
+        every = [k for k in moved if k in base and not np.array_equal(base[k], moved[k])]
+        choices = [mine, *([k] for k in mine if len(mine) > 1)]
+        if entries and mine:  # rows that agree also determine entries of a vector
+            choices = [every, mine]
+        for rows in choices:
+            shift = self._fitted(edit, rows, entries) if rows else None
             if shift is not None:
                 return shift
         return None
 
-    def _fitted(self, edit: Edit, rows: Sequence[Key]) -> _Shift | None:
+    def _fitted(self, edit: Edit, rows: Sequence[Key], entries: int) -> _Shift | None:
         """Return the shift with which the rows agree at every pose; None if Gauss-Newton does not find it."""
-        shift = _Shift(self.judge.truth.k)
+        shift = _Shift(self.judge.truth.k, entries)
 
         def residual(values: Array) -> Array | None:
             shift.shift = values
@@ -157,7 +154,7 @@ class Required:
                 return None
             return np.hstack([found[k] for k in rows])
 
-        values = np.zeros(self.judge.truth.k)
+        values = np.zeros_like(shift.shift)
         r = residual(values)
         if r is None:
             return None
@@ -166,9 +163,9 @@ class Required:
             there = residual(tried)
             if there is None:
                 return None
-            better = _cost(there) < _cost(r)
-            values, r = np.where(better, tried, values), np.where(better[:, None], there, r)
-        known = np.isfinite(r).all(axis=1)
+            better = (_cost(there) < _cost(r))[:, None]
+            values, r = np.where(better, tried, values), np.where(better, there, r)
+        known = np.asarray(np.isfinite(r).all(axis=1))
         if known.sum() < _FEWEST:
             return None
         for _ in range(_STEPS):
@@ -176,13 +173,8 @@ class Required:
                 return None
             if np.abs(r[known]).max() <= _TIGHT:
                 break
-            ahead = residual(values + _DIFFERENCE)
-            if ahead is None:
-                return None
-            slope = (ahead - r) / _DIFFERENCE
-            step = -np.sum(slope * r, axis=1) / np.maximum(np.sum(slope**2, axis=1), 1e-300)
-            step = np.where(known, step, 0.0)
-            if not np.isfinite(step).all():
+            step = _step(residual, values, r, known)
+            if step is None:
                 return None
             new = residual(values + step)
             for _ in range(4):  # half the step where the residual grows
@@ -191,7 +183,7 @@ class Required:
                 worse = known & ~(_cost(new) <= _cost(r))
                 if not worse.any():
                     break
-                step = np.where(worse, step / 2, step)
+                step = np.where(worse[:, None], step / 2, step)
                 new = residual(values + step)
             if new is None or np.abs(new[known]).max() > max(0.9 * np.abs(r[known]).max(), 1.0):
                 return None  # this expression cannot make the rows agree
@@ -199,7 +191,7 @@ class Required:
         if not np.abs(r[known]).max() <= 1:
             return None
         residual(values)
-        shift.known = np.asarray(known)
+        shift.known = known
         return shift
 
     def _residual(self, edit: Edit, shift: _Shift) -> dict[Key, Array] | None:
@@ -215,13 +207,35 @@ class Required:
                 scope.pop(_NAME, None)
 
 
+def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, known: np.ndarray) -> Array | None:
+    """Return a step of Gauss-Newton (k, entries), zero where `known` is false; None without a unique finite one."""
+    slopes = []
+    for i in range(values.shape[1]):
+        ahead = values.copy()
+        ahead[:, i] += _DIFFERENCE
+        there = residual(ahead)
+        if there is None:
+            return None
+        slopes.append((there - r) / _DIFFERENCE)
+    J = np.stack(slopes, axis=2)[known]
+    if not np.isfinite(J).all():
+        return None
+    if J.shape[2] > 1:
+        singular = np.linalg.svd(J, compute_uv=False)
+        if J.shape[1] < J.shape[2] or (singular[:, -1] <= _SINGULAR * singular[:, 0]).any():
+            return None
+    step = np.zeros_like(values)
+    step[known] = -(np.linalg.pinv(J) @ r[known][:, :, None])[:, :, 0]
+    return step if np.isfinite(step).all() else None
+
+
 def _cost(r: Array) -> Array:
     """Return the sum of squares of residuals (k, entries) at each pose; infinite without a value."""
     return np.nan_to_num(np.sum(r**2, axis=1), nan=np.inf)
 
 
-def _scalars(root: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[ast.expr]:
-    """Yield the expressions of a statement that may be scalars, the outermost first."""
+def _expressions(root: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[ast.expr]:
+    """Yield the expressions of a statement that may be scalars or vectors, the outermost first."""
     kinds = (ast.Name, ast.Call, ast.Subscript, ast.BinOp, ast.UnaryOp, ast.Attribute)
     for node in ast.walk(root):
         if not isinstance(node, kinds) or isinstance(getattr(node, "ctx", None), ast.Store):
@@ -243,7 +257,7 @@ def _in_index(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:
     return False
 
 
-def _atoms(source: Source, statement: Statement, shift: _Shift, k: int) -> list[_Atom]:
+def _atoms(source: Source, statement: Statement, shift: _Shift, k: int) -> list[Atom]:
     """Return the scalars in scope at a statement: names, entries of vectors, and expressions of the same function."""
     scope = shift.scope
     texts: dict[str, None] = {}
@@ -261,6 +275,9 @@ def _atoms(source: Source, statement: Statement, shift: _Shift, k: int) -> list[
         for node in ast.walk(s.node):
             if isinstance(node, ast.Call | ast.BinOp | ast.Subscript) and len(ast.unparse(node)) <= _LONGEST:
                 texts[ast.unparse(node)] = None
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _COFUNCTIONS:
+                cofunction = _COFUNCTIONS[node.func.id]
+                texts[f"{cofunction}({ast.unparse(node.args[0])})"] = None
     out = []
     with np.errstate(all="ignore"):
         for text in sorted(texts, key=len):
@@ -276,8 +293,32 @@ def _atoms(source: Source, statement: Statement, shift: _Shift, k: int) -> list[
             except (TypeError, ValueError):
                 continue
             if np.isfinite(values).any() and np.nanmax(np.abs(values)) > 0:
-                out.append(_Atom(text, values))
+                out.append(Atom(text, values))
     return out[:_MOST_ATOMS]
+
+
+def _patterns(source: Source, expression: ast.expr, atoms: Sequence[Atom]) -> list[list[Atom]]:
+    """Return, of each sum of the function, the terms that are among `atoms` and are no terms of `expression`."""
+    own = {ast.unparse(term) for term in _summands(expression)}
+    known = {a.text: a for a in atoms if a.text not in own}
+    out: dict[tuple[str, ...], list[Atom]] = {}
+    for s in source.statements:
+        for node in ast.walk(s.node):
+            if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)):
+                continue
+            texts = sorted({ast.unparse(term) for term in _summands(node)} & known.keys())
+            if len(texts) > 1:
+                out[tuple(texts)] = [known[text] for text in texts]
+    return list(out.values())
+
+
+def _summands(node: ast.expr) -> Iterator[ast.expr]:
+    """Yield the terms of a sum without their signs."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+        yield from _summands(node.left)
+        yield from _summands(node.right)
+    else:
+        yield node
 
 
 def _written(
@@ -286,7 +327,7 @@ def _written(
     node: ast.expr,
     parents: dict[ast.AST, ast.AST],
     shift: _Shift,
-    atoms: Sequence[_Atom],
+    atoms: Sequence[Atom],
 ) -> Iterator[Edit]:
     """Yield the edits that give an expression its required value, the shortest first."""
     start, end = source.span(node)
@@ -302,89 +343,45 @@ def _written(
         line = source.line_of(start)
         return Edit(source.path, line, start, end, text, bare, kind, statement.index, source.name)
 
-    x, added = shift.value[shift.known], shift.shift[shift.known]
+    x, added = shift.value[shift.known, 0], shift.shift[shift.known, 0]
     wanted = x + added
-    atoms = [_Atom(a.text, a.values[shift.known]) for a in atoms]
-    if _equal(wanted, -x):
+    atoms = [Atom(a.text, a.values[shift.known]) for a in atoms]
+    if equal(wanted, -x):
         yield made(f"-{whole}", "sign")
-    if _equal(wanted, x**2):
+    if equal(wanted, x**2):
         yield made(f"{whole}**2", "exponent")
     with np.errstate(all="ignore"):
         root, ratio = np.sqrt(x), wanted / x
-    if _equal(wanted, root):
+    if equal(wanted, root):
         prefix = "np." if "np." in source.text(statement.start, statement.end) else ""
         yield made(f"{prefix}sqrt({text})", "missing")
     if not summand:  # a term of the sum is found at the sum
-        for sign, term in _terms(added, atoms):
+        for sign, term in terms(added, atoms):
             yield made(f"{text} {sign} {term}", "missing")
+        for several in sums(added, _patterns(source, node, atoms)):
+            yield made(f"{text} {several}", "missing")
     if not factor and np.isfinite(ratio).all():
-        for term in _factors(ratio, atoms):
+        for term in factors(ratio, atoms):
             yield made(f"{term} * {whole}", "missing")
-        for term in _factors(1 / ratio, atoms):
+        for term in factors(1 / ratio, atoms):
             yield made(f"{whole} / ({term})", "missing")
 
 
-def _equal(a: Array, b: Array) -> bool:
-    return bool(np.abs(a - b).max() <= _EQUAL * max(float(np.abs(a).max()), 1e-9))
-
-
-def _terms(wanted: Array, atoms: Sequence[_Atom]) -> Iterator[tuple[str, str]]:
-    """Yield (sign, text) of terms with the values `wanted` (k,)."""
-    for value, text in _NUMBERS.items():
-        for sign, factor in (("+", 1.0), ("-", -1.0)):
-            if _equal(wanted, np.full(len(wanted), factor * value)):
-                yield sign, text
-    for coefficient, text in _products(wanted, atoms):
-        sign = "-" if coefficient < 0 else "+"
-        size = abs(coefficient)
-        number = _number(size)
-        if number is not None:
-            yield sign, text if number == "1" else f"{number} * {text}"
-
-
-def _factors(wanted: Array, atoms: Sequence[_Atom]) -> Iterator[str]:
-    """Yield the texts of factors with the values `wanted` (k,)."""
-    for value, text in _NUMBERS.items():
-        if value != 1.0 and _equal(wanted, np.full(len(wanted), value)):
-            yield text
-    for coefficient, text in _products(wanted, atoms):
-        if _equal(np.array([coefficient]), np.ones(1)):
-            yield text
-
-
-def _number(size: float) -> str | None:
-    return next((text for value, text in _NUMBERS.items() if abs(size / value - 1) < _EQUAL), None)
-
-
-def _products(wanted: Array, atoms: Sequence[_Atom]) -> Iterator[tuple[float, str]]:
-    """Yield (coefficient, text) of atoms, then of squares and products of two, that are proportional to `wanted`."""
-    if not atoms:
-        return
-    A = np.stack([a.values for a in atoms])
-    texts = [_inside(a.text) for a in atoms]
-    for i, coefficient in _proportional(wanted, A):
-        yield coefficient, texts[i]
-    if np.ptp(wanted) <= _EQUAL * np.abs(wanted).max():  # products of decimal numbers often coincide
-        for i, coefficient in _proportional(wanted, A**2):
-            yield coefficient, f"{texts[i]}**2"
-        return
-    A = A[:_MOST_FACTORS]
-    first, second = np.triu_indices(len(A))
-    for n, coefficient in _proportional(wanted, A[first] * A[second]):
-        i, j = first[n], second[n]
-        yield coefficient, f"{texts[i]}**2" if i == j else f"{texts[i]} * {texts[j]}"
-
-
-def _proportional(wanted: Array, rows: Array) -> Iterator[tuple[int, float]]:
-    """Yield (index, coefficient) of the rows (n, k) that are proportional to `wanted` (k,)."""
-    with np.errstate(all="ignore"):
-        coefficients = (rows @ wanted) / np.sum(rows**2, axis=1)
-        off = np.abs(coefficients[:, None] * rows - wanted).max(axis=1)
-    limit = _EQUAL * max(float(np.abs(wanted).max()), 1e-9)
-    for i in np.flatnonzero(off <= limit):
-        yield int(i), float(coefficients[i])
-
-
-def _inside(text: str) -> str:
-    """Return the text of a factor of a product, in parentheses where it needs them."""
-    return f"({text})" if isinstance(ast.parse(text, mode="eval").body, ast.BinOp | ast.UnaryOp) else text
+def _written_vectors(
+    source: Source,
+    statement: Statement,
+    node: ast.expr,
+    parents: dict[ast.AST, ast.AST],
+    shift: _Shift,
+    atoms: Sequence[Atom],
+) -> Iterator[Edit]:
+    """Yield the edits that give an expression its required value, a vector."""
+    start, end = source.span(node)
+    text = source.text(start, end)
+    free = isinstance(parents.get(node), ast.Assign | ast.Return | ast.Tuple | ast.List | ast.Call)
+    known = shift.known
+    mine = [Atom(a.text, a.values[known]) for a in atoms]
+    vectors = [Atom(a.text, a.values[known]) for a in vector_atoms(source, shift.scope, len(known))]
+    for new in vector_texts(text, node, shift.value[known], shift.shift[known], mine, vectors):
+        bare = new if free else f"({new})"
+        yield Edit(source.path, source.line_of(start), start, end, text, bare, "missing", statement.index, source.name)
