@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from twin.core.spatial import Array
 from twin.model.deformable import Deformable
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
-from twin.reference import ReferenceModel
+from twin.reference import Assembly, ReferenceModel
 from twin.simulation.frame import Frame
 from twin.simulation.world.block import Block, Hazard
 from twin.simulation.world.recording import Recording
@@ -87,18 +86,16 @@ class World:
         """
         if not dt > 0:
             raise WorldError(f"dt is {dt:g} s; it must be above 0")
-        self.dt, self.tick, self.ended = dt, 0, False
-        self._robots, self._props, self.deformables = tuple(robots), tuple(props), tuple(deformables)
+        self.dt = dt
+        self.tick = 0
+        self.ended = False
+        self._robots = tuple(robots)
+        self._props = tuple(props)
+        self.deformables = tuple(deformables)
         self._objects = tuple(objects)
-        _once(p.name for p in (*robots, *props, *deformables, *objects))
-        initial: dict[str, ArrayLike] = {}
-        writers = _once(name for block in (*devices, *controllers, *plants) for name in block.outputs)
-        for block in (*devices, *controllers, *plants):
-            initial |= block.outputs
-        for hazard in hazards:
-            if hazard.signal not in writers:
-                raise WorldError(unknown("signal", hazard.signal, writers))
-            initial[f"{hazard.signal}.written"] = initial[hazard.signal]
+        _require_distinct(p.name for p in (*robots, *props, *deformables, *objects))
+        blocks = (*devices, *controllers, *plants)
+        initial = _initial_values(blocks, hazards)
         self.signals = Signals(dict(sorted(initial.items())))  # order of a row: independent of the order of blocks
         self._devices = [self._run(b, hazards) for b in devices]
         self._moved = [self._run(b, hazards) for b in (*controllers, *plants)]
@@ -113,36 +110,44 @@ class World:
             run.block.attach(self.signals, run.memory)
         self._log: list[Array] = []
         self._records = records
-        self._assemblies = {}
+        self._assemblies: dict[str, tuple[ReferenceModel, Assembly | None]] = {}
 
     def _run(self, block: Block, hazards: Iterable[Hazard]) -> _Run:
         every = round(block.period / self.dt)
+        # A period is a decimal number, so its quotient by dt is whole only up to rounding.
         if abs(every * self.dt - block.period) > 1e-9 * self.dt or block.period < 0:
             name = type(block).__name__
             raise WorldError(f"{name} steps every {block.period:g} s, which is not a multiple of {self.dt:g} s")
-        hit = {name: [h for h in hazards if h.signal == name] for name in block.outputs}
         every = max(every, 1)
-        found = {name: hazards for name, hazards in hit.items() if hazards}
-        memory = {name: self.signals.view(f"{name}.written" if name in found else name) for name in hit}
-        return _Run(block, every, every * self.dt, memory, found)
+        changes: dict[str, list[Hazard]] = {}
+        memory = {}
+        for name in block.outputs:
+            changing = [h for h in hazards if h.signal == name]
+            if changing:
+                changes[name] = changing
+                # The block writes beside the signal; `_change` puts the changed value into the signal.
+                memory[name] = self.signals.view(f"{name}.written")
+            else:
+                memory[name] = self.signals.view(name)
+        return _Run(block, every, every * self.dt, memory, changes)
 
     def _need(self, signal: str, size: int, whose: str) -> None:
         if signal not in self.signals:
             raise WorldError(f"{whose} has no plant: no block writes '{signal}'")
-        if self.signals.sizes[signal] != size:
-            raise WorldError(
-                f"{whose} needs {size} numbers in '{signal}'; its plant writes {self.signals.sizes[signal]}"
-            )
+        written = self.signals.sizes[signal]
+        if written != size:
+            raise WorldError(f"{whose} needs {size} numbers in '{signal}'; its plant writes {written}")
 
     def _pinned(self, deformable: Deformable) -> None:
-        owners = {p.name: p.mechanism for p in (*self._robots, *self._props)}
-        if not deformable.owner:
+        owner = deformable.owner
+        if not owner:
             return
-        if deformable.owner not in owners:
-            raise WorldError(f"'{deformable.name}': {unknown('robot or prop', deformable.owner, owners)}")
-        bodies = [b.name for b in owners[deformable.owner].bodies]
+        owners = {p.name: p.mechanism for p in (*self._robots, *self._props)}
+        if owner not in owners:
+            raise WorldError(f"'{deformable.name}': {unknown('robot or prop', owner, owners)}")
+        bodies = [b.name for b in owners[owner].bodies]
         if deformable.body not in bodies:
-            raise WorldError(f"'{deformable.name}': {unknown(f'body of {deformable.owner}', deformable.body, bodies)}")
+            raise WorldError(f"'{deformable.name}': {unknown(f'body of {owner}', deformable.body, bodies)}")
 
     @property
     def t(self) -> float:
@@ -160,13 +165,14 @@ class World:
         for _ in range(ticks):
             if self.ended:
                 return False
-            tick, t = self.tick, self.t
+            tick = self.tick
+            t = self.t
             # No device sees the output of another device in this tick; if one has ended, no signal has changed yet.
-            said = [{} if tick % every else block.step(signals, t, dt) for block, every, dt, *_ in self._devices]
-            if None in said:
+            inputs = [{} if tick % every else block.step(signals, t, dt) for block, every, dt, *_ in self._devices]
+            if None in inputs:
                 self.ended = True
                 return False
-            for (block, _, _, memory, hazards), out in zip(self._devices, said, strict=True):
+            for (block, _, _, memory, hazards), out in zip(self._devices, inputs, strict=True):
                 if out:
                     _write(block, out, memory)
                 if hazards:
@@ -197,45 +203,64 @@ class World:
     def recording(self) -> Recording:
         """Return the recording of all ticks so far."""
         sizes = self.signals.sizes
-        return Recording(self.dt, dict(sizes), np.array(self._log, float).reshape(-1, sum(sizes.values())))
+        # A World without ticks has no rows, but as many columns as one with ticks.
+        rows = np.array(self._log, float).reshape(-1, sum(sizes.values()))
+        return Recording(self.dt, dict(sizes), rows)
 
     def frame(self) -> Frame:
         """Return the link poses and vertices at the current time; the World does not change."""
-        poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
-        poses |= {o.name: {o.name: self.signals[f"{o.name}.pose"].reshape(4, 4)} for o in self._objects}
+        poses = self.link_poses()
         return Frame(self.t, poses, self._fields(poses))
 
     def fields(self) -> dict[str, Array]:
         """Return {name of a deformable: vertices (n, 3) in m in the World}; faster than `frame`."""
         owners = {d.owner for d in self.deformables}
-        return self._fields({p.name: self._poses(p) for p in chain(self._robots, self._props) if p.name in owners})
+        poses = {}
+        for placed in (*self._robots, *self._props):
+            if placed.name in owners:
+                poses[placed.name] = self._poses(placed)
+        return self._fields(poses)
 
     def _fields(self, poses: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
         fields = {}
-        for d in self.deformables:
-            T = poses[d.owner][d.body] if d.owner else np.eye(4)
-            fields[d.name] = d.vertices(self.signals[d.signal]) @ T[:3, :3].T + T[:3, 3]
+        for deformable in self.deformables:
+            vertices = deformable.vertices(self.signals[deformable.signal])
+            T_world_owner = np.eye(4)  # a deformable without owner has its vertices in the World
+            if deformable.owner:
+                T_world_owner = poses[deformable.owner][deformable.body]
+            fields[deformable.name] = vertices @ T_world_owner[:3, :3].T + T_world_owner[:3, 3]
         return fields
 
     def link_poses(self) -> dict[str, dict[str, Array]]:
         """Return {robot, prop or object: {link: T_world_link (4, 4)}} at the current time, as part of `frame()`."""
-        poses = {p.name: self._poses(p) for p in chain(self._robots, self._props)}
-        return poses | {o.name: {o.name: self.signals[f"{o.name}.pose"].reshape(4, 4)} for o in self._objects}
+        poses = {p.name: self._poses(p) for p in (*self._robots, *self._props)}
+        for item in self._objects:
+            T_world_object = self.signals[f"{item.name}.pose"].reshape(4, 4)
+            poses[item.name] = {item.name: T_world_object}
+        return poses
 
     def _poses(self, placed: Placed) -> dict[str, Array]:
+        signal = f"{placed.name}.q"
         if placed.links is not None:
-            return {name: placed.T_world_base @ T for name, T in placed.links(self.signals[f"{placed.name}.q"]).items()}
-        model, last = self._assemblies.get(placed.name) or (ReferenceModel(placed.mechanism), None)
-        if f"{placed.name}.q" in self.signals:
-            q = self.signals[f"{placed.name}.q"]
-            last = last if last is not None and np.array_equal(last.q, q) else model.solve(q, last)
+            links = placed.links(self.signals[signal])
         else:
-            last = last or model.home()
-        self._assemblies[placed.name] = model, last
-        return {name: placed.T_world_base @ T for name, T in last.link_poses.items()}
+            links = self._assembly(placed, signal).link_poses
+        return {name: placed.T_world_base @ T for name, T in links.items()}
 
-    def _change(self, memory: Mapping[str, Array], hit: Mapping[str, Sequence[Hazard]], t: float) -> None:
-        for name, hazards in hit.items():
+    def _assembly(self, placed: Placed, signal: str) -> Assembly:
+        """Return the reference model's solution at the current joint values; loops are solved from the last one."""
+        model, last = self._assemblies.get(placed.name) or (ReferenceModel(placed.mechanism), None)
+        if signal in self.signals:
+            q = self.signals[signal]
+            if last is None or not np.array_equal(last.q, q):
+                last = model.solve(q, last)
+        elif last is None:
+            last = model.home()  # a prop does not move
+        self._assemblies[placed.name] = model, last
+        return last
+
+    def _change(self, memory: Mapping[str, Array], changes: Mapping[str, Sequence[Hazard]], t: float) -> None:
+        for name, hazards in changes.items():
             value = memory[name].copy()
             for hazard in hazards:
                 value = np.asarray(hazard.change(t, value), float)
@@ -253,7 +278,21 @@ def _write(block: Block, out: Mapping[str, ArrayLike], memory: Mapping[str, Arra
             put(view, name, value)
 
 
-def _once(names: Iterable[str]) -> set[str]:
+def _initial_values(blocks: Iterable[Block], hazards: Iterable[Hazard]) -> dict[str, ArrayLike]:
+    """Return the initial values of all signals; a signal with hazards has a second one, which its block writes."""
+    blocks = tuple(blocks)
+    writers = _require_distinct(name for block in blocks for name in block.outputs)
+    initial: dict[str, ArrayLike] = {}
+    for block in blocks:
+        initial |= block.outputs
+    for hazard in hazards:
+        if hazard.signal not in writers:
+            raise WorldError(unknown("signal", hazard.signal, writers))
+        initial[f"{hazard.signal}.written"] = initial[hazard.signal]
+    return initial
+
+
+def _require_distinct(names: Iterable[str]) -> set[str]:
     seen: set[str] = set()
     for name in names:
         if name in seen:

@@ -79,8 +79,8 @@ class Recording:
 
     def samples(self, names: Iterable[str]) -> Iterator[dict[str, Array]]:
         """Yield {signal: values (n,)} for each row, in order."""
-        columns = [(name, self[name]) for name in names]
-        return ({name: column[k] for name, column in columns} for k in range(len(self.rows)))
+        series = {name: self[name] for name in names}
+        return ({name: values[k] for name, values in series.items()} for k in range(len(self.rows)))
 
     def to_bytes(self) -> bytes:
         """Return the content of the file."""
@@ -115,14 +115,16 @@ def read_recording(path: Path) -> Recording:
     try:
         with path.open("rb") as file:
             line = file.readline(_LONGEST_HEAD)
-            left = os.fstat(file.fileno()).st_size - len(line)
+            rest = os.fstat(file.fileno()).st_size - len(line)
             head = Head.model_validate_json(line)
             sizes = {s.name: s.size for s in head.signals}
-            wanted = 8 * head.ticks * sum(sizes.values())
+            width = sum(sizes.values())
+            wanted = 8 * head.ticks * width  # 8 bytes per value
             if len(sizes) < len(head.signals):
                 raise WorldError(f"{path}: two signals have the same name")
-            if left != wanted:
-                raise WorldError(f"{path}: {left} bytes of rows; expected {wanted}: the file is truncated or too long")
+            # The size is checked before the rows are read: a large file that is no recording needs no memory.
+            if rest != wanted:
+                raise WorldError(f"{path}: {rest} bytes of rows; expected {wanted}: the file is truncated or too long")
             body = file.read()
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error
@@ -131,4 +133,5 @@ def read_recording(path: Path) -> Recording:
         raise WorldError(f"{path}: not a twin-world file of version 1: {where or 'first line'}: {what}") from None
     if hashlib.sha256(body).hexdigest() != head.sha256:
         raise WorldError(f"{path}: the rows of the file have changed since the file was written")
-    return Recording(head.dt, sizes, np.frombuffer(body, "<f8").reshape(head.ticks, sum(sizes.values())).astype(float))
+    rows = np.frombuffer(body, "<f8").reshape(head.ticks, width)
+    return Recording(head.dt, sizes, rows.astype(float))

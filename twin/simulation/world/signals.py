@@ -18,8 +18,12 @@ NAME = r"[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+"
 
 def columns(sizes: Mapping[str, int]) -> dict[str, slice]:
     """Return {signal: its columns in a row}; `sizes` is {signal: number of values}, in the order of the row."""
-    ends = np.cumsum([0, *sizes.values()]).tolist()
-    return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:], strict=False)}
+    slices = {}
+    start = 0
+    for name, size in sizes.items():
+        slices[name] = slice(start, start + size)
+        start += size
+    return slices
 
 
 class Signals:
@@ -39,11 +43,15 @@ class Signals:
         Raises:
             WorldError: a name does not have the form "<owner>.<what>".
         """
-        if wrong := [name for name in initial if not re.fullmatch(NAME, name)]:
-            raise WorldError(f"signal '{wrong[0]}' must be called <owner>.<what>, in lower-case letters, digits and _")
-        values = {name: np.atleast_1d(np.asarray(v, float)).ravel() for name, v in initial.items()}
-        self.sizes = {name: len(v) for name, v in values.items()}
-        self.row = np.concatenate([*values.values(), []])
+        values = []
+        self.sizes: dict[str, int] = {}
+        for name, value in initial.items():
+            if not re.fullmatch(NAME, name):
+                raise WorldError(f"signal '{name}' must be called <owner>.<what>, in lower-case letters, digits and _")
+            vector = np.asarray(value, float).ravel()
+            values.append(vector)
+            self.sizes[name] = len(vector)
+        self.row = np.concatenate([*values, []])  # []: a World without signals has a row of no values
         self._squared = self.row.dot
         self._views = {name: self.row[c] for name, c in columns(self.sizes).items()}
         self.now = _Now({name: view[:] for name, view in self._views.items()})
