@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -207,6 +208,25 @@ def test_a_wrong_machine_file_is_refused(left, tmp_path, before, after, message)
     path.write_text(text.replace(before, after, 1))
     with pytest.raises(DescriptionError, match=message):
         settings.load(path, model.mechanism)
+
+
+def test_a_wrong_unit_is_reported_at_its_line_in_any_order_of_the_joints(left, tmp_path):
+    robot, model = left
+    path = tmp_path / settings.NAME
+    head, *entries = re.split(r"^(?=\[\[)", (robot.files.cad / settings.NAME).read_text(), flags=re.MULTILINE)
+    joints = [e for e in entries if e.startswith("[[joint]]")]
+    others = [e for e in entries if e not in joints]
+    names = [j.name for j in model.mechanism.active]
+    assert len(joints) == len(names)
+    for wrong in joints:
+        broken = wrong.replace('unit = "N m"', 'unit = "?"').replace('unit = "N"', 'unit = "N m"')
+        broken = broken.replace('unit = "?"', 'unit = "N"')
+        text = "".join([head, *others, *(broken if j is wrong else j for j in reversed(joints))])
+        path.write_text(text)
+        line = text[: text.index(broken) + broken.index("unit = ")].count("\n") + 1
+        name = next(n for n in names if f'"{n}"' in wrong)
+        with pytest.raises(DescriptionError, match=rf":{line}: joint.*unit: {name} is "):
+            settings.load(path, model.mechanism)
 
 
 def test_too_few_counts_for_whole_counts_are_refused(left, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -150,10 +151,14 @@ class Settings(Table):
 
     def parameters(self) -> list[Parameter]:
         """Return the numbers of the control software and the joints' friction with their provenance."""
-        numbers = ((name, getattr(self.number, name)) for name in Numbers.model_fields)
-        out = [Parameter(name, n.value, n.unit, n.value, n.provenance, n.note) for name, n in numbers]
-        frictions = ((f"{j.name}.coulomb", j) for j in self.joint)
-        return out + [Parameter(n, j.coulomb, j.unit, j.coulomb, j.provenance, j.note) for n, j in frictions]
+        parameters = []
+        for name in Numbers.model_fields:
+            number: Number = getattr(self.number, name)
+            parameters.append(Parameter(name, number.value, number.unit, number.value, number.provenance, number.note))
+        for joint in self.joint:
+            name = f"{joint.name}.coulomb"
+            parameters.append(Parameter(name, joint.coulomb, joint.unit, joint.coulomb, joint.provenance, joint.note))
+        return parameters
 
 
 def load(path: Path, mechanism: Mechanism) -> Settings:
@@ -174,24 +179,28 @@ def load(path: Path, mechanism: Mechanism) -> Settings:
     if table.released.whole_counts and table.number.counts_per_turn.value < 2 * np.pi:
         text = "with released.whole_counts, a turn needs at least 6.28 counts: fewer are rounded down to 0 per rad"
         raise error_at(path, ("number", "counts_per_turn", "value"), text)
-    actives = [j.name for j in mechanism.active]
-    for key, entries, needed in (
-        ("motor", table.motor, mechanism.motor_names),
-        ("joint", table.joint, actives),
-        ("compensation", table.compensation, None),
-    ):
-        names = [e.joint if isinstance(e, PointMass) else e.name for e in entries]
-        for i, name in enumerate(names):
-            if name not in (needed or actives):
-                raise error_at(path, (key, i), unknown(key, name, needed or actives))
-            if name in names[:i]:
-                raise error_at(path, (key, i), f"'{name}' is defined twice")
-        missing = [n for n in needed or () if n not in names]
-        if missing:
-            raise DescriptionError(f"{path}: no [[{key}]] for {', '.join(missing)}")
-    for i, (entry, joint) in enumerate(zip(table.of_joints(mechanism), mechanism.active, strict=True)):
-        if entry.unit != ("N m" if joint.is_angle else "N"):
-            raise error_at(
-                path, ("joint", i, "unit"), f"{joint.name} is {joint.type}, but its friction is in {entry.unit}"
-            )
+    joint_names = [j.name for j in mechanism.active]
+    _check_names(path, "motor", [m.name for m in table.motor], mechanism.motor_names)
+    _check_names(path, "joint", [j.name for j in table.joint], joint_names)
+    # A joint without a point mass needs no compensation.
+    _check_names(path, "compensation", [m.joint for m in table.compensation], joint_names, complete=False)
+    joints = {j.name: j for j in mechanism.active}
+    for i, entry in enumerate(table.joint):
+        joint = joints[entry.name]
+        unit = "N m" if joint.is_angle else "N"
+        if entry.unit != unit:
+            text = f"{joint.name} is {joint.type}, but its friction is in {entry.unit}"
+            raise error_at(path, ("joint", i, "unit"), text)
     return table
+
+
+def _check_names(path: Path, key: str, names: Sequence[str], known: Sequence[str], *, complete: bool = True) -> None:
+    """Check that the entries [[key]] of a file have known names, each once, and, if `complete`, all of them."""
+    for i, name in enumerate(names):
+        if name not in known:
+            raise error_at(path, (key, i), unknown(key, name, known))
+        if name in names[:i]:
+            raise error_at(path, (key, i), f"'{name}' is defined twice")
+    missing = [name for name in known if name not in names]
+    if complete and missing:
+        raise DescriptionError(f"{path}: no [[{key}]] for {', '.join(missing)}")
