@@ -26,7 +26,9 @@ SETTINGS = {MODE: 0.0}
 
 def machines(scene: Scene) -> tuple[str, ...]:
     """Return the names of the robots of a scene that are machines."""
-    return () if scene.trainer is None else tuple(scene.trainer.robots)
+    if scene.trainer is None:
+        return ()
+    return tuple(scene.trainer.robots)
 
 
 def bounds(table: TrainerTable) -> Bounds:
@@ -66,39 +68,53 @@ class Machined:
 
     def __init__(self, scene: Scene, parts: Mapping[str, Parts]) -> None:
         """Prepare for the machines of a scene."""
-        self._scene, self.parts = scene, parts
+        self._scene = scene
+        self.parts = parts
         self._table = scene.trainer if parts else None
 
     def controllers(self, device: str, kins: Mapping[str, Kinematics], dt: float) -> list[Block]:
         """Return the block that switches the view, and the trainer of each machine."""
-        if (table := self._table) is None:
+        if self._table is None:
             return []
-        out: list[Block] = [ViewSwitch(device, TAP)]
+        limits = bounds(self._table)
+        blocks: list[Block] = [ViewSwitch(device, TAP)]
         for name, parts in self.parts.items():
             angles = np.array([j.is_angle for j in parts.arm.mechanism.active])
             step = parts.settings.number.grasp_step.value
-            out.append(Trainer(name, device, bounds(table), step, Tips(kins[name], angles), dt))
-        return out
+            tips = Tips(kins[name], angles)
+            blocks.append(Trainer(name, device, limits, step, tips, dt))
+        return blocks
 
     def plants(self, q: Mapping[str, Array]) -> list[Block]:
         """Return the models of the machines, which start at joint values q (n,)."""
-        if (table := self._table) is None:
+        if self._table is None:
             return []
-        return [Modelled(name, parts, cue(table), q[name]) for name, parts in self.parts.items()]
+        law = cue(self._table)
+        return [Modelled(name, parts, law, q[name]) for name, parts in self.parts.items()]
 
     def models(self, members: Mapping[str, Arm]) -> list[Placed]:
         """Return the models as robots of the World; each model has the mechanism of its machine."""
-        models = [] if self._table is None else self._scene.models
-        arms = [(p, members[p.name.removesuffix(MODEL)]) for p in models]
-        return [Placed(p.name, arm.mechanism, p.T_world_base, arm.links) for p, arm in arms]
+        if self._table is None:
+            return []
+        models = []
+        for place in self._scene.models:
+            arm = members[place.name.removesuffix(MODEL)]
+            models.append(Placed(place.name, arm.mechanism, place.T_world_base, arm.links))
+        return models
 
     def cues(self, hands: Sequence[str]) -> list[Block]:
         """Return one block for each hand, which writes the force of the cues on this hand."""
-        if (table := self._scene.console) is None:
+        table = self._scene.console
+        if table is None:
             return []
-        eye = self._scene.cameras[table.camera].robot
+        camera = self._scene.cameras[table.camera].robot
         bases = {p.name: p.T_world_base for p in self._scene.places if p.name in self.parts}
-        return [CueHand(h, eye, {n: bases[n] for n in getattr(table, h) if n in bases}) for h in hands]
+        blocks: list[Block] = []
+        for hand in hands:
+            controlled: Sequence[str] = getattr(table, hand)
+            own_bases = {name: bases[name] for name in controlled if name in bases}
+            blocks.append(CueHand(hand, camera, own_bases))
+        return blocks
 
 
 class CueHand(Block):
@@ -109,14 +125,16 @@ class CueHand(Block):
 
     def __init__(self, hand: str, camera: str, bases: Mapping[str, Array]) -> None:
         """Connect a hand; `bases` are the poses T_world_base (4, 4) of its machines."""
-        self._force, self._view = f"{hand}.force", f"{camera}.view"
-        self._bases = {f"{name}.cue": T[:3, :3] for name, T in bases.items()}
+        self._force = f"{hand}.force"
+        self._view = f"{camera}.view"
+        self._rotations = {f"{name}.cue": T[:3, :3] for name, T in bases.items()}
         self.outputs = {self._force: np.zeros(3)}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Transform the forces of the cues into the axes of the picture, and add them."""
-        force = np.zeros(3)
+        force = np.zeros(3)  # in the axes of the World
         if signals.now["haptics.on"].item() > 0.5:
-            for name, R in self._bases.items():
-                force = force + R @ signals.now[name]
-        return {self._force: signals.now[self._view].reshape(4, 4)[:3, :3].T @ force}
+            for name, R_world_base in self._rotations.items():
+                force = force + R_world_base @ signals.now[name]
+        R_world_view = signals.now[self._view].reshape(4, 4)[:3, :3]
+        return {self._force: R_world_view.T @ force}

@@ -51,11 +51,14 @@ class Arithmetic:
         share = float(1 - np.exp(-2 * np.pi * settings.number.velocity_cutoff.value * TICK))
         turn = settings.number.counts_per_turn.value / (2 * np.pi)  # counts per rad
         angle = 1 / (int(turn) if settings.released.whole_counts else turn)
-        motors, T = settings.of_motors(mechanism), mechanism.motor_matrix
+        motors = settings.of_motors(mechanism)
         counts = np.array([m.counts_per_amp / m.torque_per_amp for m in motors])
         gains = np.array([[m.kp / m.gear, m.ki / m.gear, m.kd / m.gear] for m in motors]).T
-        n = len(T)
-        return cls(share, angle, counts, _sense(n, angle, share), _aim(n, share), _drive(T, gains, counts))
+        n = len(motors)
+        sense = _sense(n, angle, share)
+        aim = _aim(n, share)
+        drive = _drive(mechanism.motor_matrix, gains, counts)
+        return cls(share, angle, counts, sense, aim, drive)
 
 
 def _sense(n: int, angle: float, share: float) -> Callable[..., Array]:
@@ -73,9 +76,12 @@ def _aim(n: int, share: float) -> Callable[..., Array]:
 def _drive(T: Array, gains: Array, counts: Array) -> Callable[..., Array]:
     e, de, efforts, s = _symbols(len(T), "e de efforts s")
     kp, ki, kd = map(ca.DM, gains)
-    new = s + e * TICK
-    asked = (kp * e + ki * new + kd * de + ca.DM(T).T @ efforts) * ca.DM(counts)
-    return _compiled([e, de, efforts, s], [new, ca.if_else(asked < 0, ca.ceil(asked), ca.floor(asked))])
+    integral = s + e * TICK
+    torques = kp * e + ki * integral + kd * de + ca.DM(T).T @ efforts
+    command = torques * ca.DM(counts)
+    # The DAC takes whole numbers; the conversion of C rounds towards 0.
+    whole = ca.if_else(command < 0, ca.ceil(command), ca.floor(command))
+    return _compiled([e, de, efforts, s], [integral, whole])
 
 
 def _low_pass(x: ca.SX, before: ca.SX, v: ca.SX, share: float) -> ca.SX:
@@ -86,7 +92,10 @@ def _symbols(n: int, names: str) -> list[ca.SX]:
     return [ca.SX.sym(name, n) for name in names.split()]
 
 
-def _compiled(given: list[ca.SX], results: list[ca.SX]) -> Callable[..., Array]:
-    function = ca.Function("arithmetic", given, [ca.densify(ca.vertcat(*results))])
-    sizes = {f"in{i}": x.numel() for i, x in enumerate(given)}
-    return Kernel([Stage(function, tuple(sizes), ("out",))], sizes, ["out"], single=True, exact=True).single()
+def _compiled(arguments: list[ca.SX], results: list[ca.SX]) -> Callable[..., Array]:
+    output = ca.densify(ca.vertcat(*results))
+    function = ca.Function("arithmetic", arguments, [output])
+    sizes = {f"in{i}": x.numel() for i, x in enumerate(arguments)}
+    stage = Stage(function, tuple(sizes), ("out",))
+    # exact: each operation is rounded separately, without fused multiply-add.
+    return Kernel([stage], sizes, ["out"], single=True, exact=True).single()

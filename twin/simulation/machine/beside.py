@@ -26,7 +26,8 @@ class Beside:
         """Create the model at the machine's joint values, in E_STOP; `cue`: force law; None: the default `Cue`."""
         self.machine = machine
         self.model = Machine(machine.parts, q=machine.plant.q)
-        self.compared, self.force = Comparison(machine.parts, cue or Cue(), machine.q), np.zeros(3)
+        self.compared = Comparison(machine.parts, cue or Cue(), machine.q)
+        self.force = np.zeros(3)
 
     def start(self) -> None:
         """Press the start buttons of machine and model."""
@@ -36,12 +37,13 @@ class Beside:
     def step(self, t: float, packets: Iterable[tuple[bytes, Any]] = ()) -> list[tuple[bytes, Any]]:
         """Run one tick of machine and model at t in s; return the packets that the machine sends back."""
         packets = list(packets)
-        back = self.machine.step(t, packets)
+        answers = self.machine.step(t, packets)
         self.model.step(t, packets)
         self.compared.step(self.machine.q, self.model.q)
-        both = self.machine.level == self.model.level == Level.PEDAL_DN
-        self.force = self.compared.force if both else np.zeros(3)
-        return back
+        self.force = np.zeros(3)
+        if self.machine.level == self.model.level == Level.PEDAL_DN:
+            self.force = self.compared.force
+        return answers
 
     @property
     def deviation(self) -> float:

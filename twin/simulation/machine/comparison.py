@@ -22,19 +22,26 @@ class Comparison:
 
     def __init__(self, parts: Parts, cue: Cue, q: Array) -> None:
         """Start with machine and model at rest at joint values q (n,)."""
-        self.cue, self._forward, self._share = cue, parts.kin.forward, parts.arithmetic.share
+        self.cue = cue
+        self._forward = parts.kin.forward
+        self._share = parts.arithmetic.share
         self.rest(q, q)
 
     def rest(self, machine: Array, model: Array) -> None:
         """Set the joint values (n,) of machine and model, at rest."""
-        self.tips, self.speeds = self._tips(machine, model), np.zeros((2, 3))
+        self.tips = self._tips(machine, model)
+        self.speeds = np.zeros((2, 3))
         self.joints = model - machine
 
     def step(self, machine: Array, model: Array, ticks: int = 1) -> None:
         """Update the joint values (n,) of machine and model, `ticks` ticks after the previous update."""
-        before, self.tips = self.tips, self._tips(machine, model)
-        share = self._share if ticks == 1 else 1 - (1 - self._share) ** ticks
-        self.speeds = self.speeds + share * ((self.tips - before) / (ticks * TICK) - self.speeds)
+        previous = self.tips
+        self.tips = self._tips(machine, model)
+        share = self._share
+        if ticks != 1:
+            share = 1 - (1 - share) ** ticks  # `ticks` steps of the filter at a constant velocity
+        velocities = (self.tips - previous) / (ticks * TICK)
+        self.speeds = self.speeds + share * (velocities - self.speeds)
         self.joints = model - machine
 
     @property

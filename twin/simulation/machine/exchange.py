@@ -18,7 +18,9 @@ class Exchange:
 
     def __init__(self, links: Mapping[str, MachineLink], states: Mapping[str, MachineStates], outbox: Outbox) -> None:
         """Store the link of each robot, the device that writes its states, and the block that stores packets."""
-        self.links, self._states, self._outbox = links, states, outbox
+        self.links = links
+        self._states = states
+        self._outbox = outbox
 
     def receive(self) -> None:
         """Pass the newest states of the machines to the World for its next tick."""

@@ -49,15 +49,17 @@ def follow(arm: Arm, settings: Settings, q: Array, qd: Array, plant: Plant | Non
     servo = Servo(settings, mechanism, Arithmetic.of(settings, mechanism), "advanced", "soft")
     gravity = compensation(settings, mechanism)
     plant.reset(q[0])
-    rest = ((q[-1], np.zeros(q.shape[1])) for _ in range(_AFTER))
-    out = []
-    for wanted, rate in (*zip(q, qd, strict=True), *rest):
-        error, change = mechanism.motors(wanted - plant.q), mechanism.motors(rate - plant.qd)
-        counts = servo.counts_of(error, change, gravity(plant.q))
+    planned = np.concatenate([q, np.repeat(q[-1:], _AFTER, axis=0)])
+    rates = np.concatenate([qd, np.zeros((_AFTER, q.shape[1]))])
+    reached = []
+    for wanted, rate in zip(planned, rates, strict=True):
+        error = mechanism.motors(wanted - plant.q)
+        error_rate = mechanism.motors(rate - plant.qd)
+        counts = servo.counts_of(error, error_rate, gravity(plant.q))
         plant.advance(servo.torques(counts))
-        out.append(plant.q.copy())
+        reached.append(plant.q.copy())
         if servo.stop:
             break
-    was = np.array(out)
-    planned = np.concatenate([q, np.repeat(q[-1:], _AFTER, axis=0)])[: len(was)]
-    return Followed(was, np.abs(was - planned).max(axis=0), servo.stop)
+    simulated = np.array(reached)
+    difference = np.abs(simulated - planned[: len(simulated)])
+    return Followed(simulated, difference.max(axis=0), servo.stop)

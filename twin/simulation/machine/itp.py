@@ -58,20 +58,27 @@ class Packet(NamedTuple):
 
 def checksum(numbers: tuple[float, ...]) -> int:
     """Return the checksum of a packet, computed from its first 22 numbers, as a signed 32-bit number."""
-    total = int(numbers[21] + sum(numbers[3:9]) + numbers[17] + numbers[18] + numbers[0])
+    sequence = numbers[0]
+    increments = numbers[3:9]
+    buttons = numbers[17:19]
+    surgeon_mode = numbers[21]
+    total = int(surgeon_mode + sum(increments) + sum(buttons) + sequence)
     return (total + _HALF) % (2 * _HALF) - _HALF
 
 
 def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
     """Return the 124 bytes of a packet with the values (9,) of one arm; the other arm gets no increments."""
-    pairs = [[0.0, 0.0] for _ in range(8)]
     x, y, z, qw, qx, qy, qz, grasp, pedal = values
-    for pair, value in zip(pairs, (x, y, z, qx, qy, qz, qw, grasp), strict=True):
-        pair[arm] = value
-    pairs[6][1 - arm] = 1.0
-    steps = [int(v) for pair in pairs[:3] for v in pair]
-    turns = [v for pair in pairs[3:7] for v in pair]
-    numbers = (sequence, 0, version, *steps, *turns, 0, 0, *(int(v) for v in pairs[7]), int(pedal))
+    # One row a field, one column an arm: the packet interleaves the arms, and its quaternion ends in w.
+    increments = np.zeros((3, 2))
+    increments[:, arm] = x, y, z
+    quaternions = np.zeros((4, 2))
+    quaternions[:, arm] = qx, qy, qz, qw
+    quaternions[3, 1 - arm] = 1.0  # w of the other arm: no rotation
+    jaws = [0, 0]
+    jaws[arm] = int(grasp)
+    steps = [int(v) for v in increments.ravel()]
+    numbers = (sequence, 0, version, *steps, *quaternions.ravel().tolist(), 0, 0, *jaws, int(pedal))
     return PACKET.pack(*numbers, checksum(numbers))
 
 
@@ -110,15 +117,20 @@ def unpack(data: bytes, arm: int, version: int) -> Packet:
     numbers = PACKET.unpack(data)
     if numbers[2] != version:
         raise DeviceError(f"the version is {numbers[2]}; it must be {version}")
-    if numbers[22] != (right := checksum(numbers)):
-        raise DeviceError(f"the checksum is {numbers[22]}; it must be {right}")
-    if numbers[21] not in (0, 1):
-        raise DeviceError(f"the surgeon mode is {numbers[21]}; it must be 0 (pedal up) or 1 (pedal down)")
-    x, y, z, w = turn = numbers[9 + arm : 17 : 2]
-    length = math.hypot(*turn)
+    expected = checksum(numbers)
+    if numbers[22] != expected:
+        raise DeviceError(f"the checksum is {numbers[22]}; it must be {expected}")
+    surgeon_mode = numbers[21]
+    if surgeon_mode not in (0, 1):
+        raise DeviceError(f"the surgeon mode is {surgeon_mode}; it must be 0 (pedal up) or 1 (pedal down)")
+    increments = numbers[3 + arm : 9 : 2]  # every other number is for this arm
+    x, y, z, w = numbers[9 + arm : 17 : 2]
+    length = math.hypot(x, y, z, w)
     if length == 0:
-        w = length = 1.0
+        w = 1.0  # all 0: no rotation
+        length = 1.0
     elif not abs(length - 1) <= _UNIT:
         raise DeviceError(f"the quaternion of arm {arm} has length {length:g}; it must be 1 ± {_UNIT:g}, or all 0")
-    turned = w / length, x / length, y / length, z / length
-    return Packet(numbers[0], np.array([*numbers[3 + arm : 9 : 2], *turned, numbers[19 + arm], numbers[21]], float))
+    quat_wxyz = (w / length, x / length, y / length, z / length)
+    jaws = numbers[19 + arm]
+    return Packet(numbers[0], np.array([*increments, *quat_wxyz, jaws, surgeon_mode], float))

@@ -29,31 +29,46 @@ class Plc:
 
     def __init__(self, timeout: float) -> None:
         """Start in E_STOP; `timeout`: time-out of the watchdog in s."""
-        self.level, self.reason = Level.E_STOP, "not started"
-        self._timeout, self._bit, self._changed = timeout, False, 0.0
+        self.level = Level.E_STOP
+        self.reason = "not started"
+        self._timeout = timeout
+        self._bit = False
+        self._changed = 0.0  # time in s of the last change of the watchdog bit
 
     def start(self, t: float) -> None:
         """Press the start button at t in s."""
         if self.level == Level.E_STOP:
-            self.level, self.reason, self._changed = Level.INIT, "", t
+            self.level = Level.INIT
+            self.reason = ""
+            self._changed = t
 
     def ready(self) -> None:
         """Allow PEDAL_UP, as after a start with an initialised arm."""
-        self.level, self.reason, self._changed = Level.PEDAL_UP, "", float("inf")
+        self.level = Level.PEDAL_UP
+        self.reason = ""
+        self._changed = float("inf")  # the watchdog waits for the first change of the bit
 
     def stop(self, reason: str) -> None:
         """Press the stop button."""
         if self.level != Level.E_STOP:
-            self.level, self.reason = Level.E_STOP, reason
+            self.level = Level.E_STOP
+            self.reason = reason
 
     def step(self, t: float, bit: bool, initialised: bool, pedal: bool) -> Level:
         """Return the new level at t in s, from the watchdog bit, `initialised` (the arm) and `pedal` (True: down)."""
         if bit != self._bit:
-            self._bit, self._changed = bit, t
+            self._bit = bit
+            self._changed = t
         if self.level != Level.E_STOP and t - self._changed > self._timeout:
             self.stop(f"the watchdog bit has not changed for {self._timeout * 1e3:g} ms")
-        if self.level != Level.E_STOP:
-            self.level = (Level.PEDAL_DN if pedal else Level.PEDAL_UP) if initialised else Level.INIT
+        if self.level == Level.E_STOP:
+            return self.level
+        if not initialised:
+            self.level = Level.INIT
+        elif pedal:
+            self.level = Level.PEDAL_DN
+        else:
+            self.level = Level.PEDAL_UP
         return self.level
 
 
@@ -62,16 +77,24 @@ class Reader:
 
     def __init__(self, cycles: int) -> None:
         """Start in E_STOP; `cycles`: number of equal readings after which a level counts."""
-        self.level, self._cycles, self._read, self._count = Level.E_STOP, cycles, Level.E_STOP, 0
+        self.level = Level.E_STOP
+        self._cycles = cycles
+        self._read = Level.E_STOP
+        self._count = 0
 
     def hold(self, level: Level) -> None:
         """Set the current level, without waiting for `cycles` readings."""
-        self.level, self._read, self._count = level, level, self._cycles
+        self.level = level
+        self._read = level
+        self._count = self._cycles
 
     def read(self, levels: Sequence[Level]) -> Level:
         """Return the lowest level if it was the same in the last `cycles` calls, otherwise the previous result."""
         lowest = min(levels)
-        self._count = self._count + 1 if lowest == self._read else 1
+        if lowest == self._read:
+            self._count += 1
+        else:
+            self._count = 1
         self._read = lowest
         if self._count >= self._cycles:
             self.level = lowest

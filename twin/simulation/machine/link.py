@@ -49,15 +49,24 @@ class Address:
         Raises:
             DeviceError: the text has another form, or a port is not 1 to 65535.
         """
-        *host, port, states = [""] * (1 - text.count(":")) + text.rsplit(":", 2)
-        if not (all(p.isascii() and p.isdigit() and len(p) < 10 for p in (port, states)) and all(host)):
+        parts = text.rsplit(":", 2)
+        if len(parts) == 2:
+            parts = [HOST, *parts]
+        if len(parts) != 3 or not parts[0] or not all(_is_number(part) for part in parts[1:]):
             raise DeviceError(
                 f"'{text}' is not the address of a machine: give HOST:PORT:STATEPORT, such as 127.0.0.1:36000:36001"
             )
-        for p in (int(port), int(states)):
-            if not 0 < p < 65536:
-                raise DeviceError(f"'{text}': the port {p} must be 1 to 65535")
-        return cls(host[0] if host else HOST, int(port), int(states))
+        port = int(parts[1])
+        state_port = int(parts[2])
+        for number in (port, state_port):
+            if not 0 < number < 65536:
+                raise DeviceError(f"'{text}': the port {number} must be 1 to 65535")
+        return cls(parts[0], port, state_port)
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a text has 1 to 9 digits; other digits than 0 to 9, such as "²", cannot be converted by `int`."""
+    return text.isascii() and text.isdigit() and len(text) < 10
 
 
 class StateReader:
@@ -75,14 +84,17 @@ class StateReader:
             DeviceError: nothing answers at this address.
         """
         self.newest: State | None = None
-        self.problem, self._where, self._n = "", f"{host}:{port}", n
+        self.problem = ""
+        self._address = f"{host}:{port}"
+        self._n = n
         self._silent = False
         try:
             self._socket = socket.create_connection((host, port), _CONNECT)
         except (OSError, UnicodeError) as error:  # UnicodeError: a name that no host can have, such as "a..b"
+            reason = getattr(error, "strerror", None) or error
             raise DeviceError(
-                f"no machine sends states at {host}:{port}: {getattr(error, 'strerror', None) or error}; start the "
-                f"machine, for example with `twin machine raven_left --state-port {port}`"
+                f"no machine sends states at {host}:{port}: {reason}; start the machine, for example with `twin "
+                f"machine raven_left --state-port {port}`"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(PATIENCE)
@@ -111,25 +123,27 @@ class StateReader:
         self._socket.close()
 
     def _run(self) -> None:
-        buffer, n = b"", size(self._n)
+        buffer = b""
+        length = size(self._n)
         try:
             while True:
                 try:
-                    more = self._socket.recv(1 << 16)
+                    received = self._socket.recv(1 << 16)
                 except TimeoutError:
                     self._silent = True
                     continue
-                if not more:
+                if not received:
                     raise DeviceError("the machine has closed the connection: start it again, and connect again")
-                buffer += more
-                while len(buffer) >= n:
-                    data, buffer = buffer[:n], buffer[n:]
-                    self._read(data)
+                buffer += received
+                while len(buffer) >= length:
+                    self._read(buffer[:length])
+                    buffer = buffer[length:]
         except (DeviceError, OSError) as error:
-            self.problem = f"states from {self._where}: {error}"
+            self.problem = f"states from {self._address}: {error}"
 
     def _read(self, data: bytes) -> None:
-        state, last = unpack(data, self._n), self.newest
+        state = unpack(data, self._n)
+        last = self.newest
         if last is not None and not (state.t > last.t and state.tick > last.tick):
             raise DeviceError(
                 f"the clock of the machine went back from {last.t:g} s (tick {last.tick}) to {state.t:g} s "
@@ -155,11 +169,14 @@ class MachineLink:
             DeviceError: nothing answers at this address.
         """
         self.reader = StateReader(address.host, address.state_port, n)
-        self._address, self._waiting = (address.host, address.port), deque[bytes]()
+        self._address = (address.host, address.port)
+        self._waiting = deque[bytes]()
         self._udp = socket.socket(type=socket.SOCK_DGRAM)
         self._ends = threading.Event()
-        self.sent = self.dropped = 0
-        self._before: tuple[int, int] | None = None
+        self.sent = 0
+        self.dropped = 0
+        self._accepted = -1  # packets that the machine had accepted in its newest state
+        self._refused = 0  # packets that it had refused when it last accepted one
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -180,11 +197,13 @@ class MachineLink:
         """Reason why the machine cannot be controlled; "" if it can."""
         if self.reader.problem:
             return self.reader.problem
-        if (state := self.state) is None:
+        state = self.state
+        if state is None:
             return f"no state has come for {PATIENCE:g} s: the machine is stopped or busy"
-        if self._before is None or state.accepted > self._before[0]:
-            self._before = state.accepted, state.refused
-        elif state.refused - self._before[1] > _REFUSED:
+        if state.accepted > self._accepted:
+            self._accepted = state.accepted
+            self._refused = state.refused
+        elif state.refused - self._refused > _REFUSED:
             return (
                 "the machine refuses all packets, because another program controls it. End that program; the machine "
                 "accepts another sender after `master_timeout` seconds without packets (machine.toml)"
@@ -201,10 +220,16 @@ class MachineLink:
     def _run(self) -> None:
         due = time.monotonic()
         while not self._ends.is_set():
+            # After a pause, at most ten packets are sent in quick succession.
             due = max(due + TICK, time.monotonic() - 10 * TICK)
-            for _ in range(2 if len(self._waiting) > _BEHIND else 1):
-                if self._waiting:
-                    with contextlib.suppress(OSError):
-                        self._udp.sendto(self._waiting.popleft(), self._address)
-                        self.sent += 1
+            self._send_one()
+            if len(self._waiting) >= _BEHIND:  # the queue grows if its program runs faster than real time
+                self._send_one()
             time.sleep(max(due - time.monotonic(), 0))
+
+    def _send_one(self) -> None:
+        if not self._waiting:
+            return
+        with contextlib.suppress(OSError):
+            self._udp.sendto(self._waiting.popleft(), self._address)
+            self.sent += 1

@@ -101,10 +101,19 @@ class Parts:
     @property
     def places(self) -> dict[str, tuple[str, ...]]:
         """For each signal of `LOCATIONS`, the names of its numbers."""
-        m = self.arm.mechanism
-        motors, joints = tuple(m.motor_names), tuple(j.name for j in m.active)
-        many = {"packet": FIELDS, "encoder": motors, "tool": ("x", "y", "z"), "joints": joints, "dac": motors}
-        return {"wire": SENT, "usb": ("bytes",), "level": ("level",)} | many
+        mechanism = self.arm.mechanism
+        motors = tuple(mechanism.motor_names)
+        joints = tuple(j.name for j in mechanism.active)
+        return {
+            "wire": SENT,
+            "packet": FIELDS,
+            "usb": ("bytes",),
+            "encoder": motors,
+            "level": ("level",),
+            "tool": ("x", "y", "z"),
+            "joints": joints,
+            "dac": motors,
+        }
 
     @classmethod
     def of(cls, arm: Arm, kin: Kinematics, settings: Settings) -> Parts:
@@ -115,14 +124,18 @@ class Parts:
                 oscillate.
             WorldError: the mechanism has no posture `home`.
         """
-        m = arm.mechanism
-        if m.home is None:
-            raise WorldError(f"{m.name} has no posture 'home', to which a machine moves at its start")
-        require_stable(arm, settings, m.posture("home"))
-        plant = Plant(arm, Physics.of(arm, settings.coulomb(m)))
-        for equation in (kin.program.forward, kin.program.inverse):
-            equation.compile_one()
-        return cls(arm, kin, settings, plant, Arithmetic.of(settings, m), compensation(settings, m), m.posture("home"))
+        mechanism = arm.mechanism
+        if mechanism.home is None:
+            raise WorldError(f"{mechanism.name} has no posture 'home', to which a machine moves at its start")
+        home = mechanism.posture("home")
+        require_stable(arm, settings, home)
+        plant = Plant(arm, Physics.of(arm, settings.coulomb(mechanism)))
+        # A machine evaluates one pose per tick; compiled now, the first tick takes no longer than the others.
+        kin.program.forward.compile_one()
+        kin.program.inverse.compile_one()
+        arithmetic = Arithmetic.of(settings, mechanism)
+        gravity = compensation(settings, mechanism)
+        return cls(arm, kin, settings, plant, arithmetic, gravity, home)
 
 
 class Machine:
@@ -160,50 +173,70 @@ class Machine:
             WorldError: a fault has an unknown signal, or loses or repeats a signal that is not a packet.
             MechanismError: a parameter of the plant is impossible.
         """
-        for fault in faults:
-            if fault.signal not in LOCATIONS:
-                raise WorldError(unknown("signal of the machine", fault.signal, LOCATIONS))
-            if fault.operation in ("skip", "duplicate") and fault.signal not in LOSABLE:
-                raise WorldError(f"fault of {fault.signal}: {fault.operation} is possible for packets only; use hold")
-        self.parts, s = parts, parts.settings
-        self._mechanism = m = parts.arm.mechanism
-        self._faults = {name: [f for f in faults if f.signal == name] for name in LOCATIONS}
+        self.parts = parts
+        self._mechanism = parts.arm.mechanism
+        self._faults = _by_signal(faults)
         self._wire = Wire(self._faults["wire"])
         self.plant = parts.plant.another(physics)
         self.plant.reset(parts.home if q is None else q)
-        brakes = np.array([j.brake for j in s.of_joints(m)])
-        own = self.plant.physics
-        self._free, self._braked = own, replace(own, coulomb=own.coulomb + brakes)
-        self.plc, self._reader = Plc(s.number.plc_timeout.value), Reader(int(s.number.equal_cycles.value))
-        self.receiver = Receiver(s.arm, s.packet_version, s.number.master_timeout.value)
-        self.servo = Servo(s, m, parts.arithmetic, s.mode, s.overdrive)
-        self.level, self.t, self.tick, self.held = Level.E_STOP, float("-inf"), 0, 0
-        self._bit = self._initialised = self._pedal = False
-        self._count = 1 / (s.number.counts_per_turn.value / (2 * np.pi))
-        self._counts = np.zeros(len(m.active))
-        T = m.motor_matrix
-        one_way = (T != 0) & (T.T == 0)  # the motor of another joint, whose cable runs over this joint
-        self._rates_of = np.where(one_way, 0.0, T) if s.released.rates_without_coupling else T
-        self._low, self._high = np.array([j.limits or (-np.inf, np.inf) for j in m.active]).T.tolist()
-        self._angles = np.array([j.is_angle for j in m.active])
-        self._fast = np.flatnonzero(self._angles & (brakes > 0)).tolist()
-        self._close = np.where(brakes == 0, _HOMED[0], np.where(self._angles, *_HOMED[1:]))
-        self._still = np.where(brakes == 0, np.inf, np.where(self._angles, *_STILL))
-        self._grasped = np.flatnonzero(parts.kin.auxiliary).tolist()
-        n = len(m.active)
-        self._motors, self._speeds, self.qd, self.dac = None, np.zeros(n), np.zeros(n), np.zeros(n)
+        settings = parts.settings
+        number = settings.number
+        self.plc = Plc(number.plc_timeout.value)
+        self._reader = Reader(int(number.equal_cycles.value))
+        self.receiver = Receiver(settings.arm, settings.packet_version, number.master_timeout.value)
+        self.servo = Servo(settings, self._mechanism, parts.arithmetic, settings.mode, settings.overdrive)
+        self._prepare_joints(settings)
+        self.level = Level.E_STOP
+        self.t = float("-inf")
+        self.tick = 0
+        self.held = 0
+        self._bit = False
+        self._initialised = False
+        self._pedal = False
+        n = len(self._mechanism.active)
+        self._counts = np.zeros(n)
+        self._motors: Array | None = None  # known from the first reading of the encoders on
+        self._speeds = np.zeros(n)
         self.q = self.plant.q.copy()
-        self.wanted, self._rates = self.q.copy(), np.zeros(n)
+        self.qd = np.zeros(n)
+        self.dac = np.zeros(n)
+        self.wanted = self.q.copy()
+        self._rates = np.zeros(n)
         self._target: Array | None = None  # T_base_tool while the pedal is down
         self._homing: tuple[float, float, Array] | None = None  # start and duration in s, joints at the start
         self._brake(True)
+
+    def _prepare_joints(self, settings: Settings) -> None:
+        """Store what the control software needs of the joints in each tick."""
+        joints = self._mechanism.active
+        turn = settings.number.counts_per_turn.value / (2 * np.pi)  # counts per rad
+        self._count = 1 / turn
+        T = self._mechanism.motor_matrix
+        self._rates_of = T
+        if settings.released.rates_without_coupling:
+            one_way = (T != 0) & (T.T == 0)  # the motor of another joint, whose cable runs over this joint
+            self._rates_of = np.where(one_way, 0.0, T)
+        # Lists: for the few joints of an arm, comparing Python floats is faster than numpy.
+        limits = [j.limits or (-np.inf, np.inf) for j in joints]
+        self._low = [float(low) for low, _ in limits]
+        self._high = [float(high) for _, high in limits]
+        self._angles = np.array([j.is_angle for j in joints])
+        self._grasped = np.flatnonzero(self.parts.kin.auxiliary).tolist()
+        brakes = np.array([j.brake for j in settings.of_joints(self._mechanism)])
+        # A brake is a Coulomb friction in addition to that of the joint.
+        self._free = self.plant.physics
+        self._braked = replace(self._free, coulomb=self._free.coulomb + brakes)
+        self._fast = np.flatnonzero(self._angles & (brakes > 0)).tolist()
+        self._close = np.where(brakes == 0, _HOMED[0], np.where(self._angles, *_HOMED[1:]))
+        self._still = np.where(brakes == 0, np.inf, np.where(self._angles, *_STILL))
 
     def start(self) -> None:
         """Press the start button, which has an effect only in E_STOP."""
         if self.plc.level != Level.E_STOP:
             return
         self.servo.reset()
-        self._initialised, self._homing = False, None
+        self._initialised = False
+        self._homing = None
         self.plc.start(max(self.t, 0.0))
 
     def stand(self, q: Array) -> None:
@@ -211,12 +244,18 @@ class Machine:
         self.plant.reset(q)
         self.plc.ready()
         self._reader.hold(Level.PEDAL_UP)
-        self.level, self._initialised, self._pedal, self._target = Level.PEDAL_UP, True, False, None
+        self.level = Level.PEDAL_UP
+        self._initialised = True
+        self._pedal = False
+        self._target = None
         self.servo.reset()
         self._motors = self._encoders() * self.parts.arithmetic.angle
-        self._speeds, self._rates = np.zeros_like(self._speeds), np.zeros_like(self._rates)
-        self.q, self.qd = self._mechanism.from_motors(self._motors), np.zeros_like(self.qd)
-        self.wanted, self.dac = self.q.copy(), np.zeros_like(self.dac)
+        self._speeds = np.zeros_like(self._speeds)
+        self._rates = np.zeros_like(self._rates)
+        self.q = self._mechanism.from_motors(self._motors)
+        self.qd = np.zeros_like(self.qd)
+        self.wanted = self.q.copy()
+        self.dac = np.zeros_like(self.dac)
         self._brake(True)
 
     def stop(self, reason: str = "the stop button is pressed") -> None:
@@ -237,14 +276,18 @@ class Machine:
             self.plc.stop(f"the clock went back from {self.t:g} s to {t:g} s")
             t = self.t
         self.t = t
-        back, accepted = [], []
+        answers = []
+        accepted: list[Packet] = []
         for data, sender in self._wire.carry(t, packets):
             try:
                 packet = self.receiver.read(data, sender, t)
             except DeviceError:
                 continue
-            back += [(data, sender)] if packet is None else []
-            accepted += self._disturbed(packet) if packet is not None else []
+            if packet is None:
+                answers.append((data, sender))
+            else:
+                accepted += self._disturbed(packet)
+        # A read of another length is ignored: the software keeps the counts of the previous tick.
         if not self._faults["usb"] or self._changed("usb", t, np.array([float(BYTES)]))[0] == BYTES:
             self._counts = self._encoders()
         counts = self._changed("encoder", t, self._counts)
@@ -262,7 +305,7 @@ class Machine:
         self.dac = sent if powered else np.zeros_like(sent)
         self.plant.advance(self.servo.torques(self.dac))
         self.tick += 1
-        return back
+        return answers
 
     def _encoders(self) -> Array:
         return np.rint(self._mechanism.motors(self.plant.q) / self._count)
@@ -270,24 +313,21 @@ class Machine:
     # -- the control software ----------------------------------------------------------------------------
 
     def _control(self, t: float, counts: Array, packets: list[Packet]) -> None:
-        m, arithmetic, n, before = self._mechanism, self.parts.arithmetic, len(counts), self.level
-        if self._motors is None:
-            self._motors = counts * arithmetic.angle
-        read = arithmetic.sense(counts, self._motors, self._speeds)
-        self._motors, self._speeds = read[:n], read[n:]
-        self.q, self.qd = m.from_motors(self._motors), self._rates_of.dot(self._speeds)
-        self.level = level = self._level(t, self._reader.read([self.plc.level]))
-        pedals = [bool(p.values[8]) for p in packets] or [self._pedal]
-        self._pedal = pedals[-1] and not self.receiver.silent(t)
+        previous_level = self.level
+        self._sense(counts)
+        level = self._level(t, self._reader.read([self.plc.level]))
+        self.level = level
+        if packets:
+            self._pedal = bool(packets[-1].values[8])
+        if self.receiver.silent(t):
+            self._pedal = False
         if level == Level.E_STOP:
-            self._initialised, self._homing = False, None
+            self._initialised = False
+            self._homing = None
         self._check_speed()
-        if level != before:
-            if not self.servo.stop:
-                self.servo.reset()
-            self.wanted, self._rates = self.q.copy(), np.zeros_like(self.q)
-            self._target = self.parts.kin.forward(self.q) if level == Level.PEDAL_DN else None
-        old = self.wanted
+        if level != previous_level:
+            self._change_level()
+        previous = self.wanted
         if level == Level.INIT:
             self.wanted = self._home(t)
         elif level == Level.PEDAL_DN:
@@ -296,52 +336,82 @@ class Machine:
             self._misplace(t)
         if level in _ON:
             self.wanted = self._changed("joints", t, self.wanted)
-        aimed = arithmetic.aim(self.wanted, old, self._rates, self.q, self.qd)
-        self._rates = aimed[:n]
+        aim = self.parts.arithmetic.aim(self.wanted, previous, self._rates, self.q, self.qd)
+        n = len(counts)
+        self._rates = aim[:n]
         if level in _ON:
-            error, change = m.motors(aimed[n : 2 * n]), m.motors(aimed[2 * n :])
-            self.dac = self.servo.counts_of(error, change, self.parts.gravity(self.q))
+            error = self._mechanism.motors(aim[n : 2 * n])
+            error_rate = self._mechanism.motors(aim[2 * n :])
+            self.dac = self.servo.counts_of(error, error_rate, self.parts.gravity(self.q))
         else:
             self.dac = np.zeros_like(self.q)
+
+    def _sense(self, counts: Array) -> None:
+        """Compute joint values and filtered rates from encoder counts (n,)."""
+        arithmetic = self.parts.arithmetic
+        if self._motors is None:
+            self._motors = counts * arithmetic.angle
+        readings = arithmetic.sense(counts, self._motors, self._speeds)
+        n = len(counts)
+        self._motors = readings[:n]
+        self._speeds = readings[n:]
+        self.q = self._mechanism.from_motors(self._motors)
+        self.qd = self._rates_of.dot(self._speeds)
+
+    def _change_level(self) -> None:
+        """Start a new run level from the measured joint values, so that the arm does not jump."""
+        if not self.servo.stop:
+            self.servo.reset()
+        self.wanted = self.q.copy()
+        self._rates = np.zeros_like(self.q)
+        self._target = None
+        if self.level == Level.PEDAL_DN:
+            self._target = self.parts.kin.forward(self.q)
 
     def _check_speed(self) -> None:
         if self.level not in _ON:
             return
-        most = self.parts.settings.number.largest_speed.value
+        limit = self.parts.settings.number.largest_speed.value
         for i in self._fast:
-            if not abs(self.qd[i]) <= most:
+            if not abs(self.qd[i]) <= limit:  # true also for NaN
                 name = self._mechanism.active[i].name
-                self.servo.stop = f"{name} turns at {self.qd[i]:.3g} rad/s (limit {most:g})"
+                self.servo.stop = f"{name} turns at {self.qd[i]:.3g} rad/s (limit {limit:g})"
                 return
 
     def _home(self, t: float) -> Array:
         """Return the desired joint values (n,) at t in s: a minimum-jerk motion from the start of homing to home."""
-        speed = self.parts.settings.number.homing_speed.value * np.where(self._angles, 1.0, 0.1)
+        home = self.parts.home
         if self._homing is None:
-            way = np.abs(self.parts.home - self.q) / speed
-            self._homing = t, max(_EASE * float(way.max()), 10 * TICK), self.q.copy()
+            # The setting is in rad/s; a prismatic joint moves with a tenth of the number in m/s.
+            speeds = self.parts.settings.number.homing_speed.value * np.where(self._angles, 1.0, 0.1)
+            times = np.abs(home - self.q) / speeds
+            duration = max(_EASE * float(times.max()), 10 * TICK)
+            self._homing = t, duration, self.q.copy()
         begin, duration, start = self._homing
         s = min((t - begin) / duration, 1.0)
-        error = np.abs(self.parts.home - self.q)
-        if s == 1 and (error <= self._close).all() and (np.abs(self.qd) <= self._still).all():
+        close = np.abs(home - self.q) <= self._close
+        still = np.abs(self.qd) <= self._still
+        if s == 1 and close.all() and still.all():
             self._initialised = True
-        return start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (self.parts.home - start)
+        fraction = 10 * s**3 - 15 * s**4 + 6 * s**5
+        return start + fraction * (home - start)
 
     def _follow(self, packet: Packet) -> None:
         """Move the target by the increments of a packet, if the new target is within reach and joint limits."""
         if self._target is None:
             return
-        v = packet.values
-        _, _, _, _, x, y, z, grasp, _ = v.tolist()
+        _, _, _, _, qx, qy, qz, grasp, _ = packet.values.tolist()
         T = self._target.copy()
-        T[:3, 3] += _MICRO * v[:3]
-        if x or y or z:
-            T[:3, :3] = spatial.matrix_from_quat_wxyz(v[3:7] / np.linalg.norm(v[3:7])) @ T[:3, :3]
+        T[:3, 3] += _MICRO * packet.values[:3]
+        if qx or qy or qz:  # without vector part, the quaternion is no rotation
+            quat_wxyz = packet.values[3:7]
+            T[:3, :3] = spatial.matrix_from_quat_wxyz(quat_wxyz / np.linalg.norm(quat_wxyz)) @ T[:3, :3]
         seed = self.wanted
         if grasp:
-            seed, more = seed.copy(), self.parts.settings.number.grasp_step.value * grasp
+            opening = self.parts.settings.number.grasp_step.value * grasp
+            seed = seed.copy()
             for i in self._grasped:
-                seed[i] = min(max(seed[i] + more, self._low[i]), self._high[i])
+                seed[i] = min(max(seed[i] + opening, self._low[i]), self._high[i])
         self._reach(T, seed)
 
     def _reach(self, T: Array, seed: Array) -> None:
@@ -355,42 +425,59 @@ class Machine:
         if not (all(map(le, self._low, joints)) and all(map(le, joints, self._high))):
             self.held += 1
             return
-        self._target, self.wanted = T, q
+        self._target = T
+        self.wanted = q
 
     # -- faults and power --------------------------------------------------------------------------------
 
     def _disturbed(self, packet: Packet) -> list[Packet]:
         if not self._faults["packet"]:
             return [packet]
-        values, copies = packet.values, 1
+        values = packet.values
+        copies = 1
         for fault in self._faults["packet"]:
-            at = packet.sequence if fault.counts else self.t
-            copies *= fault.copies(at)
-            values = fault.change(at, values)
+            moment = packet.sequence if fault.counts else self.t
+            copies *= fault.copies(moment)
+            values = fault.change(moment, values)
         return [packet._replace(values=values)] * copies
 
     def _level(self, t: float, level: Level) -> Level:
         if not self._faults["level"]:
             return level
-        return Level(int(np.clip(self._changed("level", t, np.array([float(level)]))[0], 0, 3)))
+        number = self._changed("level", t, np.array([float(level)]))[0]
+        return Level(int(np.clip(number, min(Level), max(Level))))
 
     def _misplace(self, t: float) -> None:
         """Apply faults to the desired position of the tool."""
         if self._target is None or not self._faults["tool"]:
             return
-        place = self._target[:3, 3] / _MICRO
-        moved = self._changed("tool", t, place)
-        if (moved != place).any():
+        position = self._target[:3, 3] / _MICRO
+        faulty = self._changed("tool", t, position)
+        if (faulty != position).any():
             T = self._target.copy()
-            T[:3, 3] = moved * _MICRO
+            T[:3, 3] = faulty * _MICRO
             self._reach(T, self.wanted)
 
     def _changed(self, signal: str, t: float, value: Array) -> Array:
         for fault in self._faults[signal]:
-            value = fault.change(self.receiver.sequence if fault.counts else t, value)
+            moment = self.receiver.sequence if fault.counts else t
+            value = fault.change(moment, value)
         return value
 
     def _brake(self, on: bool) -> None:
-        wanted = self._braked if on else self._free
-        if self.plant.physics is not wanted:
-            self.plant.set(wanted)
+        physics = self._braked if on else self._free
+        # Setting checks all parameters; so set only when the brakes change.
+        if self.plant.physics is not physics:
+            self.plant.set(physics)
+
+
+def _by_signal(faults: Iterable[Fault]) -> dict[str, list[Fault]]:
+    """Return {signal of `LOCATIONS`: its faults}; raise a `WorldError` if a fault is impossible."""
+    by_signal: dict[str, list[Fault]] = {name: [] for name in LOCATIONS}
+    for fault in faults:
+        if fault.signal not in LOCATIONS:
+            raise WorldError(unknown("signal of the machine", fault.signal, LOCATIONS))
+        if fault.operation in ("skip", "duplicate") and fault.signal not in LOSABLE:
+            raise WorldError(f"fault of {fault.signal}: {fault.operation} is possible for packets only; use hold")
+        by_signal[fault.signal].append(fault)
+    return by_signal

@@ -43,15 +43,20 @@ class Modelled(Block):
 
     def __init__(self, robot: str, parts: Parts, cue: Cue, q: Array) -> None:
         """Start with the model and the machine at joint values q (n,)."""
-        self.robot, self._compared = robot, Comparison(parts, cue, q)
+        self.robot = robot
+        self._comparison = Comparison(parts, cue, q)
         self._model = Machine(parts, q=q)
         self._model.stand(q)
-        self._forward, self._arm = parts.kin.forward, parts.settings.arm
+        self._forward = parts.kin.forward
+        self._arm = parts.settings.arm
         self._version = parts.settings.packet_version
         self._share = parts.arithmetic.share
-        self._kept = np.tile(self._model.q, (_KEPT, 1))
-        self._sent = self._given = 0
-        self._seen, self._tip, self._speed = -1.0, self._forward(q)[:3, 3], np.zeros(3)  # last tick; model's tip
+        self._kept = np.tile(self._model.q, (_KEPT, 1))  # ring: row k % _KEPT has the values after packet k
+        self._sent = 0  # packets of this World, sent to the machine or not
+        self._given = 0  # packets given to the model
+        self._compared_tick = -1.0  # tick of the machine's state that was compared last
+        self._tip = self._forward(q)[:3, 3]
+        self._speed = np.zeros(3)
         self.outputs = {
             f"{robot}.q": q,
             f"{robot}.encoder": q,
@@ -64,44 +69,66 @@ class Modelled(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
         """Step the model by the packet of this tick, and compare the model with the newest state of the machine."""
-        now, name, m = signals.now, self.robot, self._model
-        given, run, measured = now[f"{name}.given"], now[f"{name}.run"], now[f"{name}.measured"]
+        now = signals.now
+        name = self.robot
+        model = self._model
+        given = now[f"{name}.given"]
+        run = now[f"{name}.run"]
+        measured = now[f"{name}.measured"]
         phase = int(now[f"{name}.phase"][0])
+        answers = run[ANSWERS] > 0.5
         alone = phase in (Phase.REHEARSE, Phase.JUDGED)
-        down = run[ANSWERS] > 0.5 and run[LEVEL] < Level.PEDAL_UP and not alone
-        if given[9] > 0.5 or down:  # also while the machine is stopped or moves to home
-            m.stand(measured)
-            self._kept[:] = m.q
-            self._tip, self._speed = self._forward(m.q)[:3, 3], np.zeros(3)
-            self._compared.rest(measured, m.q)
+        down = answers and run[LEVEL] < Level.PEDAL_UP and not alone  # the machine is stopped or moves to home
+        if given[9] > 0.5 or down:
+            self._stand(measured)
         if not down:
             self._given += 1
-            m.step(t, [(pack(number_of(self._given), self._arm, given[:9], self._version), name)])
+            packet = pack(number_of(self._given), self._arm, given[:9], self._version)
+            model.step(t, [(packet, name)])
         self._sent += 1
-        self._kept[self._sent % _KEPT] = m.q
-        before, self._tip = self._tip, self._forward(m.q)[:3, 3]
-        self._speed = self._speed + self._share * ((self._tip - before) / dt - self._speed)
-        if run[TICK] != self._seen:
+        self._kept[self._sent % _KEPT] = model.q
+        previous_tip = self._tip
+        self._tip = self._forward(model.q)[:3, 3]
+        velocity = (self._tip - previous_tip) / dt
+        self._speed = self._speed + self._share * (velocity - self._speed)
+        if run[TICK] != self._compared_tick:
             self._compare(measured, run, alone)
-        compared = self._compared
-        led = phase in (Phase.TELEOPERATE, Phase.REPLAY) and m.level == Level.PEDAL_DN and run[LEVEL] == Level.PEDAL_DN
-        force = compared.force if led and run[ANSWERS] > 0.5 else np.zeros(3)
+        comparison = self._comparison
+        together = model.level == Level.PEDAL_DN and run[LEVEL] == Level.PEDAL_DN
+        force = np.zeros(3)
+        if phase in (Phase.TELEOPERATE, Phase.REPLAY) and together and answers:
+            force = comparison.force
+        model_speed = float(np.linalg.norm(self._speed))
+        machine_speed = float(np.linalg.norm(comparison.speeds[0]))
         return {
             f"{name}.q": measured,
-            f"{name}.encoder": m.q if alone else measured,
-            f"{name}{MODEL}.q": m.q,
-            f"{name}.model": np.array([m.plc.level, float(np.linalg.norm(self._speed)), m.held]),
-            f"{name}.deviation": np.array([compared.deviation, float(np.linalg.norm(compared.speeds[0]))]),
-            f"{name}.apart": compared.joints,
+            f"{name}.encoder": model.q if alone else measured,
+            f"{name}{MODEL}.q": model.q,
+            f"{name}.model": np.array([model.plc.level, model_speed, model.held]),
+            f"{name}.deviation": np.array([comparison.deviation, machine_speed]),
+            f"{name}.apart": comparison.joints,
             f"{name}.cue": force,
         }
+
+    def _stand(self, measured: Array) -> None:
+        """Put the model at rest at the joint values of the machine (n,)."""
+        model = self._model
+        model.stand(measured)
+        self._kept[:] = model.q
+        self._tip = self._forward(model.q)[:3, 3]
+        self._speed = np.zeros(3)
+        self._comparison.rest(measured, model.q)
 
     def _compare(self, measured: Array, run: Array, alone: bool) -> None:
         """Compare a new state of the machine with the state of the model after the same packet.
 
         If the model moves `alone`, the machine is compared with the present state of the model.
         """
-        ticks, self._seen = int(np.clip(run[TICK] - self._seen, 1, 1000)), run[TICK]
+        # After a restart of the machine, or a long pause, the difference is no time between two states.
+        ticks = int(np.clip(run[TICK] - self._compared_tick, 1, 1000))
+        self._compared_tick = run[TICK]
         behind = ahead(number_of(self._sent), int(run[SEQUENCE]))
-        q = self._kept[(self._sent - behind) % _KEPT] if not alone and 0 <= behind < _KEPT else self._model.q
-        self._compared.step(measured, q, ticks)
+        q = self._model.q
+        if not alone and 0 <= behind < _KEPT:
+            q = self._kept[(self._sent - behind) % _KEPT]
+        self._comparison.step(measured, q, ticks)

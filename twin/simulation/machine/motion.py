@@ -18,6 +18,7 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.formula import symbolic
 from twin.model.inertia import Inertia
+from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference.dynamics import Dynamics
 
@@ -43,7 +44,7 @@ class Motion:
 
 
 @dataclass
-class _Moved:
+class _BodyMotion:
     """Motion of a body: pose (R, p); angular velocity w; its derivative `turn`; a: origin's acceleration - gravity."""
 
     R: Any
@@ -61,55 +62,88 @@ def motion(mechanism: Mechanism) -> Motion:
     """
     if mechanism.loops:
         raise MechanismError(f"{mechanism.name} has loops: a machine needs a mechanism without loops")
-    n, joints = len(mechanism.active), mechanism.tree
+    n = len(mechanism.active)
+    joints = mechanism.tree
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
-    factors, fall = ca.SX.sym("factors", len(joints)), ca.SX.sym("fall", 3)
-    start, share = _coordinates(mechanism)
-    x, xd, xdd = ca.DM(start) + ca.DM(share) @ q, ca.DM(share) @ qd, ca.DM(share) @ qdd
-    bodies: dict[str, Inertia | None] = {b.name: b.inertia for b in mechanism.bodies}
-    moved = {mechanism.base: _Moved(ca.DM.eye(3), ca.DM.zeros(3), ca.DM.zeros(3), ca.DM.zeros(3), -fall)}
-    axes, force, moment = {}, {b: ca.SX.zeros(3) for b in bodies}, {b: ca.SX.zeros(3) for b in bodies}
+    factors = ca.SX.sym("factors", len(joints))
+    fall = ca.SX.sym("fall", 3)
+    x0, S = _coordinates(mechanism)
+    x = ca.DM(x0) + ca.DM(S) @ q
+    xd = ca.DM(S) @ qd
+    xdd = ca.DM(S) @ qdd
+    inertias: dict[str, Inertia | None] = {b.name: b.inertia for b in mechanism.bodies}
+    # The base accelerates upwards instead of a weight on each body (Featherstone, section 5.3).
+    base = _BodyMotion(ca.DM.eye(3), ca.DM.zeros(3), ca.DM.zeros(3), ca.DM.zeros(3), -fall)
+    motions = {mechanism.base: base}
+    axes = {}
+    # Forces and moments that accelerate the bodies, about the origin of base.
+    forces = {name: ca.SX.zeros(3) for name in inertias}
+    moments = {name: ca.SX.zeros(3) for name in inertias}
     for i, joint in enumerate(joints):
-        up, T, back = moved[joint.parent], joint.T_parent_joint, spatial.inverse(joint.T_child_joint)
-        R, r = up.R @ T[:3, :3], up.R @ T[:3, 3]
-        z = R[:, 2]
-        if joint.is_angle:
-            R = R @ symbolic.rotation_z(x[i])
-            w, turn = up.w + z * xd[i], up.turn + z * xdd[i] + ca.cross(up.w, z * xd[i])
-            a = up.a + _carried(up.turn, up.w, r)
-        else:
-            r = r + z * x[i]
-            w, turn = up.w, up.turn
-            a = up.a + _carried(turn, w, r) + z * xdd[i] + 2 * ca.cross(w, z * xd[i])
-        axes[joint.name] = z, up.p + r
-        s = R @ back[:3, 3]
-        here = _Moved(R @ back[:3, :3], up.p + r + s, w, turn, a + _carried(turn, w, s))
-        moved[joint.child] = here
-        inertia = bodies[joint.child]
+        z, p, body = _across(joint, motions[joint.parent], x[i], xd[i], xdd[i])
+        axes[joint.name] = z, p
+        motions[joint.child] = body
+        inertia = inertias[joint.child]
         if inertia is not None:
-            c = here.R @ inertia.p_body_com
-            about = here.R @ ca.DM(inertia.I_com) @ here.R.T
-            F = factors[i] * inertia.mass * (here.a + _carried(turn, w, c))
-            N = factors[i] * (about @ turn + ca.cross(w, about @ w))
-            force[joint.child], moment[joint.child] = F, N + ca.cross(here.p + c, F)
+            com = body.R @ inertia.p_body_com
+            I_base = body.R @ ca.DM(inertia.I_com) @ body.R.T
+            F = factors[i] * inertia.mass * (body.a + _carried(body.turn, body.w, com))
+            N = factors[i] * (I_base @ body.turn + ca.cross(body.w, I_base @ body.w))
+            forces[joint.child] = F
+            moments[joint.child] = N + ca.cross(body.p + com, F)
     efforts = ca.SX.zeros(len(joints))
     for i, joint in reversed(list(enumerate(joints))):
-        (z, p), F, N = axes[joint.name], force[joint.child], moment[joint.child]
-        efforts[i] = ca.dot(z, N - ca.cross(p, F)) if joint.is_angle else ca.dot(z, F)
-        force[joint.parent] += F
-        moment[joint.parent] += N
-    tau = ca.DM(share).T @ efforts
-    return Motion(q, qd, factors, fall, ca.jacobian(tau, qdd), ca.substitute(tau, qdd, ca.DM.zeros(n)))
+        z, p = axes[joint.name]
+        F = forces[joint.child]
+        N = moments[joint.child]
+        if joint.is_angle:
+            efforts[i] = ca.dot(z, N - ca.cross(p, F))
+        else:
+            efforts[i] = ca.dot(z, F)
+        forces[joint.parent] += F
+        moments[joint.parent] += N
+    tau = ca.DM(S).T @ efforts
+    M = ca.jacobian(tau, qdd)
+    b = ca.substitute(tau, qdd, ca.DM.zeros(n))
+    return Motion(q, qd, factors, fall, M, b)
+
+
+def _across(joint: Joint, parent: _BodyMotion, x: Any, xd: Any, xdd: Any) -> tuple[Any, Any, _BodyMotion]:
+    """Return axis and origin of a joint in base, and the motion of its child, at coordinate x with its derivatives."""
+    T_parent_joint = joint.T_parent_joint
+    T_joint_child = spatial.inverse(joint.T_child_joint)
+    R = parent.R @ T_parent_joint[:3, :3]
+    r = parent.R @ T_parent_joint[:3, 3]
+    z = R[:, 2]
+    if joint.is_angle:
+        R = R @ symbolic.rotation_z(x)
+        w = parent.w + z * xd
+        turn = parent.turn + z * xdd + ca.cross(parent.w, z * xd)
+        a = parent.a + _carried(parent.turn, parent.w, r)
+    else:
+        r = r + z * x
+        w = parent.w
+        turn = parent.turn
+        coriolis = 2 * ca.cross(w, z * xd)
+        a = parent.a + _carried(turn, w, r) + z * xdd + coriolis
+    p = parent.p + r
+    s = R @ T_joint_child[:3, 3]
+    child = _BodyMotion(R @ T_joint_child[:3, :3], p + s, w, turn, a + _carried(turn, w, s))
+    return z, p, child
 
 
 def _coordinates(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return x0 (m,) and S (m, n): the coordinates of the tree joints are x0 + S q."""
     dynamics = Dynamics(mechanism)
-    places = [dynamics.model.tree.configuration[j.name] for j in mechanism.tree]
-    at = [
-        np.array(dynamics.configuration(row))[places] for row in np.vstack([np.zeros(dynamics.n), np.eye(dynamics.n)])
-    ]
-    return at[0], np.round(np.array([row - at[0] for row in at[1:]]).T, 12)
+    indices = [dynamics.model.tree.configuration[j.name] for j in mechanism.tree]
+    x0 = np.array(dynamics.configuration(np.zeros(dynamics.n)))[indices]
+    # Couplings are linear, so that one unit step of each active joint gives a column of S.
+    columns = []
+    for unit in np.eye(dynamics.n):
+        x = np.array(dynamics.configuration(unit))[indices]
+        columns.append(x - x0)
+    S: Array = np.array(columns).T
+    return x0, np.round(S, 12)
 
 
 def _carried(turn: Any, w: Any, r: Any) -> Any:

@@ -16,18 +16,21 @@ class Outbox(Block):
     def __init__(self, parts: Mapping[str, Parts]) -> None:
         """Create an empty queue for each robot in `parts` (compiled parts); sequence numbers begin at 1."""
         self.outputs = {}
-        self._of = {n: (parts[n].settings.arm, parts[n].settings.packet_version) for n in parts}
-        self._packets: dict[str, list[bytes]] = {n: [] for n in parts}
+        self._settings = {name: part.settings for name, part in parts.items()}
+        self._packets: dict[str, list[bytes]] = {name: [] for name in parts}
         self._count = 0
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Store the packets of this tick."""
         self._count += 1
-        for name, (arm, version) in self._of.items():
-            self._packets[name].append(pack(number_of(self._count), arm, signals.now[f"{name}.packet"], version))
+        sequence = number_of(self._count)
+        for name, settings in self._settings.items():
+            values = signals.now[f"{name}.packet"]
+            self._packets[name].append(pack(sequence, settings.arm, values, settings.packet_version))
         return {}
 
     def take(self) -> dict[str, list[bytes]]:
         """Return the packets stored since the last call; the keys are the names of the robots."""
-        taken, self._packets = self._packets, {n: [] for n in self._packets}
-        return taken
+        stored = self._packets
+        self._packets = {name: [] for name in stored}
+        return stored

@@ -56,16 +56,17 @@ class Physics:
     @classmethod
     def of(cls, arm: Arm, coulomb: ArrayLike = 0.0) -> Physics:
         """Return the parameters in the robot's files; `coulomb`: Coulomb friction (n,) in N m or N."""
-        m, n = arm.mechanism, len(arm.friction)
-        known = {a.name: a.rotor_inertia or 0.0 for a in m.actuators}
-        ends = [j.limits or (-np.inf, np.inf) for j in m.active]
+        mechanism = arm.mechanism
+        n = len(arm.friction)
+        rotor_inertias = {a.name: a.rotor_inertia or 0.0 for a in mechanism.actuators}
+        limits = [j.limits or (-np.inf, np.inf) for j in mechanism.active]
         return cls(
-            np.ones(len(m.tree)),
-            np.array([known.get(name, 0.0) for name in m.motor_names]),
-            arm.friction.copy(),
-            np.broadcast_to(np.asarray(coulomb, float), n).copy(),
-            np.array(m.gravity, float),
-            np.array(ends, float).T,
+            factors=np.ones(len(mechanism.tree)),
+            rotors=np.array([rotor_inertias.get(name, 0.0) for name in mechanism.motor_names]),
+            viscous=arm.friction.copy(),
+            coulomb=np.broadcast_to(np.asarray(coulomb, float), n).copy(),
+            fall=np.array(mechanism.gravity, float),
+            stops=np.array(limits, float).T,
         )
 
     def changed(self, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0) -> Physics:
@@ -147,12 +148,14 @@ class Plant:
         Raises:
             MechanismError: a parameter is impossible.
         """
-        self._parameters, self.physics = physics.checked(self._arm), physics
+        self._parameters = physics.checked(self._arm)
+        self.physics = physics
 
     def reset(self, q: ArrayLike, qd: ArrayLike = 0.0) -> None:
         """Set joint values (n,) and rates (n,)."""
         n = len(self._state) // 2
-        self._state = np.concatenate([np.asarray(q, float), np.broadcast_to(np.asarray(qd, float), n)])
+        rates = np.broadcast_to(np.asarray(qd, float), n)
+        self._state = np.concatenate([np.asarray(q, float), rates])
 
     def advance(self, torques: Array) -> None:
         """Advance by one tick under motor torques (n,) in N m or N."""
@@ -160,36 +163,43 @@ class Plant:
 
 
 def _kernel(arm: Arm) -> Kernel:
-    e, h = motion(arm.mechanism), TICK
-    n, m = len(arm.mechanism.active), len(arm.mechanism.tree)
+    e = motion(arm.mechanism)
+    h = TICK
+    n = len(arm.mechanism.active)
     rotors, V, C, low, high = (ca.SX.sym(name, n) for name in ("rotors", "V", "C", "low", "high"))
     torques = ca.SX.sym("torques", n)
-    inward = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
-    M = e.M + inward.T @ ca.diag(rotors) @ inward + ca.diag(h * V)
-    inverse = _inverse(M)
-    v = e.qd + h * (inverse @ (inward.T @ torques - e.b - V * e.qd))
+    T_inverse = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
+    # h V: the viscous friction acts on the new rates (implicit Euler method).
+    M = e.M + T_inverse.T @ ca.diag(rotors) @ T_inverse + ca.diag(h * V)
+    M_inverse = _inverse(M)
+    v = e.qd + h * (M_inverse @ (T_inverse.T @ torques - e.b - V * e.qd))
     friction = [ca.SX(0)] * n
     for _ in range(_SWEEPS):
         for i in range(n):
-            asked = friction[i] - v[i] / (h * inverse[i, i])
-            given = ca.fmax(ca.fmin(asked, C[i]), -C[i])
-            v = v + h * inverse[:, i] * (given - friction[i])
-            friction[i] = given
+            stopping = friction[i] - v[i] / (h * M_inverse[i, i])  # effort after which joint i is at rest
+            effort = ca.fmax(ca.fmin(stopping, C[i]), -C[i])
+            v = v + h * M_inverse[:, i] * (effort - friction[i])
+            friction[i] = effort
     q = e.q + h * v
+    # A joint that reaches a hard stop stays there at rest, without rebound.
     inside = ca.fmax(ca.fmin(q, high), low)
-    v = ca.vertcat(*(ca.if_else(ca.fabs(q[i] - inside[i]) > 0, 0, v[i]) for i in range(n)))
-    state, parameters = ca.vertcat(e.q, e.qd), ca.vertcat(e.factors, rotors, V, C, e.fall, low, high)
-    z, p = ca.SX.sym("state", 2 * n), ca.SX.sym("parameters", m + 5 * n + 3)
-    new = ca.substitute(ca.densify(ca.vertcat(inside, v)), ca.vertcat(state, parameters), ca.vertcat(z, p))
-    step = ca.Function("tick", [z, torques, p], [new], {"cse": True})
-    sizes = {"state": 2 * n, "torques": n, "parameters": m + 5 * n + 3}
+    rates = [ca.if_else(ca.fabs(q[i] - inside[i]) > 0, 0, v[i]) for i in range(n)]
+    new_state = ca.densify(ca.vertcat(inside, *rates))
+    # The kernel has one vector of states and one of parameters, in the order of `Physics.checked`.
+    symbols = ca.vertcat(e.q, e.qd, e.factors, rotors, V, C, e.fall, low, high)
+    state = ca.SX.sym("state", 2 * n)
+    parameters = ca.SX.sym("parameters", symbols.numel() - 2 * n)
+    new_state = ca.substitute(new_state, symbols, ca.vertcat(state, parameters))
+    step = ca.Function("tick", [state, torques, parameters], [new_state], {"cse": True})
+    sizes = {"state": state.numel(), "torques": n, "parameters": parameters.numel()}
     return Kernel([Stage(step, tuple(sizes), ("new",))], sizes, ["new"], single=True)
 
 
 def _inverse(M: ca.SX) -> ca.SX:
     """Return the inverse of a symmetric positive definite matrix, from its factors L D L^T and without branches."""
     n = M.shape[0]
-    L, D = ca.SX.eye(n), [ca.SX(0)] * n
+    L = ca.SX.eye(n)
+    D = [ca.SX(0)] * n
     for j in range(n):
         D[j] = M[j, j] - sum(L[j, k] ** 2 * D[k] for k in range(j))
         for i in range(j + 1, n):

@@ -25,12 +25,16 @@ class Receiver:
 
     def __init__(self, arm: int, version: int, timeout: float) -> None:
         """Set the number of the arm in a packet (0 or 1), the accepted version of packets, and the time-out in s."""
-        self._arm, self._version, self.timeout = arm, version, timeout
+        self._arm = arm
+        self._version = version
+        self.timeout = timeout
         self.master: Any = None
-        self.accepted = self.refused = 0
+        self.accepted = 0
+        self.refused = 0
         self.reason = ""
         self.sequence = 0
-        self._pedal, self._heard = False, float("-inf")
+        self._pedal = False
+        self._heard = float("-inf")  # time in s of the last packet of the master
 
     def read(self, data: bytes, sender: Any, t: float) -> Packet | None:
         """Return the content of a packet that arrives at t in s; None: its number is 0, so the caller sends it back.
@@ -48,7 +52,8 @@ class Receiver:
     def _read(self, data: bytes, sender: Any, t: float) -> Packet | None:
         packet = unpack(data, self._arm, self._version)
         if self.silent(t):
-            self.master, self.sequence = None, 0
+            self.master = None
+            self.sequence = 0
         if self.master not in (None, sender):
             raise DeviceError(
                 f"{sender} is a second master; {self.master} controls the machine until it has been silent for "
@@ -56,11 +61,14 @@ class Receiver:
             )
         if packet.sequence == 0:
             return None
-        gap = ahead(packet.sequence, self.sequence) - 1 if self.master is not None else 0
+        gap = 0  # a new master begins with any number
+        if self.master is not None:
+            gap = ahead(packet.sequence, self.sequence) - 1
         if gap < 0:
             raise DeviceError(f"the sequence number {packet.sequence} is not after the last one, {self.sequence}")
         self.sequence = packet.sequence
-        self.master, self._heard = sender, t
+        self.master = sender
+        self._heard = t
         if gap:
             raise DeviceError(f"{gap} packets are missing before packet {packet.sequence}, which is dropped, too")
         self.accepted += 1

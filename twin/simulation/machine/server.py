@@ -56,8 +56,10 @@ class Pace:
     """
 
     def __init__(self) -> None:
-        self.ticks = self.missed = 0
-        self.late, self.largest = deque[float](maxlen=RECENT), 0.0
+        self.ticks = 0
+        self.missed = 0
+        self.late = deque[float](maxlen=RECENT)
+        self.largest = 0.0
 
     def add(self, late: float) -> None:
         """Add a tick that began `late` s after its time."""
@@ -94,9 +96,12 @@ class Server:
         Raises:
             DeviceError: a port is in use or may not be opened.
         """
-        self.machine, self.pace = machine, Pace()
+        self.machine = machine
+        self.pace = Pace()
         self.refusal = ""
-        self._udp, self._tcp = socket.socket(type=socket.SOCK_DGRAM), socket.socket()
+        self._readers: dict[socket.socket, bytes] = {}  # connections, each with the begin of its next line
+        self._udp = socket.socket(type=socket.SOCK_DGRAM)
+        self._tcp = socket.socket()
         self._tcp.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         for kind, sock, wanted in (("UDP", self._udp, port), ("TCP", self._tcp, state_port)):
             try:
@@ -106,12 +111,12 @@ class Server:
                 raise DeviceError(f"{kind} port {wanted} of {HOST}: {error.strerror}; give another port") from error
             sock.setblocking(False)
         self._tcp.listen(READERS)
-        self.port, self.state_port = self._udp.getsockname()[1], self._tcp.getsockname()[1]
-        self._readers: dict[socket.socket, bytes] = {}
+        self.port = self._udp.getsockname()[1]
+        self.state_port = self._tcp.getsockname()[1]
 
     def close(self) -> None:
         """Close all sockets."""
-        for sock in (self._udp, self._tcp, *getattr(self, "_readers", ())):
+        for sock in (self._udp, self._tcp, *self._readers):
             sock.close()
 
     def run(
@@ -126,21 +131,27 @@ class Server:
         reason to refuse a connection.
         """
         gc.freeze()  # without this, garbage collection checks all imported modules, which takes many ticks
-        begin, k, level, refusal = time.monotonic(), 0, None, self.refusal
+        begin = time.monotonic()
+        level = None  # as last said
+        refusal = self.refusal
+        k = 0
         while k * TICK < seconds and not (k % _ASK == 0 and ends()):
-            due = begin + k * TICK
+            t = k * TICK
+            due = begin + t
             wait = due - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
             self.pace.add(max(time.monotonic() - due, 0.0))
-            self.step(k * TICK)
-            now = self.machine.plc.level
-            if now != level:
-                level = now
-                said(f"{k * TICK:.3f} s: {level.name}" + (f": {self.machine.reason}" if self.machine.reason else ""))
+            self.step(t)
+            if self.machine.plc.level != level:
+                level = self.machine.plc.level
+                line = f"{t:.3f} s: {level.name}"
+                if self.machine.reason:
+                    line += f": {self.machine.reason}"
+                said(line)
             if self.refusal != refusal:
                 refusal = self.refusal
-                said(f"{k * TICK:.3f} s: {refusal}")
+                said(f"{t:.3f} s: {refusal}")
             k += 1
 
     def step(self, t: float) -> None:
@@ -152,13 +163,31 @@ class Server:
         self._send(self._state())
 
     def _arrived(self) -> list[tuple[bytes, tuple[str, int]]]:
-        out = []
+        packets = []
         with contextlib.suppress(BlockingIOError):
-            while len(out) < _PACKETS:
-                out.append(self._udp.recvfrom(PACKET.size + 1))
-        return out
+            while len(packets) < _PACKETS:
+                # One byte more than a packet, so that a datagram that is too long is refused.
+                packets.append(self._udp.recvfrom(PACKET.size + 1))
+        return packets
 
     def _buttons(self) -> None:
+        self._accept()
+        for reader, text in list(self._readers.items()):
+            try:
+                received = reader.recv(_LINE)
+            except BlockingIOError:
+                continue
+            except OSError:
+                received = b""
+            *lines, rest = (text + received).split(b"\n")
+            refused = not all(self._press(line.strip()) for line in lines)
+            ended = not received
+            if refused or ended or len(rest) > _LINE:
+                self._drop(reader)
+            else:
+                self._readers[reader] = rest
+
+    def _accept(self) -> None:
         with contextlib.suppress(OSError):  # nobody connects, or a connection was aborted before it was accepted
             for _ in range(_NEW):
                 reader, _ = self._tcp.accept()
@@ -169,19 +198,6 @@ class Server:
                 reader.setblocking(False)
                 reader.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 self._readers[reader] = b""
-        for reader, text in list(self._readers.items()):
-            try:
-                more = reader.recv(_LINE)
-            except BlockingIOError:
-                continue
-            except OSError:
-                more = b""
-            *lines, rest = (text + more).split(b"\n")
-            refused = not all(self._press(line.strip()) for line in lines)
-            if refused or not more or len(rest) > _LINE:
-                self._drop(reader)
-            else:
-                self._readers[reader] = rest
 
     def _press(self, line: bytes) -> bool:
         """Press the button that a line from a connection names; return False if the line names none."""
@@ -199,9 +215,23 @@ class Server:
         reader.close()
 
     def _state(self) -> bytes:
-        m, r = self.machine, self.machine.receiver
-        counts = (r.sequence, r.accepted, r.refused, m.held, self.pace.missed)
-        return pack(State(m.plc.level, r.pedal(m.t), m.tick, m.t, *counts, m.q, m.wanted, m.dac))
+        machine = self.machine
+        receiver = machine.receiver
+        state = State(
+            level=machine.plc.level,
+            pedal=receiver.pedal(machine.t),
+            tick=machine.tick,
+            t=machine.t,
+            sequence=receiver.sequence,
+            accepted=receiver.accepted,
+            refused=receiver.refused,
+            held=machine.held,
+            late=self.pace.missed,
+            q=machine.q,
+            wanted=machine.wanted,
+            dac=machine.dac,
+        )
+        return pack(state)
 
     def _send(self, state: bytes) -> None:
         for reader in list(self._readers):
@@ -217,5 +247,7 @@ def _refusal(line: bytes) -> str:
     """Return why a line from a connection is refused."""
     text = line[:_LINE].decode("ascii", "backslashreplace")
     verb = text.split(" ")[0]
-    what = f"an HTTP request ({verb})" if verb in _VERBS else f"the line {text!r}"
+    what = f"the line {text!r}"
+    if verb in _VERBS:
+        what = f"an HTTP request ({verb})"
     return f"a connection was closed: it sent {what}; only the lines 'start' and 'stop' are accepted"

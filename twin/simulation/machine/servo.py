@@ -58,12 +58,17 @@ class Servo:
 
     def reset(self) -> None:
         """Reset the integral of the error, the violations and the stop."""
-        self._sum, self.violations, self.stop = np.zeros(len(self.limit)), np.zeros(len(self.limit), int), ""
+        n = len(self.limit)
+        self._sum = np.zeros(n)
+        self.violations = np.zeros(n, int)
+        self.stop = ""
 
     @property
     def counted(self) -> int:
         """Number of violations for policy "hard": with a shared counter the sum over motors, otherwise the maximum."""
-        return int(self.violations.sum() if self.settings.released.shared_counter else self.violations.max())
+        if self.settings.released.shared_counter:
+            return int(self.violations.sum())
+        return int(self.violations.max())
 
     def counts_of(self, error: Array, change: Array, efforts: Array) -> Array:
         """Return the counts of the DAC (n,), whole numbers; all 0 if the arm must stop.
@@ -73,26 +78,32 @@ class Servo:
             change: (n,) desired minus measured rates in rad/s.
             efforts: (n,) joint efforts of the gravity compensation in N m or N.
         """
-        driven, n = self.arithmetic.drive(error, change, efforts, self._sum), len(error)
-        self._sum, asked = driven[:n], driven[n:]
-        if not self.stop and all(map(le, map(abs, asked.tolist()), self._passed)):
-            return asked
-        size, names = np.abs(asked), self.mechanism.motor_names
+        drive = self.arithmetic.drive(error, change, efforts, self._sum)
+        n = len(error)
+        self._sum = drive[:n]
+        command = drive[n:]
+        # The usual case, without the time of the numpy calls below.
+        if not self.stop and all(map(le, map(abs, command.tolist()), self._passed)):
+            return command
+        size = np.abs(command)
+        names = self.mechanism.motor_names
         over = size > self.limit
         if not size.max() <= self._stop_dac:  # NaN counts as above every limit
             i = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
-            self.stop = f"the command for {names[i]} is {asked[i]:.0f} DAC counts (limit {self._stop_dac:.0f})"
+            self.stop = f"the command for {names[i]} is {command[i]:.0f} DAC counts (limit {self._stop_dac:.0f})"
         elif over.any():
             self.violations += over
             if self.policy == "hard" and self.counted > self._most:
                 i = int(np.argmax(over))
                 self.stop = (
                     f"{self.counted} commands exceed the limit of mode {self.mode} ({self._most:.0f} are allowed); the "
-                    f"last one is {asked[i]:.0f} DAC counts for {names[i]} (limit {self.limit[i]:.0f})"
+                    f"last one is {command[i]:.0f} DAC counts for {names[i]} (limit {self.limit[i]:.0f})"
                 )
         if self.stop:
-            return np.zeros_like(asked)
-        return np.clip(asked, -self.limit, self.limit) if self.policy != "none" and over.any() else asked
+            return np.zeros_like(command)
+        if self.policy == "none" or not over.any():
+            return command
+        return np.clip(command, -self.limit, self.limit)
 
     def torques(self, counts: Array) -> Array:
         """Return the motor torques (n,) in N m for counts of the DAC (n,)."""
@@ -110,14 +121,16 @@ def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], 
     if not settings.compensation:
         return holding(mechanism)
     frames = {f.name: f for f in mechanism.frames}
-    moved = {j.name: j.child for j in mechanism.tree}
+    children = {j.name: j.child for j in mechanism.tree}
     masses = {}
     for point in settings.compensation:
+        body = children[point.joint]
         frame = frames.get(point.frame)
-        if frame is None or frame.body != moved[point.joint]:
-            raise MechanismError(f"compensation of {point.joint}: {moved[point.joint]} has no frame '{point.frame}'")
-        T = frame.T_body_frame
-        masses[frame.body] = Inertia(point.mass, T[:3, :3] @ np.array(point.centre) + T[:3, 3], np.zeros((3, 3)))
+        if frame is None or frame.body != body:
+            raise MechanismError(f"compensation of {point.joint}: {body} has no frame '{point.frame}'")
+        T_body_frame = frame.T_body_frame
+        p_body_com = T_body_frame[:3, :3] @ np.array(point.centre) + T_body_frame[:3, 3]
+        masses[body] = Inertia(point.mass, p_body_com, np.zeros((3, 3)))
     bodies = tuple(replace(b, inertia=masses.get(b.name)) for b in mechanism.bodies)
     return holding(replace(mechanism, bodies=bodies))
 
@@ -125,9 +138,10 @@ def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], 
 def holding(mechanism: Mechanism) -> Callable[[Array], Array]:
     """Return the compiled function q (n,) -> joint efforts (n,) that balance gravity on a mechanism's masses."""
     e = motion(mechanism)
-    at = [(e.qd, 0), (e.factors, 1), (e.fall, ca.DM(mechanism.gravity))]
-    b = e.b
-    for symbol, value in at:
-        b = ca.substitute(b, symbol, value * ca.DM.ones(symbol.shape) if isinstance(value, int) else value)
+    # At rest, only gravity is left of the efforts b.
+    b = ca.substitute(e.b, e.qd, ca.DM.zeros(e.qd.shape))
+    b = ca.substitute(b, e.factors, ca.DM.ones(e.factors.shape))
+    b = ca.substitute(b, e.fall, ca.DM(mechanism.gravity))
     g = ca.Function("gravity", [e.q], [ca.densify(ca.simplify(b))], {"cse": True})
-    return Kernel([Stage(g, ("q",), ("g",))], {"q": e.q.numel()}, ["g"], single=True).single()
+    stage = Stage(g, ("q",), ("g",))
+    return Kernel([stage], {"q": e.q.numel()}, ["g"], single=True).single()

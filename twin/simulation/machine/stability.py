@@ -36,9 +36,12 @@ def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
     if size <= _MOST:
         return
     n = len(q)
-    joint = int(np.argmax(np.abs(vectors[:n, i]) * np.sqrt(np.diag(arm.dynamics().mass_matrix(q)))))
+    # Angles and lengths are comparable by their kinetic energy.
+    weights = np.sqrt(np.diag(arm.dynamics().mass_matrix(q)))
+    joint = int(np.argmax(np.abs(vectors[:n, i]) * weights))
     motor = settings.of_motors(arm.mechanism)[joint]
-    hertz, doubled = abs(np.angle(values[i])) / (2 * np.pi * TICK), np.log(2) / np.log(size) * TICK
+    hertz = abs(np.angle(values[i])) / (2 * np.pi * TICK)
+    doubled = np.log(2) / np.log(size) * TICK
     raise MechanismError(
         f"the gains make {arm.mechanism.active[joint].name} oscillate with {hertz:.3g} Hz: a deviation doubles in "
         f"{doubled * 1e3:.3g} ms; reduce kp = {motor.kp:g}, kd = {motor.kd:g} or ki = {motor.ki:g} of {motor.name}"
@@ -47,17 +50,22 @@ def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
 
 def _tick(arm: Arm, settings: Settings, q: Array) -> Array:
     """Return the matrix (4 n, 4 n) by which a tick multiplies the state (q, v, w, s)."""
-    motors, n = settings.of_motors(arm.mechanism), len(q)
-    kp, kd, ki = (np.diag([getattr(m, k) / m.gear for m in motors]) for k in ("kp", "kd", "ki"))
-    dynamics, A = arm.dynamics(), np.linalg.inv(arm.mechanism.motor_matrix)
+    motors = settings.of_motors(arm.mechanism)
+    kp = np.diag([m.kp / m.gear for m in motors])
+    kd = np.diag([m.kd / m.gear for m in motors])
+    ki = np.diag([m.ki / m.gear for m in motors])
+    dynamics = arm.dynamics()
     M = dynamics.mass_matrix(q)
+    V = np.diag(dynamics.friction)
+    A = np.linalg.inv(arm.mechanism.motor_matrix)
     c = 1 - np.exp(-2 * np.pi * settings.number.velocity_cutoff.value * TICK)
-    one, none = np.eye(n), np.zeros((n, n))
-    # A (q - q_before) / h is A v, because q = q_before + h v
+    one = np.eye(len(q))
+    none = np.zeros_like(one)
+    # Rows (n, 4 n) of the matrix. A (q - q_before) / h is A v, because q = q_before + h v.
     w = np.hstack([none, c * A, (1 - c) * one, none])
     s = np.hstack([-TICK * A, none, none, one])
     torque = np.hstack([-kp @ A, none, none, none]) - kd @ w + ki @ s
-    rate = np.linalg.solve(
-        M + TICK * np.diag(dynamics.friction), np.hstack([none, M, none, none]) + TICK * A.T @ torque
-    )
-    return np.vstack([np.hstack([one, none, none, none]) + TICK * rate, rate, w, s]).astype(float)
+    momentum = np.hstack([none, M, none, none]) + TICK * A.T @ torque
+    v = np.linalg.solve(M + TICK * V, momentum)
+    q_new = np.hstack([one, none, none, none]) + TICK * v
+    return np.vstack([q_new, v, w, s]).astype(float)

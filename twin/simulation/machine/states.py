@@ -29,7 +29,8 @@ from twin.simulation.machine.levels import Level
 
 HEAD = struct.Struct("<4s4BQd6I")
 
-MAGIC, VERSION = b"TWNM", 1
+MAGIC = b"TWNM"
+VERSION = 1
 
 _ROWS = 3
 """Number of values of each joint in a state: measured joint value, desired joint value, counts of the DAC."""
@@ -69,10 +70,10 @@ class State:
 def pack(state: State) -> bytes:
     """Return a state as bytes."""
     counts = (state.sequence, state.accepted, state.refused, state.held, state.late, 0)
-    head = HEAD.pack(
-        MAGIC, VERSION, state.level, state.pedal, len(state.q), state.tick, state.t, *(c % 2**32 for c in counts)
-    )
-    return head + np.concatenate([state.q, state.wanted, state.dac]).astype("<f8").tobytes()
+    uint32 = [count % 2**32 for count in counts]  # a long run counts from 0 again
+    head = HEAD.pack(MAGIC, VERSION, state.level, state.pedal, len(state.q), state.tick, state.t, *uint32)
+    rows = np.concatenate([state.q, state.wanted, state.dac])
+    return head + rows.astype("<f8").tobytes()
 
 
 def size(n: int) -> int:

@@ -23,31 +23,42 @@ class Wire:
 
     def __init__(self, faults: Sequence[Fault]) -> None:
         """Store the faults of the signal `wire`."""
-        self._faults, self._tick = faults, 0
-        self._late: list[tuple[int, bytes, Any]] = []
+        self._faults = faults
+        self._tick = 0
+        self._late: list[tuple[int, bytes, Any]] = []  # (tick of arrival, packet, sender)
 
     def carry(self, t: float, packets: Iterable[tuple[bytes, Any]]) -> list[tuple[bytes, Any]]:
         """Return the packets (bytes, sender) that arrive in this tick, at t in s."""
         if not self._faults:
             return list(packets)
         self._tick += 1
-        out = [(data, sender) for due, data, sender in self._late if due <= self._tick]
-        self._late = [late for late in self._late if late[0] > self._tick]
+        arrived = []
+        waiting = []
+        for due, data, sender in self._late:
+            if due <= self._tick:
+                arrived.append((data, sender))
+            else:
+                waiting.append((due, data, sender))
+        self._late = waiting
         for data, sender in packets:
-            out += self._disturbed(t, data, sender)
-        return out
+            arrived += self._disturbed(t, data, sender)
+        return arrived
 
     def _disturbed(self, t: float, data: bytes, sender: Any) -> list[tuple[bytes, Any]]:
-        copies, wait, number = 1, 0, sequence_of(data)
+        number = sequence_of(data)
+        copies = 1
+        delay = 0  # in ticks; the delays of several faults add up
         for fault in self._faults:
-            at = number if fault.counts else t
-            copies *= fault.copies(at)
+            moment = number if fault.counts else t
+            copies *= fault.copies(moment)
             if fault.operation == "delay":
-                wait += int(np.asarray(fault.value)) if fault.start <= at < fault.stop else 0
+                if fault.start <= moment < fault.stop:
+                    delay += int(np.asarray(fault.value))
             elif len(data) == PACKET.size:
-                new = int(fault.change(at, np.array([float(number)]))[0])
-                data = renumbered(data, new) if new != number else data
-        if wait and copies:
-            self._late += [(self._tick + wait, data, sender)] * copies
+                changed = int(fault.change(moment, np.array([float(number)]))[0])
+                if changed != number:
+                    data = renumbered(data, changed)
+        if delay and copies:
+            self._late += [(self._tick + delay, data, sender)] * copies
             return []
         return [(data, sender)] * copies
