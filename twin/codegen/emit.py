@@ -26,29 +26,61 @@ _ARITHMETIC = {
     ca.OP_DIV: "fdiv",
 }
 _LIBRARY = {
-    **{ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos"},
-    **{ca.OP_ATAN: "atan", ca.OP_ATAN2: "atan2", ca.OP_HYPOT: "hypot"},
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_HYPOT: "hypot",
 }
 """Functions of the C library that an exact kernel calls."""
 
-_COMPARED = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
-_INTRINSIC = {
-    **{ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_COPYSIGN: "copysign"},
-    **{ca.OP_FMIN: "minnum", ca.OP_FMAX: "maxnum"},
-    **{ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow"},
-    **{ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh"},
+_COMPARED = {
+    ca.OP_LT: "olt",
+    ca.OP_LE: "ole",
+    ca.OP_EQ: "oeq",
+    ca.OP_NE: "une",
 }
+"""LLVM conditions of comparisons; all but "not equal" are false for NaN, as in IEEE 754."""
+
+_INTRINSIC = {
+    ca.OP_SQRT: "sqrt",
+    ca.OP_FABS: "fabs",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+    ca.OP_COPYSIGN: "copysign",
+    ca.OP_FMIN: "minnum",
+    ca.OP_FMAX: "maxnum",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+}
+"""Functions that LLVM provides for vectors."""
 
 _HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
 """pi/2 as a sum of two doubles, for an exact reduction of angles."""
 
 _SINE = (
-    *(1.58969099521155010221e-10, -2.50507602534068634195e-08, 2.75573137070700676789e-06),
-    *(-1.98412698298579493134e-04, 8.33333333332248946124e-03, -1.66666666666666324348e-01),
+    1.58969099521155010221e-10,
+    -2.50507602534068634195e-08,
+    2.75573137070700676789e-06,
+    -1.98412698298579493134e-04,
+    8.33333333332248946124e-03,
+    -1.66666666666666324348e-01,
 )
 _COSINE = (
-    *(-1.13596475577881948265e-11, 2.08757232129817482790e-09, -2.75573143513906633035e-07),
-    *(2.48015872894767294178e-05, -1.38888888888741095749e-03, 4.16666666666666019037e-02),
+    -1.13596475577881948265e-11,
+    2.08757232129817482790e-09,
+    -2.75573143513906633035e-07,
+    2.48015872894767294178e-05,
+    -1.38888888888741095749e-03,
+    4.16666666666666019037e-02,
 )
 """Polynomial coefficients of sine and cosine from FreeBSD's msun (k_sin.c, k_cos.c), highest power first."""
 
@@ -90,10 +122,20 @@ class _Writer:
     """Writer of the lines of an LLVM function that operates on vectors of `width` lanes."""
 
     def __init__(self, width: int, exact: bool = False) -> None:
-        self.width, self.exact = width, exact
+        self.width = width
+        self.exact = exact
         self.contract = "" if exact else "contract "
-        self.V, self.B, self.I = (f"<{width} x {t}>" if width > 1 else t for t in ("double", "i1", "i64"))
-        self.suffix = f"v{width}f64" if width > 1 else "f64"
+        # LLVM types of the values, conditions and integers of all lanes
+        if width > 1:
+            self.V = f"<{width} x double>"
+            self.B = f"<{width} x i1>"
+            self.I = f"<{width} x i64>"
+            self.suffix = f"v{width}f64"
+        else:
+            self.V = "double"
+            self.B = "i1"
+            self.I = "i64"
+            self.suffix = "f64"
         self.lines: list[str] = []
         self.declared: set[str] = set()
         self.sines = False
@@ -102,27 +144,40 @@ class _Writer:
         self._count = 0
 
     def constant(self, x: float) -> str:
-        bits = f"0x{struct.unpack('<Q', struct.pack('<d', x))[0]:016X}"
-        return f"splat (double {bits})" if self.width > 1 else bits
+        """Return a number as LLVM's constant: the bits of the double, so that nothing is rounded."""
+        (integer,) = struct.unpack("<Q", struct.pack("<d", x))
+        bits = f"0x{integer:016X}"
+        if self.width > 1:
+            return f"splat (double {bits})"
+        return bits
 
     def integer(self, k: int) -> str:
-        return f"splat (i64 {k})" if self.width > 1 else str(k)
+        if self.width > 1:
+            return f"splat (i64 {k})"
+        return str(k)
 
     def line(self, text: str) -> None:
         self.lines.append(f"  {text}")
 
     def put(self, text: str) -> str:
+        """Write an instruction; return the LLVM name of its result."""
         self._count += 1
-        self.line(f"%t{self._count} = {text}")
-        return f"%t{self._count}"
+        name = f"%t{self._count}"
+        self.line(f"{name} = {text}")
+        return name
 
     def intrinsic(self, name: str, *arguments: str) -> str:
-        self.declared.add(f"declare {self.V} @llvm.{name}.{self.suffix}({', '.join([self.V] * len(arguments))})")
-        return self.put(f"call {self.V} @llvm.{name}.{self.suffix}({', '.join(f'{self.V} {a}' for a in arguments)})")
+        function = f"{self.V} @llvm.{name}.{self.suffix}"
+        types = ", ".join([self.V] * len(arguments))
+        values = ", ".join(f"{self.V} {argument}" for argument in arguments)
+        self.declared.add(f"declare {function}({types})")
+        return self.put(f"call {function}({values})")
 
     def library(self, name: str, *arguments: str) -> str:
-        self.declared.add(f"declare double @{name}({', '.join(['double'] * len(arguments))}) nounwind memory(none)")
-        return self.put(f"call double @{name}({', '.join(f'double {a}' for a in arguments)})")
+        types = ", ".join(["double"] * len(arguments))
+        values = ", ".join(f"double {argument}" for argument in arguments)
+        self.declared.add(f"declare double @{name}({types}) nounwind memory(none)")
+        return self.put(f"call double @{name}({values})")
 
     def choose(self, condition: str, a: str, b: str) -> str:
         return self.put(f"select {self.B} {condition}, {self.V} {a}, {self.V} {b}")
@@ -133,8 +188,9 @@ class _Writer:
     def value(self, name: str) -> str:
         """Return the LLVM name of a value; inputs are loaded at their first use, which saves registers."""
         if name in self.waiting:
-            at = self.put(f"getelementptr double, ptr %in{self.waiting.pop(name)}, i64 %i")
-            self.loaded[name] = self.put(f"load {self.V}, ptr {at}, align 8")
+            number = self.waiting.pop(name)
+            address = self.put(f"getelementptr double, ptr %in{number}, i64 %i")
+            self.loaded[name] = self.put(f"load {self.V}, ptr {address}, align 8")
         return self.loaded.get(name, name)
 
     def call(
@@ -146,120 +202,163 @@ class _Writer:
         """
         if not function.is_a("SXFunction"):
             raise ValueError(f"function '{function.name()}' is not a CasADi function of scalars (SX)")
-        V, one, zero = self.V, self.constant(1.0), self.constant(0.0)
-        at: dict[int, str] = {}
-        fixed: dict[str, float] = {}
-        inverse: dict[str, str] = {}
-        out = [[zero] * function.numel_out(i) for i in range(function.n_out())]
+        V = self.V
+        one = self.constant(1.0)
+        zero = self.constant(0.0)
+        names: dict[int, str] = {}  # of the values in CasADi's work vector
+        numbers: dict[str, float] = {}  # of constants
+        inverses: dict[str, str] = {}
         sines: dict[str, tuple[str, str]] = {}
-        angles: dict[str, tuple[str, str]] = {}
+        points: dict[str, tuple[str, str]] = {}  # (y, x) of each angle that is an arc tangent
+        results = [[zero] * function.numel_out(i) for i in range(function.n_out())]
         for k in range(function.n_instructions()):
-            op, i, o = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+            op = function.instruction_id(k)
+            sources = function.instruction_input(k)
+            targets = function.instruction_output(k)
             if op == ca.OP_OUTPUT:
-                out[o[0]][o[1]] = at[i[0]]
+                output, entry = targets
+                results[output][entry] = names[sources[0]]
                 continue
+            target = targets[0]
             if op == ca.OP_INPUT:
-                at[o[0]] = self.value(arguments[i[0]][i[1]])
+                argument, entry = sources
+                names[target] = self.value(arguments[argument][entry])
                 continue
             if op == ca.OP_CONST:
                 number = function.instruction_constant(k)
-                at[o[0]] = self.constant(number)
-                fixed[at[o[0]]] = number
+                names[target] = self.constant(number)
+                numbers[names[target]] = number
                 continue
-            a = [at[j] for j in i]
+            operands = [names[source] for source in sources]
+            a = operands[0]
+            b = operands[-1]  # of an operation with one operand, this operand
             if self.exact and op in _LIBRARY:
-                done = self.library(_LIBRARY[op], *a)
-            elif op == ca.OP_DIV and not self.exact and _invertible(fixed.get(a[1], 0.0)):
+                result = self.library(_LIBRARY[op], *operands)
+            elif op == ca.OP_DIV and not self.exact and _invertible(numbers.get(b, 0.0)):
                 # Multiplication is ten times as fast as division; the rounding error is larger by half a unit.
-                done = self.put(f"fmul contract {V} {a[0]}, {self.constant(1 / fixed[a[1]])}")
+                result = self.put(f"fmul contract {V} {a}, {self.constant(1 / numbers[b])}")
             elif op == ca.OP_DIV and reciprocals:
-                if a[1] not in inverse:
-                    inverse[a[1]] = self.put(f"fdiv {V} {one}, {a[1]}")
-                done = self.put(f"fmul contract {V} {a[0]}, {inverse[a[1]]}")
+                if b not in inverses:
+                    inverses[b] = self.put(f"fdiv {V} {one}, {b}")
+                result = self.put(f"fmul contract {V} {a}, {inverses[b]}")
+            elif op == ca.OP_DIV:
+                result = self.put(f"fdiv {V} {a}, {b}")
             elif op in _ARITHMETIC:
-                done = self.put(f"{_ARITHMETIC[op]} {'' if op == ca.OP_DIV else self.contract}{V} {a[0]}, {a[1]}")
-            elif op in (ca.OP_SQ, ca.OP_TWICE):
-                done = self.put(f"{'fmul' if op == ca.OP_SQ else 'fadd'} {self.contract}{V} {a[0]}, {a[0]}")
+                result = self.put(f"{_ARITHMETIC[op]} {self.contract}{V} {a}, {b}")
+            elif op == ca.OP_SQ:
+                result = self.put(f"fmul {self.contract}{V} {a}, {a}")
+            elif op == ca.OP_TWICE:
+                result = self.put(f"fadd {self.contract}{V} {a}, {a}")
             elif op == ca.OP_NEG:
-                done = self.put(f"fneg {V} {a[0]}")
+                result = self.put(f"fneg {V} {a}")
             elif op == ca.OP_INV:
-                done = self.put(f"fdiv {V} {one}, {a[0]}")
+                result = self.put(f"fdiv {V} {one}, {a}")
             elif op == ca.OP_ASSIGN:
-                done = a[0]
+                result = a
             elif op in (ca.OP_SIN, ca.OP_COS):
-                if a[0] not in sines:
-                    sines[a[0]] = self._of_point(*angles[a[0]]) if a[0] in angles else self._sine(a[0])
-                done = sines[a[0]][0 if op == ca.OP_SIN else 1]
+                if a not in sines:
+                    sines[a] = self._sine_of_point(*points[a]) if a in points else self._sine(a)
+                sine, cosine = sines[a]
+                result = sine if op == ca.OP_SIN else cosine
             elif op in lowered():
-                done = self.call(lowered()[op], [[x] for x in a])[0][0]
+                ((result,),) = self.call(lowered()[op], [[operand] for operand in operands])
                 if op == ca.OP_ATAN2:
-                    angles[done] = (a[0], a[1])
+                    points[result] = (a, b)
             elif op in _INTRINSIC:
-                done = self.intrinsic(_INTRINSIC[op], *a)
+                result = self.intrinsic(_INTRINSIC[op], *operands)
             elif op in _COMPARED:
-                done = self.choose(self.put(f"fcmp {_COMPARED[op]} {V} {a[0]}, {a[1]}"), one, zero)
+                condition = self.put(f"fcmp {_COMPARED[op]} {V} {a}, {b}")
+                result = self.choose(condition, one, zero)
             elif op == ca.OP_NOT:
-                done = self.choose(self.true(a[0]), zero, one)
+                result = self.choose(self.true(a), zero, one)
             elif op == ca.OP_IF_ELSE_ZERO:
-                done = self.choose(self.true(a[0]), a[1], zero)
+                result = self.choose(self.true(a), b, zero)
             elif op in (ca.OP_AND, ca.OP_OR):
                 word = "and" if op == ca.OP_AND else "or"
-                both = self.put(f"{word} {self.B} {self.true(a[0])}, {self.true(a[1])}")
-                done = self.choose(both, one, zero)
+                condition = self.put(f"{word} {self.B} {self.true(a)}, {self.true(b)}")
+                result = self.choose(condition, one, zero)
             else:
                 raise ValueError(f"function '{function.name()}': CasADi's operation {op} cannot be compiled")
-            at[o[0]] = done
-        return out
+            names[target] = result
+        return results
 
     def _sine(self, x: str) -> tuple[str, str]:
+        """Return the LLVM names of sine and cosine of x."""
         self.sines = True
-        both = self.put(f"call {{{self.V}, {self.V}}} @sines({self.V} {x})")
-        return tuple(self.put(f"extractvalue {{{self.V}, {self.V}}} {both}, {i}") for i in (0, 1))  # pyright: ignore[reportReturnType]
+        pair = f"{{{self.V}, {self.V}}}"
+        both = self.put(f"call {pair} @sines({self.V} {x})")
+        sine = self.put(f"extractvalue {pair} {both}, 0")
+        cosine = self.put(f"extractvalue {pair} {both}, 1")
+        return sine, cosine
 
-    def _of_point(self, y: str, x: str) -> tuple[str, str]:
+    def _sine_of_point(self, y: str, x: str) -> tuple[str, str]:
         """Return the LLVM names of sine and cosine of atan2(y, x), computed by a square root without an arc tangent."""
         V = self.V
-        square = self.put(f"fadd contract {V} {self.put(f'fmul {V} {x}, {x}')}, {self.put(f'fmul {V} {y}, {y}')}")
+        zero = self.constant(0.0)
+        one = self.constant(1.0)
+        x_squared = self.put(f"fmul {V} {x}, {x}")
+        y_squared = self.put(f"fmul {V} {y}, {y}")
+        square = self.put(f"fadd contract {V} {x_squared}, {y_squared}")
         length = self.intrinsic("sqrt", square)
-        nowhere = self.put(f"fcmp oeq {V} {length}, {self.constant(0.0)}")  # at the origin, the angle is 0 or pi
-        inverse = self.put(f"fdiv {V} {self.constant(1.0)}, {length}")
-        cosine, sine = (self.put(f"fmul {V} {c}, {inverse}") for c in (x, y))
-        end = self.intrinsic("copysign", self.constant(1.0), x)
-        return self.choose(nowhere, self.constant(0.0), sine), self.choose(nowhere, end, cosine)
+        at_origin = self.put(f"fcmp oeq {V} {length}, {zero}")
+        inverse = self.put(f"fdiv {V} {one}, {length}")
+        cosine = self.put(f"fmul {V} {x}, {inverse}")
+        sine = self.put(f"fmul {V} {y}, {inverse}")
+        # at the origin, the angle is 0 or pi, by the sign bit of x
+        cosine_at_origin = self.intrinsic("copysign", one, x)
+        sine = self.choose(at_origin, zero, sine)
+        cosine = self.choose(at_origin, cosine_at_origin, cosine)
+        return sine, cosine
 
     def polynomial(self, coefficients: Sequence[float], z: str) -> str:
+        """Return the LLVM name of a polynomial of z, by Horner's method."""
         y = self.constant(coefficients[0])
-        for c in coefficients[1:]:
-            y = self.intrinsic("fma", y, z, self.constant(c))
+        for coefficient in coefficients[1:]:
+            y = self.intrinsic("fma", y, z, self.constant(coefficient))
         return y
 
 
 def _sines(width: int) -> _Writer:
     """Write the LLVM function for sine and cosine of %x: exact reduction by multiples of pi/2, then polynomials."""
     w = _Writer(width)
-    V, integers, c = w.V, w.I, w.constant
-    shifted = w.intrinsic("fma", "%x", c(2 / 3.141592653589793), c(_ROUND))
-    minus = w.put(f"fneg {V} {w.put(f'fsub {V} {shifted}, {c(_ROUND)}')}")
-    found = w.put(f"fcmp olt {V} {w.intrinsic('fabs', '%x')}, {c(_TURNS)}")
-    r = w.choose(found, "%x", c(float("nan")))
+    V = w.V
+    integers = w.I
+    pair = f"{{{V}, {V}}}"
+    # the number of the quadrant, and r = x - quadrant * pi/2 within +-pi/4
+    shifted = w.intrinsic("fma", "%x", w.constant(2 / 3.141592653589793), w.constant(_ROUND))
+    quadrant = w.put(f"fsub {V} {shifted}, {w.constant(_ROUND)}")
+    minus_quadrant = w.put(f"fneg {V} {quadrant}")
+    size = w.intrinsic("fabs", "%x")
+    precise = w.put(f"fcmp olt {V} {size}, {w.constant(_TURNS)}")
+    r = w.choose(precise, "%x", w.constant(float("nan")))
     for part in _HALF_PI:
-        r = w.intrinsic("fma", minus, c(part), r)
+        r = w.intrinsic("fma", minus_quadrant, w.constant(part), r)
+    # sin r = r + r³ P(r²), cos r = 1 - r²/2 + r⁴ Q(r²)
     z = w.put(f"fmul {V} {r}, {r}")
-    sine = w.intrinsic("fma", w.polynomial(_SINE, z), w.put(f"fmul {V} {z}, {r}"), r)
-    start = w.intrinsic("fma", z, c(-0.5), c(1.0))
-    cosine = w.intrinsic("fma", w.polynomial(_COSINE, z), w.put(f"fmul {V} {z}, {z}"), start)
+    P = w.polynomial(_SINE, z)
+    r_cubed = w.put(f"fmul {V} {z}, {r}")
+    sine = w.intrinsic("fma", P, r_cubed, r)
+    parabola = w.intrinsic("fma", z, w.constant(-0.5), w.constant(1.0))
+    Q = w.polynomial(_COSINE, z)
+    z_squared = w.put(f"fmul {V} {z}, {z}")
+    cosine = w.intrinsic("fma", Q, z_squared, parabola)
+    # in odd quadrants, sine and cosine of x are cosine and sine of r
     bits = w.put(f"bitcast {V} {shifted} to {integers}")
-    odd = w.put(f"icmp ne {integers} {w.put(f'and {integers} {bits}, {w.integer(1)}')}, {w.integer(0)}")
+    last_bit = w.put(f"and {integers} {bits}, {w.integer(1)}")
+    odd = w.put(f"icmp ne {integers} {last_bit}, {w.integer(0)}")
+    values = (w.choose(odd, cosine, sine), w.choose(odd, sine, cosine))
     both = "undef"
-    for i, value in enumerate((w.choose(odd, cosine, sine), w.choose(odd, sine, cosine))):
+    for i, value in enumerate(values):
         # The sign is bit 1 of the quadrant number (sine), or of the number of the next quadrant (cosine).
-        turned = w.put(f"shl {integers} {w.put(f'add {integers} {bits}, {w.integer(i)}')}, {w.integer(62)}")
-        sign = w.put(f"and {integers} {turned}, {w.integer(-(2**63))}")
-        signed = w.put(f"xor {integers} {w.put(f'bitcast {V} {value} to {integers}')}, {sign}")
-        value = w.put(f"bitcast {integers} {signed} to {V}")
-        both = w.put(f"insertvalue {{{V}, {V}}} {both}, {V} {value}, {i}")
-    w.line(f"ret {{{V}, {V}}} {both}")
-    w.lines = [f"define internal {{{V}, {V}}} @sines({V} %x) alwaysinline nounwind {{", *w.lines, "}"]
+        number = w.put(f"add {integers} {bits}, {w.integer(i)}")
+        moved = w.put(f"shl {integers} {number}, {w.integer(62)}")
+        sign = w.put(f"and {integers} {moved}, {w.integer(-(2**63))}")
+        value_bits = w.put(f"bitcast {V} {value} to {integers}")
+        signed_bits = w.put(f"xor {integers} {value_bits}, {sign}")
+        signed = w.put(f"bitcast {integers} {signed_bits} to {V}")
+        both = w.put(f"insertvalue {pair} {both}, {V} {signed}, {i}")
+    w.line(f"ret {pair} {both}")
+    w.lines = [f"define internal {pair} @sines({V} %x) alwaysinline nounwind {{", *w.lines, "}"]
     return w
 
 
@@ -293,10 +392,14 @@ def emit(
     w = _Writer(width, exact)
     V = w.V
     head: list[str] = []
-    known: dict[str, list[str]] = {n: [f"%c.{n}.{i}" for i in range(k)] for n, k in carried.items()}
+    known: dict[str, list[str]] = {}
+    carried_names = []
+    for name, count in carried.items():
+        known[name] = [f"%c.{name}.{i}" for i in range(count)]
+        carried_names += known[name]
     number = 0
     for name, count in inputs.items():
-        known[name] = [f"%in.{name}.{j}" for j in range(count)]
+        known[name] = [f"%in.{name}.{i}" for i in range(count)]
         for value in known[name]:
             head += _pointer("in", number)
             w.waiting[value] = number
@@ -304,41 +407,71 @@ def emit(
     block = "loop"
     for i, stage in enumerate(stages):
         if stage.repeat == 1:
-            results = w.call(stage.function, [known[n] for n in stage.takes], stage.reciprocals)
+            arguments = [known[name] for name in stage.takes]
+            results = w.call(stage.function, arguments, stage.reciprocals)
             known |= zip(stage.gives, results, strict=True)
         else:
             block = _repeated(w, i, stage, known, block)
+    counts = {name: len(known[name]) for name in outputs}
     if width > 1:
-        results = [f"%out{k}" for k in range(sum(len(known[n]) for n in outputs))]
-        _fetched(w, [f"%in{k}" for k in range(number) if k not in w.waiting.values()], results)
+        # inputs that no stage uses are not loaded
+        read = [f"%in{k}" for k in range(number) if k not in w.waiting.values()]
+        written = [f"%out{k}" for k in range(sum(counts.values()))]
+        _prefetch(w, read, written)
     number = 0
     for name in outputs:
-        for value in map(w.value, known[name]):
+        for result in known[name]:
+            value = w.value(result)
             head += _pointer("out", number)
-            w.line(f"store {V} {value}, ptr {w.put(f'getelementptr double, ptr %out{number}, i64 %i')}, align 8")
+            address = w.put(f"getelementptr double, ptr %out{number}, i64 %i")
+            w.line(f"store {V} {value}, ptr {address}, align 8")
             number += 1
-    first, step, more = (
-        ("%last", -width, "sge i64 %next, %begin") if backwards else ("%begin", width, "slt i64 %next, %end")
-    )
+    first = "%begin"
+    step = width
+    more = "slt i64 %next, %end"
+    if backwards:
+        first = "%last"
+        step = -width
+        more = "sge i64 %next, %begin"
     head.append(f"  %last = sub i64 %end, {width}")
-    begin, end = [f"  %i = phi i64 [ {first}, %entry ], [ %next, %latch ]"], []
-    for k, (name, j) in enumerate((n, j) for n, count in carried.items() for j in range(count)):
-        head += [f"  %cp{k} = getelementptr double, ptr %carry, i64 {k}", f"  %c{k} = load {V}, ptr %cp{k}, align 8"]
-        begin.append(f"  %c.{name}.{j} = phi {V} [ %c{k}, %entry ], [ {w.value(known[name][j])}, %latch ]")
-        end.append(f"  store {V} {w.value(known[name][j])}, ptr %cp{k}, align 8")
-    sines = _sines(width) if w.sines else None
-    declared = w.declared | (sines.declared if sines else set())
+    phis = [f"  %i = phi i64 [ {first}, %entry ], [ %next, %latch ]"]
+    tail = []
+    final_values = []
+    for name in carried:
+        final_values += known[name]
+    for k, (name, final_value) in enumerate(zip(carried_names, final_values, strict=True)):
+        value = w.value(final_value)
+        head.append(f"  %cp{k} = getelementptr double, ptr %carry, i64 {k}")
+        head.append(f"  %c{k} = load {V}, ptr %cp{k}, align 8")
+        phis.append(f"  {name} = phi {V} [ %c{k}, %entry ], [ {value}, %latch ]")
+        tail.append(f"  store {V} {value}, ptr %cp{k}, align 8")
+    declared = w.declared
+    sines = []
+    if w.sines:
+        writer = _sines(width)
+        sines = writer.lines
+        declared = declared | writer.declared
     text = [
         *sorted(declared),
-        *(sines.lines if sines else []),
+        *sines,
         "define void @kernel(i64 %begin, i64 %end, ptr noalias %in, ptr noalias %out, ptr noalias %carry) nounwind {",
-        *("entry:", *head, "  br label %loop"),
-        *("loop:", *begin, *w.lines, "  br label %latch"),
-        *("latch:", f"  %next = add i64 %i, {step}", f"  %more = icmp {more}"),
+        "entry:",
+        *head,
+        "  br label %loop",
+        "loop:",
+        *phis,
+        *w.lines,
+        "  br label %latch",
+        "latch:",
+        f"  %next = add i64 %i, {step}",
+        f"  %more = icmp {more}",
         "  br i1 %more, label %loop, label %exit",
-        *("exit:", *end, "  ret void", "}"),
+        "exit:",
+        *tail,
+        "  ret void",
+        "}",
     ]
-    return "\n".join(text), {n: len(known[n]) for n in outputs}
+    return "\n".join(text), counts
 
 
 def _invertible(x: float) -> bool:
@@ -346,44 +479,56 @@ def _invertible(x: float) -> bool:
     return x != 0 and 1e-300 < abs(x) < 1e300
 
 
-def _fetched(w: _Writer, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+def _prefetch(w: _Writer, inputs: Sequence[str], outputs: Sequence[str]) -> None:
     """Write instructions that prefetch the next samples: processors prefetch only a few arrays automatically."""
     w.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
     ahead = w.put(f"add i64 %i, {_AHEAD * w.width}")
     for writing, arrays in enumerate((inputs, outputs)):
         for array in arrays:
-            at = w.put(f"getelementptr double, ptr {array}, i64 {ahead}")
-            w.line(f"call void @llvm.prefetch.p0(ptr {at}, i32 {writing}, i32 3, i32 1)")
+            address = w.put(f"getelementptr double, ptr {array}, i64 {ahead}")
+            w.line(f"call void @llvm.prefetch.p0(ptr {address}, i32 {writing}, i32 3, i32 1)")
 
 
 def _pointer(kind: str, number: int) -> list[str]:
-    at = f"  %{kind}p{number} = getelementptr ptr, ptr %{kind}, i64 {number}"
-    return [at, f"  %{kind}{number} = load ptr, ptr %{kind}p{number}, align 8"]
+    """Return the lines that load the address of an array; `kind` is "in" or "out"."""
+    return [
+        f"  %{kind}p{number} = getelementptr ptr, ptr %{kind}, i64 {number}",
+        f"  %{kind}{number} = load ptr, ptr %{kind}p{number}, align 8",
+    ]
 
 
 def _repeated(w: _Writer, number: int, stage: Stage, known: dict[str, list[str]], before: str) -> str:
     """Write a stage that is repeated until its error is small; return the label of the next block."""
-    here, after = f"repeat{number}", f"after{number}"
-    fed = [n for n in stage.gives if n in stage.takes]
-    known |= {n: [w.value(v) for v in known[n]] for n in stage.takes}
-    w.line(f"br label %{here}")
-    w.lines.append(f"{here}:")
-    place = len(w.lines)
-    inside = known | {n: [f"%f{number}.{n}.{j}" for j in range(len(known[n]))] for n in fed}
-    results = w.call(stage.function, [inside[n] for n in stage.takes], stage.reciprocals)
-    given = dict(zip(stage.gives, results, strict=True))
-    phis = [f"  %k{number} = phi i64 [ 1, %{before} ], [ %kn{number}, %{here} ]"]
-    for name in fed:
-        for at, first, again in zip(inside[name], known[name], given[name], strict=True):
-            phis.append(f"  {at} = phi {w.V} [ {first}, %{before} ], [ {again}, %{here} ]")
-    w.lines[place:place] = phis
-    above = w.put(f"fcmp ogt {w.V} {given['error'][0]}, {w.constant(stage.tolerance)}")
+    block = f"repeat{number}"
+    after = f"after{number}"
+    # loaded before the loop, not in each call
+    for name in stage.takes:
+        known[name] = [w.value(value) for value in known[name]]
+    w.line(f"br label %{block}")
+    w.lines.append(f"{block}:")
+    place_of_phis = len(w.lines)
+    arguments = dict(known)
+    fed_back = [name for name in stage.gives if name in stage.takes]
+    for name in fed_back:
+        arguments[name] = [f"%f{number}.{name}.{i}" for i in range(len(known[name]))]
+    values = w.call(stage.function, [arguments[name] for name in stage.takes], stage.reciprocals)
+    results = dict(zip(stage.gives, values, strict=True))
+    # %k counts the calls
+    phis = [f"  %k{number} = phi i64 [ 1, %{before} ], [ %kn{number}, %{block} ]"]
+    for name in fed_back:
+        for argument, first, next_value in zip(arguments[name], known[name], results[name], strict=True):
+            phis.append(f"  {argument} = phi {w.V} [ {first}, %{before} ], [ {next_value}, %{block} ]")
+    w.lines[place_of_phis:place_of_phis] = phis
+    # false for NaN: a sample without solution does not delay the others
+    above = w.put(f"fcmp ogt {w.V} {results['error'][0]}, {w.constant(stage.tolerance)}")
     if w.width > 1:
-        w.declared.add(f"declare i1 @llvm.vector.reduce.or.v{w.width}i1({w.B})")
-        above = w.put(f"call i1 @llvm.vector.reduce.or.v{w.width}i1({w.B} {above})")
+        any_lane = f"i1 @llvm.vector.reduce.or.v{w.width}i1"
+        w.declared.add(f"declare {any_lane}({w.B})")
+        above = w.put(f"call {any_lane}({w.B} {above})")
     w.line(f"%kn{number} = add i64 %k{number}, 1")
-    again = w.put(f"icmp slt i64 %k{number}, {stage.repeat}")
-    w.line(f"br i1 {w.put(f'and i1 {above}, {again}')}, label %{here}, label %{after}")
+    calls_left = w.put(f"icmp slt i64 %k{number}, {stage.repeat}")
+    again = w.put(f"and i1 {above}, {calls_left}")
+    w.line(f"br i1 {again}, label %{block}, label %{after}")
     w.lines.append(f"{after}:")
-    known |= given
+    known |= results
     return after

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
 import threading
 import time
@@ -18,10 +19,15 @@ from twin.codegen.emit import Stage, emit
 from twin.core.machine import compiled, lanes
 from twin.core.spatial import Array
 
-_CHUNK, _PIECES = 4096, 64
-"""Minimum number of samples in a chunk, and maximum number of chunks. A chunk acquires Python's lock once."""
+_CHUNK = 4096
+"""Minimum number of samples in a chunk. A chunk acquires Python's lock once."""
+
+_PIECES = 64
+"""Maximum number of chunks."""
+
 _BLOCK = 1024
 """Number of samples in a block that is transposed at once: input and output (20 numbers each) fit into the cache."""
+
 _WORTH = 2e-4
 """Minimum computing time in s for which a further thread is used."""
 
@@ -71,8 +77,11 @@ class Kernel:
         Raises:
             ValueError: a CasADi operation is not supported.
         """
-        self.inputs, self._carried = dict(inputs), dict(carried or {})
-        self._width = 1 if single or carried else lanes()
+        self.inputs = dict(inputs)
+        self._carried = dict(carried or {})
+        self._width = lanes()
+        if single or carried:
+            self._width = 1
         text, self.outputs = emit(stages, inputs, outputs, self._width, self._carried, backwards, exact)
         self._call, self._alive = compiled(text)
 
@@ -99,27 +108,51 @@ class Kernel:
             raise ValueError(f"{len(arrays)} arrays given, expected one for each of {', '.join(self.inputs)}")
         k = arrays[0].shape[-1] if arrays else 0
         given = []
-        for (name, count), a in zip(self.inputs.items(), arrays, strict=True):
-            if a.shape != (count, k):
-                raise ValueError(f"'{name}' has shape {a.shape}, not {(count, k)}")
+        for (name, count), array in zip(self.inputs.items(), arrays, strict=True):
+            if array.shape != (count, k):
+                raise ValueError(f"'{name}' has shape {array.shape}, not {(count, k)}")
             # Each row (the samples of one number) must be contiguous in memory; the rows need not be adjacent.
-            packed = a.dtype == np.float64 and (k <= 1 or a.strides[1] == a.itemsize)
-            given.append(a if packed else np.ascontiguousarray(a, np.float64))
-        shapes = {name: (count, k) for name, count in self.outputs.items()}
-        results = tuple(np.zeros(shape) for shape in shapes.values()) if out is None else tuple(out)
-        for (name, shape), a in zip(shapes.items(), results, strict=True):
-            if a.shape != shape or a.dtype != np.float64 or not (a.flags.c_contiguous and a.flags.writeable):
-                raise ValueError(f"out for '{name}' is not a contiguous float64 array of shape {shape}")
+            packed = array.dtype == np.float64 and (k <= 1 or array.strides[1] == array.itemsize)
+            given.append(array if packed else np.ascontiguousarray(array, np.float64))
+        if out is None:
+            results = self._zeros(k)
+        else:
+            results = tuple(out)
+            self._check_out(results, k)
         whole = k - k % self._width
         self._run(given, results, 0, whole, carry, threads)
-        if whole < k:  # process the last samples in a separate, incomplete vector
-            more = ((0, 0), (0, self._width - k + whole))
-            rest = [np.ascontiguousarray(np.pad(a[:, whole:], more, "edge")) for a in given]
-            last = tuple(np.zeros((count, self._width)) for count in self.outputs.values())
-            self._run(rest, last, 0, self._width, carry, 1)
-            for a, b in zip(results, last, strict=True):
-                a[:, whole:] = b[:, : k - whole]
+        if whole < k:
+            self._run_rest(given, results, whole, carry)
         return results
+
+    def _zeros(self, k: int) -> tuple[Array, ...]:
+        """Return an array (c, k) of zeros for each output."""
+        return tuple(np.zeros((count, k)) for count in self.outputs.values())
+
+    def _check_out(self, arrays: Sequence[Array], k: int) -> None:
+        """Check the arrays of a caller for the results of k samples.
+
+        Raises:
+            ValueError: an array has a wrong shape, or is not contiguous float64.
+        """
+        for (name, count), array in zip(self.outputs.items(), arrays, strict=True):
+            shape = (count, k)
+            usable = array.flags.c_contiguous and array.flags.writeable
+            if array.shape != shape or array.dtype != np.float64 or not usable:
+                raise ValueError(f"out for '{name}' is not a contiguous float64 array of shape {shape}")
+
+    def _run_rest(self, given: Sequence[Array], results: Sequence[Array], begin: int, carry: Array | None) -> None:
+        """Process the samples from `begin`, fewer than a vector, in a vector that repeats the last sample."""
+        k = given[0].shape[1]
+        missing = self._width - (k - begin)
+        rest = []
+        for array in given:
+            padded = np.pad(array[:, begin:], ((0, 0), (0, missing)), "edge")
+            rest.append(np.ascontiguousarray(padded))
+        vectors = self._zeros(self._width)
+        self._run(rest, vectors, 0, self._width, carry, 1)
+        for result, vector in zip(results, vectors, strict=True):
+            result[:, begin:] = vector[:, : k - begin]
 
     def rows(self, Z: Array) -> Array:
         """Return all outputs as one array (k, m), one row per sample, for samples Z (k, n) of the only input.
@@ -128,26 +161,33 @@ class Kernel:
         fit into the processor's cache: transposing all samples at once takes five times as long as the arithmetic of a
         closed-form inverse.
         """
-        (count,), size, k = self.inputs.values(), sum(self.outputs.values()), len(Z)
+        (count,) = self.inputs.values()
+        size = sum(self.outputs.values())
+        k = len(Z)
         if Z.shape != (k, count):
             raise ValueError(f"samples have shape {Z.shape}, not {(k, count)}")
-        result, left = np.zeros((k, size)), deque(range(0, k, _BLOCK))
+        result = np.zeros((k, size))
+        begins = deque(range(0, k, _BLOCK))
 
         def work(most: int = k) -> None:
-            given, made = np.zeros((count, _BLOCK)), np.zeros((size, _BLOCK))
-            ins, outs = _pointers([given]), _pointers([made])
-            with contextlib.suppress(IndexError):
+            given = np.zeros((count, _BLOCK))
+            computed = np.zeros((size, _BLOCK))
+            ins = _pointers([given])
+            outs = _pointers([computed])
+            with contextlib.suppress(IndexError):  # no block is left
                 for _ in range(most):
-                    begin = left.popleft()
+                    begin = begins.popleft()
                     end = min(begin + _BLOCK, k)
-                    given[:, : end - begin] = Z[begin:end].T
-                    whole = -(-(end - begin) // self._width) * self._width  # results beyond the end are discarded
+                    samples = end - begin
+                    given[:, :samples] = Z[begin:end].T
+                    whole = math.ceil(samples / self._width) * self._width  # results beyond the end are discarded
                     self._call(0, whole, ins, outs, None)
-                    result[begin:end] = made[:, : end - begin].T
+                    result[begin:end] = computed[:, :samples].T
 
-        first = time.perf_counter()
+        start = time.perf_counter()
         work(1)
-        _share(work, len(left), (time.perf_counter() - first) * len(left))
+        seconds_per_block = time.perf_counter() - start
+        _share(work, len(begins), seconds_per_block * len(begins))
         return result
 
     def single(self) -> Callable[..., Array]:
@@ -157,20 +197,28 @@ class Kernel:
         """
         ins = [np.zeros((count, 1)) for count in self.inputs.values()]
         outs = np.zeros((sum(self.outputs.values()), 1))
-        flat, result = [a[:, 0] for a in ins], outs[:, 0]
+        columns = [array[:, 0] for array in ins]
+        result = outs[:, 0]
         # PYFUNCTYPE does not release Python's lock, because releasing it would take longer than the call.
         address = ctypes.cast(self._call, ctypes.c_void_p).value or 0
         code = ctypes.PYFUNCTYPE(None)(address)  # pyright: ignore[reportArgumentType]
-        pointers = (ctypes.cast(_pointers(a), ctypes.c_void_p) for a in (ins, [outs]))
-        arguments = (ctypes.c_int64(0), ctypes.c_int64(1), *pointers, ctypes.c_void_p())
+        begin = ctypes.c_int64(0)
+        end = ctypes.c_int64(1)
+        in_pointers = ctypes.cast(_pointers(ins), ctypes.c_void_p)
+        out_pointers = ctypes.cast(_pointers([outs]), ctypes.c_void_p)
+        no_carry = ctypes.c_void_p()
+        arguments = (begin, end, in_pointers, out_pointers, no_carry)
         lock = threading.Lock()
-        acquire, release, copy = lock.acquire, lock.release, result.copy  # `with` and `[:]` are a third slower
+        # `with` and `[:]` are a third slower
+        acquire = lock.acquire
+        release = lock.release
+        copy = result.copy
 
         def several(*vectors: Array, _alive: Kernel = self) -> Array:
             acquire()
             try:
-                for a, v in zip(flat, vectors, strict=True):
-                    a[...] = v
+                for column, vector in zip(columns, vectors, strict=True):
+                    column[...] = vector
                 code(*arguments)
                 return copy()
             finally:
@@ -185,8 +233,10 @@ class Kernel:
             finally:
                 release()
 
-        first = flat[0] if flat else result
-        return one if len(flat) == 1 else several
+        if len(columns) != 1:
+            return several
+        first = columns[0]
+        return one
 
     def _run(
         self,
@@ -199,34 +249,38 @@ class Kernel:
     ) -> None:
         if end <= begin:
             return
-        ins, outs = _pointers(given), _pointers(results)
-        start = None if carry is None else carry.ctypes.data
-        if self._carried and carry is None:
+        ins = _pointers(given)
+        outs = _pointers(results)
+        carry_address = None
+        if carry is not None:
+            carry_address = carry.ctypes.data
+            expected = sum(self._carried.values())
+            if carry.dtype != np.float64 or carry.size != expected:
+                raise ValueError(f"argument `carry` has {carry.size} numbers; expected {expected}")
+        elif self._carried:
             raise ValueError(f"argument `carry` is missing for {', '.join(self._carried)}")
-        if carry is not None and (carry.dtype != np.float64 or carry.size != sum(self._carried.values())):
-            raise ValueError(f"argument `carry` has {carry.size} numbers; expected {sum(self._carried.values())}")
         if self._carried or threads == 1 or end - begin <= _CHUNK:
-            self._call(begin, end, ins, outs, start)
+            self._call(begin, end, ins, outs, carry_address)
             return
         size = _CHUNK * max(1, (end - begin) // (_CHUNK * _PIECES))
-        left = deque((i, min(i + size, end)) for i in range(begin, end, size))
-        first = time.perf_counter()
-        self._call(*left.popleft(), ins, outs, None)
-        each = time.perf_counter() - first
+        chunks = deque((first, min(first + size, end)) for first in range(begin, end, size))
+        start = time.perf_counter()
+        self._call(*chunks.popleft(), ins, outs, None)
+        seconds_per_chunk = time.perf_counter() - start
 
         # ctypes releases Python's lock, so that threads run in parallel. After a Ctrl-C in this thread, other
         # threads still compute their chunks; `_alive` keeps the arrays in memory until then.
         def work(_alive: object = (given, results)) -> None:
             try:
                 while True:
-                    self._call(*left.popleft(), ins, outs, None)
-            except IndexError:
+                    self._call(*chunks.popleft(), ins, outs, None)
+            except IndexError:  # no chunk is left
                 return
             except BaseException:
-                left.clear()
+                chunks.clear()
                 raise
 
-        _share(work, threads or len(left), each * len(left))
+        _share(work, threads or len(chunks), seconds_per_chunk * len(chunks))
 
 
 def _share(work: Callable[[], None], most: int, seconds: float) -> None:
@@ -246,8 +300,11 @@ def _share(work: Callable[[], None], most: int, seconds: float) -> None:
 
 
 def _pointers(arrays: Sequence[Array]) -> ctypes.Array:
-    rows: list[int] = []
-    for a in arrays:
-        first, step = a.ctypes.data, a.strides[0]  # read once per array, because reading `ctypes.data` is slow
-        rows += range(first, first + len(a) * step, step) if step else [first] * len(a)
-    return (ctypes.c_void_p * max(1, len(rows)))(*rows)
+    """Return the addresses of all rows of the arrays, as an argument of the compiled code."""
+    addresses: list[int] = []
+    for array in arrays:
+        # read once per array, because reading `ctypes.data` is slow
+        first = array.ctypes.data
+        step = array.strides[0]
+        addresses += [first + i * step for i in range(len(array))]
+    return (ctypes.c_void_p * max(1, len(addresses)))(*addresses)

@@ -26,45 +26,65 @@ _BELOW = (
     4.853903996359136964868e2,
     1.945506571482613964425e2,
 )
-_STEEP, _MIDDLE = 2.41421356237309504880, 0.66
-"""Arguments above which the arc tangent is computed as a difference from pi/2 (`_STEEP`) or from pi/4 (`_MIDDLE`)."""
+"""Coefficients of numerator and denominator of the arc tangent's approximation, highest power first."""
 
-_LOST = 6.123233995736765886130e-17
+_STEEP = 2.41421356237309504880
+"""Argument above which the arc tangent is computed as a difference from pi/2."""
+
+_MIDDLE = 0.66
+"""Argument above which the arc tangent is computed as a difference from pi/4."""
+
+_REST_OF_HALF_PI = 6.123233995736765886130e-17
 """Difference between pi/2 and its nearest double."""
 
 
 @cache
 def lowered() -> dict[int, ca.Function]:
     """Return {CasADi operation without a processor instruction: function of the same arguments that replaces it}."""
-    a, b = ca.SX.sym("a"), ca.SX.sym("b")
-    other = ca.sqrt((1 - a) * (1 + a))  # NaN for |a| > 1, as required
+    a = ca.SX.sym("a")
+    b = ca.SX.sym("b")
+    # the cosine of the angle with sine a, and the sine of the angle with cosine a; NaN for |a| > 1, as required
+    cathetus = ca.sqrt((1 - a) * (1 + a))
+    sign = ca.if_else(a > 0, 1, ca.if_else(a < 0, -1, a))
     return {
         ca.OP_ATAN2: ca.Function("atan2", [a, b], [_atan2(a, b)]),
         ca.OP_ATAN: ca.Function("atan", [a], [_atan2(a, ca.SX(1))]),
-        ca.OP_ASIN: ca.Function("asin", [a], [_atan2(a, other)]),
-        ca.OP_ACOS: ca.Function("acos", [a], [_atan2(other, a)]),
+        ca.OP_ASIN: ca.Function("asin", [a], [_atan2(a, cathetus)]),
+        ca.OP_ACOS: ca.Function("acos", [a], [_atan2(cathetus, a)]),
         ca.OP_TAN: ca.Function("tan", [a], [ca.sin(a) / ca.cos(a)]),
         ca.OP_HYPOT: ca.Function("hypot", [a, b], [ca.sqrt(a * a + b * b)]),
-        ca.OP_SIGN: ca.Function("sign", [a], [ca.if_else(a > 0, 1, ca.if_else(a < 0, -1, a))]),
+        ca.OP_SIGN: ca.Function("sign", [a], [sign]),
     }
 
 
 def _atan2(y: ca.SX, x: ca.SX) -> ca.SX:
-    high, wide = ca.fabs(y), ca.fabs(x)
-    steep, middle = high > _STEEP * wide, high > _MIDDLE * wide
-    above = ca.if_else(steep, -wide, ca.if_else(middle, high - wide, high))
-    below = ca.if_else(steep, high, ca.if_else(middle, high + wide, wide))
-    t = above / (below + (below == 0))
+    """Return atan2(y, x): the angle in the first quadrant, then its reflections by the signs of x and y."""
+    height = ca.fabs(y)
+    width = ca.fabs(x)
+    # atan(h / w) is pi/2 + atan(-w / h), and pi/4 + atan((h - w) / (h + w)): the argument t is small in each case
+    steep = height > _STEEP * width
+    middle = height > _MIDDLE * width
+
+    def by_slope(if_steep: ca.SX | float, if_middle: ca.SX | float, if_flat: ca.SX | float) -> ca.SX:
+        return ca.if_else(steep, if_steep, ca.if_else(middle, if_middle, if_flat))
+
+    numerator = by_slope(-width, height - width, height)
+    denominator = by_slope(height, height + width, width)
+    t = numerator / (denominator + (denominator == 0))  # 0 at the origin, instead of NaN
     z = t * t
-    start = ca.if_else(steep, math.pi / 2, ca.if_else(middle, math.pi / 4, 0.0))
-    rest = ca.if_else(steep, _LOST, ca.if_else(middle, _LOST / 2, 0.0))
-    angle = start + (t + (t * (z * _horner(_ABOVE, z) / _horner(_BELOW, z)) + rest))
-    angle = ca.if_else(ca.copysign(1, x) < 0, (math.pi - angle) + 2 * _LOST, angle)
+    start = by_slope(math.pi / 2, math.pi / 4, 0.0)
+    rest = by_slope(_REST_OF_HALF_PI, _REST_OF_HALF_PI / 2, 0.0)
+    correction = t * (z * _horner(_ABOVE, z) / _horner(_BELOW, z)) + rest
+    angle = start + (t + correction)  # small terms first
+    # the sign bit, because the angle of (0, -0.0) is pi
+    left = ca.copysign(1, x) < 0
+    angle = ca.if_else(left, (math.pi - angle) + 2 * _REST_OF_HALF_PI, angle)
     return ca.copysign(angle, y)
 
 
 def _horner(coefficients: tuple[float, ...], z: ca.SX) -> ca.SX:
+    """Return the polynomial of z with these coefficients, highest power first."""
     y = ca.SX(coefficients[0])
-    for c in coefficients[1:]:
-        y = y * z + c
+    for coefficient in coefficients[1:]:
+        y = y * z + coefficient
     return y
