@@ -408,8 +408,8 @@ def emit(
     for i, stage in enumerate(stages):
         if stage.repeat == 1:
             arguments = [known[name] for name in stage.takes]
-            results = w.call(stage.function, arguments, stage.reciprocals)
-            known |= zip(stage.gives, results, strict=True)
+            values = w.call(stage.function, arguments, stage.reciprocals)
+            known |= zip(stage.gives, values, strict=True)
         else:
             block = _repeated(w, i, stage, known, block)
     counts = {name: len(known[name]) for name in outputs}
@@ -418,14 +418,10 @@ def emit(
         read = [f"%in{k}" for k in range(number) if k not in w.waiting.values()]
         written = [f"%out{k}" for k in range(sum(counts.values()))]
         _prefetch(w, read, written)
-    number = 0
+    results = []
     for name in outputs:
-        for result in known[name]:
-            value = w.value(result)
-            head += _pointer("out", number)
-            address = w.put(f"getelementptr double, ptr %out{number}, i64 %i")
-            w.line(f"store {V} {value}, ptr {address}, align 8")
-            number += 1
+        results += known[name]
+    _store(w, results, head)
     first = "%begin"
     step = width
     more = "slt i64 %next, %end"
@@ -445,10 +441,17 @@ def emit(
         head.append(f"  %c{k} = load {V}, ptr %cp{k}, align 8")
         phis.append(f"  {name} = phi {V} [ %c{k}, %entry ], [ {value}, %latch ]")
         tail.append(f"  store {V} {value}, ptr %cp{k}, align 8")
+    body = [*phis, *w.lines]
+    latch = [f"  %next = add i64 %i, {step}", f"  %more = icmp {more}"]
+    return _module(w, head, body, latch, tail), counts
+
+
+def _module(w: _Writer, head: list[str], body: list[str], latch: list[str], tail: list[str]) -> str:
+    """Return the text of a kernel from the lines of its blocks, with the functions that it calls."""
     declared = w.declared
     sines = []
     if w.sines:
-        writer = _sines(width)
+        writer = _sines(w.width)
         sines = writer.lines
         declared = declared | writer.declared
     text = [
@@ -459,19 +462,26 @@ def emit(
         *head,
         "  br label %loop",
         "loop:",
-        *phis,
-        *w.lines,
+        *body,
         "  br label %latch",
         "latch:",
-        f"  %next = add i64 %i, {step}",
-        f"  %more = icmp {more}",
+        *latch,
         "  br i1 %more, label %loop, label %exit",
         "exit:",
         *tail,
         "  ret void",
         "}",
     ]
-    return "\n".join(text), counts
+    return "\n".join(text)
+
+
+def _store(w: _Writer, names: Sequence[str], head: list[str]) -> None:
+    """Write the instructions that store results into the output arrays, whose addresses `head` loads."""
+    for number, name in enumerate(names):
+        value = w.value(name)
+        head += _pointer("out", number)
+        address = w.put(f"getelementptr double, ptr %out{number}, i64 %i")
+        w.line(f"store {w.V} {value}, ptr {address}, align 8")
 
 
 def _invertible(x: float) -> bool:

@@ -69,11 +69,7 @@ def plain_formula(
     parameters = _parameters(module, path)
     parameter_names = [parameter.name for parameter in parameters]
     joint_names = [joint for joint, _ in joints]
-    used: set[str] = set()
-    for kind in FUNCTIONS:
-        function = functions.get(kind)
-        if isinstance(function, FunctionType):
-            used.update(_arguments(function))
+    used = _used(functions)
     coordinates = _coordinates({*joint_names, *parameter_names}, used)
     known = [*coordinates.names, *parameter_names]
     unread = [parameter for parameter in parameter_names if parameter not in used]
@@ -103,15 +99,12 @@ def plain_formula(
     before_joints = [inverse]
     if points_first:
         before_joints = [points, inverse]
-    active = []
-    for joint, angle in joints:
-        active.append(ActiveJoint(joint, "revolute" if angle else "prismatic"))
     formula = Formula(
         name=name,
         title=str(values.get("TITLE", first_line)),
         source=str(values.get("SOURCE", path.name)),
         parameters=parameters,
-        joints=tuple(active),
+        joints=tuple(ActiveJoint(joint, "revolute" if angle else "prismatic") for joint, angle in joints),
         coordinates=coordinates,
         equations=_equations(points, inverse, forward, joint_names, points_first, path),
         characteristic_length=_length_scale(parameters),
@@ -215,9 +208,15 @@ def _of_casadi(value: Any) -> bool:
     return package == "casadi"
 
 
-def _arguments(function: FunctionType) -> tuple[str, ...]:
-    code = function.__code__
-    return code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+def _used(functions: Mapping[str, Any]) -> set[str]:
+    """Return the names of all arguments of the functions of a plain formula."""
+    names: set[str] = set()
+    for kind in FUNCTIONS:
+        function = functions.get(kind)
+        if isinstance(function, FunctionType):
+            code = function.__code__
+            names.update(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount])
+    return names
 
 
 def _coordinates(taken: set[str], used: set[str]) -> Coordinates:
