@@ -20,6 +20,9 @@ from xdist.scheduler import LoadFileScheduling
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
+from twin.core import jobs
+from twin.core.errors import TwinError
+
 # A shell without a terminal lets its jobs in the background ignore Ctrl-C, and their programs inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` lets its programs ignore it
@@ -180,7 +183,13 @@ class _Here:
     """A call in this process that stands for one in another, made when its result is asked for."""
 
     def __init__(self, function, *arguments):
-        self.result = partial(function, *arguments)
+        self.call = partial(function, *arguments)
+
+    def result(self):
+        try:
+            return self.call()
+        except (Exception, SystemExit) as error:  # of another process, only the message arrives
+            raise TwinError(jobs._message(error)) from error
 
     def __enter__(self):
         return self
