@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from twin.exchange.audit.physics import Drive, Joint, Physics, along
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.write import write_mjcf
-from twin.exchange.formats.unity.audit.csharp import CSharpError, Script, Value
 from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.formats.usd.write import write_usd
 from twin.model.inertia import Inertia
@@ -215,44 +213,3 @@ def test_colours_are_compared_by_area():
     assert apart({red: 0.3, blue: 0.7}, {blue: 1.0}) == pytest.approx(0.3)
     assert apart({red: 1.0}, {(0.81, 0.1, 0.1, 1.0): 1.0}) == pytest.approx(0)
     assert linear(np.array([0.0, 0.5, 1.0])) == pytest.approx([0, 0.21404, 1], abs=1e-5)
-
-
-SOURCE = """
-public static class F {
-    private const double Half = 0.5;
-    /* two of one name */
-    public static double G(Vector3 v) { return v.x > 1 && !(v.y < 0) ? -v.z : Half * v.y; }
-    public static double G(Quaternion q) { double s = q.w; if (s < 0.0) { s *= -1; } else s += 1; return Math.Sqrt(s); }
-    public static Vector3 H(double a) { a -= 1; return new Vector3((float)a, 2f * (a + 1) / 4, Half); }
-    public static double D(double a, double b) { return a / b; }
-    public static double Loop(double a) { while (a > 0) { a -= 1; } return a; }
-}
-"""
-
-
-@pytest.mark.parametrize(
-    ("name", "given", "result"),
-    [
-        ("G", (Value("Vector3", (2, 3, 4)),), -4),
-        ("G", (Value("Vector3", (0, 3, 4)),), 1.5),
-        ("G", (Value("Quaternion", (0, 0, 0, -4)),), 2),
-        ("G", (Value("Quaternion", (0, 0, 0, 8)),), 3),
-        ("H", (3.0,), Value("Vector3", (2.0, 1.5, 0.5))),
-    ],
-)
-def test_a_small_part_of_csharp_is_run(name, given, result):
-    assert Script(SOURCE).call(name, *given) == result
-
-
-@pytest.mark.parametrize("zero", [0.0, np.float64(0)])
-def test_what_is_divided_by_zero_is_infinite_or_no_number(zero):
-    divide = partial(Script(SOURCE).call, "D")
-    assert divide(1.0, zero) == np.inf
-    assert divide(-1.0, zero) == -np.inf
-    assert np.isnan(divide(zero, 0.0))
-
-
-@pytest.mark.parametrize(("name", "given"), [("Loop", (1.0,)), ("Gone", ()), ("H", (1.0, 2.0))])
-def test_what_is_not_understood_is_refused(name, given):
-    with pytest.raises(CSharpError):
-        Script(SOURCE).call(name, *given)

@@ -10,7 +10,6 @@ from typing import Any
 
 from twin.exchange.audit.context import Context
 from twin.exchange.audit.report import Ledger
-from twin.exchange.formats.unity.audit.frames import check_frames
 from twin.exchange.formats.unity.audit.golden import check_golden
 from twin.exchange.formats.unity.audit.shipped import check_shipped
 
@@ -33,9 +32,7 @@ def check_package(folder: Path, ledger: Ledger) -> None:
     check_shipped(folder, data, ledger)
     for file in seen:
         name = file.relative_to(folder).as_posix()
-        if file.name == "Frames.cs":
-            check_frames(file, name, ledger)
-        elif file.name == "twin-golden.json":
+        if file.name == "twin-golden.json":
             check_golden(file, name, ledger)
     wrong = [f for f in ledger.found if f.severity != "info"]
     ledger.row(f"package: {len(seen)} files, {len(guids)} GUIDs", float(len(wrong)), "found", 0.0)

@@ -13,7 +13,18 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
-from twin.exchange.formats.unity.audit.frames import MIRRORS, ROOTS
+
+MIRRORS = {
+    "GltFast": np.diag([-1.0, 1.0, 1.0]),
+    "UrdfImporter": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+}
+"""Matrix (3, 3) from robot coordinates to Unity coordinates, for each importer.
+
+The glTF importer mirrors x; the URDF importer converts forward-left-up (ROS) to right-up-forward.
+"""
+
+ROOTS = {"GltFast": poses.R_Z_UP_Y_UP.T, "UrdfImporter": np.eye(3)}
+"""Rotation (3, 3) of the root node, for each importer: glTF from z up to y up, URDF none."""
 
 TOL = 1e-5
 """Tolerance in m and in quaternion components. Golden vectors have 8 decimals, streams have single precision."""
