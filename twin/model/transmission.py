@@ -79,19 +79,23 @@ class Transmission:
     @property
     def equations(self) -> str:
         """The matrix as text, such as "q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2"."""
-        rows = (
-            " + ".join(f"{k:g} {a}" for k, a in zip(row, self.actuators, strict=True) if k).replace("+ -", "- ")
-            for row in self.matrix
-        )
-        return "; ".join(f"{joint} = {row}" for joint, row in zip(self.joints, rows, strict=True))
+        equations = []
+        for joint, row in zip(self.joints, self.matrix, strict=True):
+            terms = [f"{ratio:g} {actuator}" for ratio, actuator in zip(row, self.actuators, strict=True) if ratio]
+            sum_of_terms = " + ".join(terms).replace("+ -", "- ")
+            equations.append(f"{joint} = {sum_of_terms}")
+        return "; ".join(equations)
 
     def single(self, joint: str) -> tuple[str, float] | None:
         """Return (actuator, matrix entry) if the joint has only one actuator, which moves no other joint; else None."""
         row = self.joints.index(joint)
         (columns,) = np.nonzero(self.matrix[row])
-        if len(columns) != 1 or np.count_nonzero(self.matrix[:, columns[0]]) != 1:
+        if len(columns) != 1:
             return None
-        return self.actuators[columns[0]], float(self.matrix[row, columns[0]])
+        column = columns[0]
+        if np.count_nonzero(self.matrix[:, column]) != 1:
+            return None
+        return self.actuators[column], float(self.matrix[row, column])
 
 
 def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tuple[Array, Array] | None:
@@ -100,13 +104,18 @@ def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tu
     Each array is the diagonal of inverse.T @ diag(g) @ inverse, where g (n,) is the stiffness or the damping of the
     motors' drives. The arrays are written to file formats whose drives act on joints. None: a motor has no drive.
     """
-    known = {a.name: a for a in actuators}
-    motors = [known[n] for n in transmission.actuators]
-    stiffness = [a.stiffness for a in motors]
-    if any(k is None for k in stiffness):
-        return None
+    known = {actuator.name: actuator for actuator in actuators}
+    stiffness = []
+    damping = []
+    for name in transmission.actuators:
+        motor = known[name]
+        if motor.stiffness is None:
+            return None
+        stiffness.append(motor.stiffness)
+        damping.append(motor.damping)
+    # the diagonal of inverse.T @ diag(g) @ inverse is g @ squares
     squares = transmission.inverse**2
-    return np.array(stiffness, float) @ squares, np.array([a.damping for a in motors]) @ squares
+    return np.array(stiffness) @ squares, np.array(damping) @ squares
 
 
 def condition(matrix: Array) -> float:
@@ -118,7 +127,8 @@ def condition(matrix: Array) -> float:
     if not (M.max(axis=0).all() and M.max(axis=1).all()):
         return np.inf
     scaled = matrix / M.max(axis=1, keepdims=True)
-    return float(np.linalg.cond(scaled / np.abs(scaled).max(axis=0)))
+    scaled = scaled / np.abs(scaled).max(axis=0)
+    return float(np.linalg.cond(scaled))
 
 
 Fault = tuple[Literal["actuator", "transmission"], str, str, str]
@@ -151,9 +161,10 @@ def faults(
             *_matrix(t),
         ):
             yield "transmission", t.name, key, f"transmission '{t.name}': {text}"
-    for name in (n for n in known if n not in leads_to):
-        text = f"actuator '{name}' is in no transmission; a joint that is driven directly needs no actuator"
-        yield "actuator", name, "name", text
+    for name in known:
+        if name not in leads_to:
+            text = f"actuator '{name}' is in no transmission; a joint that is driven directly needs no actuator"
+            yield "actuator", name, "name", text
 
 
 def _names(
@@ -169,9 +180,10 @@ def _names(
 
 
 def _drives(t: Transmission, own_drive: Collection[str]) -> Iterator[tuple[str, str]]:
-    for name in (n for n in t.joints if n in own_drive):
-        text = f"joint '{name}' has a drive, but actuators move the joint: give stiffness, damping and max_effort "
-        yield "joints", text + "to the actuators"
+    for name in t.joints:
+        if name in own_drive:
+            text = f"joint '{name}' has a drive, but actuators move the joint: give stiffness, damping and max_effort "
+            yield "joints", text + "to the actuators"
 
 
 def _actuator(a: Actuator, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -192,16 +204,22 @@ def _actuator(a: Actuator, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _matrix(t: Transmission) -> Iterator[tuple[str, str]]:
-    n, shape = len(t.joints), np.shape(t.matrix)
+    n = len(t.joints)
     if not n or len(t.actuators) != n:
         yield "actuators", f"{n} joints and {len(t.actuators)} actuators; the numbers must be equal and at least 1"
-    elif shape != (n, n):
-        yield "matrix", f"the matrix is {' x '.join(map(str, shape))}; it must be {n} x {n}, one row for each joint"
-    elif not np.all(np.isfinite(t.matrix)):
+        return
+    shape = np.shape(t.matrix)
+    if shape != (n, n):
+        size = " x ".join(str(count) for count in shape)
+        yield "matrix", f"the matrix is {size}; it must be {n} x {n}, one row for each joint"
+        return
+    if not np.all(np.isfinite(t.matrix)):
         yield "matrix", "the matrix has entries that are not finite"
-    elif not (size := condition(t.matrix)) <= CONDITION:
+        return
+    number = condition(t.matrix)
+    if not number <= CONDITION:  # also true for NaN
         yield (
             "matrix",
-            f"the matrix cannot be inverted (condition number {size:.3g}, limit {CONDITION:.0e}): some motion of the "
+            f"the matrix cannot be inverted (condition number {number:.3g}, limit {CONDITION:.0e}): some motion of the "
             "motors moves no joint, or a joint is moved by no motor; check the rows of the matrix",
         )
