@@ -106,14 +106,18 @@ class Mechanism:
         The child of a joint is the body farther from the base; a joint with the opposite direction is reversed.
         File order is kept as far as possible: if two joints could reach a body, the earlier joint is used.
         """
-        reached, tree, pending = {self.base}, [], list(self.joints)
+        reached = {self.base}
+        tree = []
+        pending = list(self.joints)
         while pending:
+            # from the beginning after each joint, so that an earlier joint that can now be used comes first
             for joint in pending:
-                inside = (joint.parent in reached, joint.child in reached)
-                if inside == (True, False):
+                parent_reached = joint.parent in reached
+                child_reached = joint.child in reached
+                if parent_reached and not child_reached:
                     tree.append(joint)
                     reached.add(joint.child)
-                elif inside == (False, True):
+                elif child_reached and not parent_reached:
                     tree.append(reversed_joint(joint))
                     reached.add(joint.parent)
                 else:
@@ -143,40 +147,68 @@ class Mechanism:
         shares a loop or a coupling with a joint that moves the tool. The loop of a closing joint is its fundamental
         cycle in the tree; joints between the base and that cycle are not part of the loop.
         """
-        tool = next((f.body for f in self.frames if f.name == self.tool), None)
-        if tool is None:
+        tool_body = None
+        for frame in self.frames:
+            if frame.name == self.tool:
+                tool_body = frame.body
+        if tool_body is None:
             return ()
-        tied = [{c.name} | ({j.name for j in self.path(c.parent)} ^ {j.name for j in self.path(c.child)})
-                for c in self.loops] + [set(c.joints) for c in self.couplings]  # fmt: skip
-        moving = {j.name for j in self.path(tool)}
-        while more := {n for group in tied if group & moving for n in group} - moving:
-            moving |= more
-        driven = tuple(j for j in self.active if j.name in moving)
-        return tuple(j for j in self.active if j not in driven) if driven else ()
+        moving = self._path_names(tool_body)
+        # joints of a loop or a coupling move together
+        groups = [set(coupling.joints) for coupling in self.couplings]
+        for closing in self.loops:
+            cycle = self._path_names(closing.parent) ^ self._path_names(closing.child)
+            groups.append(cycle | {closing.name})
+        found = True
+        while found:
+            found = False
+            for group in groups:
+                if group & moving and not group <= moving:
+                    moving |= group
+                    found = True
+        others = tuple(joint for joint in self.active if joint.name not in moving)
+        if len(others) == len(self.active):
+            return ()  # no active joint moves the tool: none is called auxiliary
+        return others
+
+    def _path_names(self, body: str) -> set[str]:
+        """Return the names of the joints of the tree between the base and a body."""
+        return {joint.name for joint in self.path(body)}
 
     def extra_joints(self, names: Iterable[str]) -> tuple[tuple[int, str, bool, float], ...]:
         """Return (index in q, name, whether an angle, drawn coordinate) of each auxiliary joint not in `names`."""
         known = set(names)
-        left = [j for j in self.auxiliary if j.name not in known]
-        return tuple((self.active.index(j), j.name, j.is_angle, self._drawn(j)) for j in left)
+        extra = []
+        for joint in self.auxiliary:
+            if joint.name not in known:
+                extra.append((self.active.index(joint), joint.name, joint.is_angle, self._drawn(joint)))
+        return tuple(extra)
 
     def _drawn(self, joint: Joint) -> float:
         """Return the coordinate of a joint in m or rad in the first posture or, without postures, in the CAD."""
         if self.postures:
-            return float(next(iter(self.postures.values()))[joint.name])
-        at = (self.rest.get(body, np.eye(4)) for body in (joint.parent, joint.child))
-        return float(joint.coordinate(*at)) if self.rest else 0.0
+            first = next(iter(self.postures.values()))
+            return float(first[joint.name])
+        if not self.rest:
+            return 0.0
+        T_base_parent = self.rest.get(joint.parent, np.eye(4))
+        T_base_child = self.rest.get(joint.child, np.eye(4))
+        return float(joint.coordinate(T_base_parent, T_base_child))
 
     @cached_property
     def limits(self) -> Array:
         """Hard limits (n, 2) of the active joints in m or rad, infinite where a joint has no limit."""
-        return np.array([j.limits or (-np.inf, np.inf) for j in self.active], float).reshape(-1, 2)
+        ranges = [joint.limits or (-np.inf, np.inf) for joint in self.active]
+        return np.array(ranges, float).reshape(-1, 2)
 
     @cached_property
     def motor_names(self) -> tuple[str, ...]:
         """Names (n,) of the motors, in the order of q; the motor of a directly driven joint has the joint's name."""
-        names = {j: a for t in self.transmissions for j, a in zip(t.joints, t.actuators, strict=True)}
-        return tuple(names.get(j.name, j.name) for j in self.active)
+        motors: dict[str, str] = {}
+        for transmission in self.transmissions:
+            # as many motors as joints; which motor moves which joint does not matter for the order
+            motors |= zip(transmission.joints, transmission.actuators, strict=True)
+        return tuple(motors.get(joint.name, joint.name) for joint in self.active)
 
     @cached_property
     def motor_matrix(self) -> Array:
@@ -225,23 +257,32 @@ class Mechanism:
         `joints`: (name, is_angle) of each joint. `T_base_tool` (4, 4): tool pose in the rest poses. `q` (n,): joint
         values in m or rad in the first posture; None if the mechanism has no posture.
         """
-        tool, joints = self.frame(self.tool), [j for j in self.active if j not in self.auxiliary]
-        q = np.array([self._drawn(j) for j in joints]) if self.postures else None
-        return [(j.name, j.is_angle) for j in joints], self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame, q
+        tool = self.frame(self.tool)
+        T_base_tool = self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame
+        driving = [joint for joint in self.active if joint not in self.auxiliary]
+        q = None
+        if self.postures:
+            q = np.array([self._drawn(joint) for joint in driving])
+        joints = [(joint.name, joint.is_angle) for joint in driving]
+        return joints, T_base_tool, q
 
     @cached_property
     def link_length(self) -> float | None:
         """Median length in m of the links (largest distance between two joints); None if all links are points."""
-        places: dict[str, list[Array]] = {b.name: [] for b in self.bodies}
+        places: dict[str, list[Array]] = {body.name: [] for body in self.bodies}
         for joint in self.joints:
             places[joint.parent].append(joint.T_parent_joint[:3, 3])
             places[joint.child].append(joint.T_child_joint[:3, 3])
         lengths = []
-        for at in places.values():
-            p = np.reshape(at, (-1, 3))
-            lengths.append(float(np.linalg.norm(p[:, None] - p[None], axis=2).max(initial=0.0)))
-        lengths = [length for length in lengths if length > _POINT]
-        return float(np.median(lengths)) if lengths else None
+        for positions in places.values():
+            p = np.reshape(positions, (-1, 3))
+            distances = np.linalg.norm(p[:, None] - p[None], axis=2)
+            length = float(distances.max(initial=0.0))
+            if length > _POINT:
+                lengths.append(length)
+        if not lengths:
+            return None
+        return float(np.median(lengths))
 
     @cached_property
     def materials(self) -> dict[str, Material]:
@@ -281,12 +322,13 @@ class Mechanism:
 
     def frame_in_tool(self, name: str) -> Array:
         """Return T_tool_frame (4, 4) of a frame; raise `MechanismError` if the frame is not on the tool's body."""
-        tool, it = self.frame(self.tool), self.frame(name)
-        if tool.body != it.body:
+        tool = self.frame(self.tool)
+        frame = self.frame(name)
+        if tool.body != frame.body:
             raise MechanismError(
-                f"frame '{name}' is on body '{it.body}', the tool is on '{tool.body}': it moves relative to the tool"
+                f"frame '{name}' is on body '{frame.body}', the tool is on '{tool.body}': it moves relative to the tool"
             )
-        return spatial.inverse(tool.T_body_frame) @ it.T_body_frame
+        return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame
 
     def actuator(self, name: str) -> Actuator:
         """Return the actuator called `name`, or raise a `MechanismError` that lists all names."""
@@ -303,7 +345,9 @@ class Mechanism:
     @property
     def home(self) -> Array | None:
         """Joint values (n,) of the posture "home"; None if there is no such posture."""
-        return self.posture("home") if "home" in self.postures else None
+        if "home" not in self.postures:
+            return None
+        return self.posture("home")
 
     def path(self, body: str) -> tuple[Joint, ...]:
         """Return the joints of the tree from the base to a body, base first."""
@@ -360,7 +404,12 @@ class Mechanism:
         name = self.trocar_named(name)
         T = self.joint(name).T_parent_joint.copy()
         T[:3, 3] += np.asarray(p_base, float) - self.trocar_at(name)
-        return replace(self, joints=tuple(replace(j, T_parent_joint=T) if j.name == name else j for j in self.joints))
+        joints = []
+        for joint in self.joints:
+            if joint.name == name:
+                joint = replace(joint, T_parent_joint=T)
+            joints.append(joint)
+        return replace(self, joints=tuple(joints))
 
     def with_trocars(self, places: Mapping[str, Array]) -> Mechanism:
         """Return the same mechanism with the trocars moved to `places`: {name: position (3,) in base, in m}."""
@@ -376,10 +425,15 @@ class Mechanism:
         """
         bodies = [self.joint(self.trocar_named(name)).child]
         for body in bodies:
-            joints = [j for j in self.joints if body in (j.parent, j.child) and self.base not in (j.parent, j.child)]
-            for joint in joints:
-                inside = joint.parent == body
-                outer, T = (joint.child, joint.T_child_joint) if inside else (joint.parent, joint.T_parent_joint)
+            for joint in self.joints:
+                ends = (joint.parent, joint.child)
+                if body not in ends or self.base in ends:
+                    continue
+                outer = joint.parent
+                T = joint.T_parent_joint
+                if joint.parent == body:
+                    outer = joint.child
+                    T = joint.T_child_joint
                 if joint.type in ("prismatic", "cylindrical"):
                     return Frame(f"shaft_in_{bodies[0]}", outer, T)
                 if joint.type == "revolute" and outer not in bodies:
