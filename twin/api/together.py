@@ -85,13 +85,13 @@ class _Arm:
 
     def beyond(self, phase: int) -> str:
         """Return a text that names the limits exceeded at the start of a phase; "" if none is exceeded."""
-        from twin.planning.feasible import Anchor, margins_at, said
+        from twin.planning.feasible import Anchor, margins_at, violation
 
         row = self.at(phase)
         before = self.at(max(phase - 1, 0))
         anchor = Anchor.at(self.kinematics, self._Ts[[before]], self.q[[before]])
         margins = margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor)
-        return said(self.kinematics, margins)
+        return violation(self.kinematics, margins)
 
     def keep(self, phase: int) -> Keep:
         """Return a function that tests whether this arm is within its limits and in the phase's working mode.

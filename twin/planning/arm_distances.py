@@ -30,10 +30,11 @@ class ArmDistances:
     def least(self, t0: float = -np.inf, t1: float = np.inf) -> tuple[float, float, tuple[str, str]]:
         """Return the smallest distance from t0 to t1: (distance in m, its time in s, names ARM_BODY of both bodies)."""
         rows = np.flatnonzero((self.t >= t0) & (self.t <= t1))
-        found = min(self.by_pair.values(), key=lambda c: c.distance[rows].min())
-        k = int(rows[np.argmin(found.distance[rows])])
-        a, b = (name.replace("/", "_", 1) for name in found.pair[k])
-        return float(found.distance[k]), float(self.t[k]), (a, b)
+        nearest = min(self.by_pair.values(), key=lambda clearance: clearance.distance[rows].min())
+        k = int(rows[np.argmin(nearest.distance[rows])])
+        a, b = nearest.pair[k]
+        names = (a.replace("/", "_", 1), b.replace("/", "_", 1))  # ARM/BODY -> ARM_BODY
+        return float(nearest.distance[k]), float(self.t[k]), names
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,9 @@ class Nearest:
         distance, t, bodies = apart.least(t0, t1)
         if distance >= self.seen.found:
             return self
-        return Nearest(replace(self.seen, found=distance, proven=min(self.seen.proven, distance), bodies=bodies), t)
+        # a proven bound above a distance that was found would be wrong by rounding
+        proven = min(self.seen.proven, distance)
+        return Nearest(replace(self.seen, found=distance, proven=proven, bodies=bodies), t)
 
 
 def nearest_at(seen: Certificate, path: Path, q: Array, t: Array) -> Nearest:
@@ -67,8 +70,9 @@ def nearest_at(seen: Certificate, path: Path, q: Array, t: Array) -> Nearest:
 
     The time is that of the sample nearest to path(seen.s); the samples are q (k, n) at the times t (k,) in s.
     """
-    off = np.abs(q - path(np.array([seen.s]))[0]).max(axis=1)
-    return Nearest(seen, float(t[np.argmin(off)]))
+    nearest = path(np.array([seen.s]))[0]
+    difference = np.abs(q - nearest).max(axis=1)
+    return Nearest(seen, float(t[np.argmin(difference)]))
 
 
 def distances(
@@ -82,12 +86,15 @@ def distances(
         t: (k,) times in s.
         check: called between the steps; an exception of `check` ends the computation.
     """
-    rows = np.unique(np.linspace(0, len(t) - 1, min(_SHOWN, len(t))).round().astype(int))
+    count = min(_SHOWN, len(t))
+    rows = np.unique(np.linspace(0, len(t) - 1, count).round().astype(int))
+    mechanisms = {}
     poses = {}
     for name, (mechanism, T_world_base) in arms.items():
         check()
         model = ReferenceModel(mechanism)
-        found = model.link_poses(model.run(q[name][rows]).x)
-        poses[name] = {body: T_world_base @ T for body, T in found.items()}
+        in_base = model.link_poses(model.run(q[name][rows]).x)
+        mechanisms[name] = mechanism
+        poses[name] = {body: T_world_base @ T for body, T in in_base.items()}
     check()
-    return ArmDistances(t[rows], between({name: mechanism for name, (mechanism, _) in arms.items()}, poses))
+    return ArmDistances(t[rows], between(mechanisms, poses))

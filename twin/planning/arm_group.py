@@ -79,28 +79,34 @@ def trajectories(robots: Sequence[GroupArm], courses: Sequence[Sequence[Path]]) 
         ProtocolError: a robot cannot follow its path; the message names the phase, the cause, and where in the phase.
         TimingError: no timing within the limits was found; the message names the phases.
     """
-    paths = [build(r.protocol, r.T_tool_frame, _Guide(r, c)) for r, c in zip(robots, courses, strict=True)]
+    paths = []
+    for robot, own_courses in zip(robots, courses, strict=True):
+        paths.append(build(robot.protocol, robot.T_tool_frame, _Guide(robot, own_courses)))
     legs: list[list[Leg]] = [[] for _ in robots]
     for phase in range(max(map(len, paths))):
-        here = [(k, r, p[phase]) for k, (r, p) in enumerate(zip(robots, paths, strict=True)) if phase < len(p)]
-        where = " / ".join(f"{r.name}: phase '{path.phase.name}'" for _, r, path in here)
-        for _, r, path in here:
-            require_feasible(path, r.kinematics, r.protocol.frame, r.protocol.name)
-        joints = [path.driven(r.kinematics, where) for _, r, path in here]
+        moving = [k for k, own_paths in enumerate(paths) if phase < len(own_paths)]
+        names = [f"{robots[k].name}: phase '{paths[k][phase].phase.name}'" for k in moving]
+        where = " / ".join(names)
+        for k in moving:
+            protocol = robots[k].protocol
+            require_feasible(paths[k][phase], robots[k].kinematics, protocol.frame, protocol.name)
+        joints = {k: paths[k][phase].driven(robots[k].kinematics, where) for k in moving}
         try:
-            timing = timed(
-                [demands(path, q, r.protocol, r.kinematics, _DT) for (_, r, path), q in zip(here, joints, strict=True)],
-                _DT,
-                robots[0].protocol.timing,
-            )
+            limits = []
+            for k in moving:
+                limits.append(demands(paths[k][phase], joints[k], robots[k].protocol, robots[k].kinematics, _DT))
+            timing = timed(limits, _DT, robots[0].protocol.timing)
         except TimingError as error:
             raise TimingError(f"{where}: {error}") from error
-        for (k, r, path), q in zip(here, joints, strict=True):
-            legs[k].append(sampled(path, q, timing, r.kinematics))
+        for k in moving:
+            legs[k].append(sampled(paths[k][phase], joints[k], timing, robots[k].kinematics))
     out = []
-    for r, own in zip(robots, legs, strict=True):
-        made = replace(assemble(r.protocol, r.kinematics, r.T_tool_frame, own, _DT), followed=True)
-        out.append(replace(made, findings=(*r.protocol.findings, *check(made, r.protocol, r.kinematics))))
+    for robot, own_legs in zip(robots, legs, strict=True):
+        protocol = robot.protocol
+        trajectory = assemble(protocol, robot.kinematics, robot.T_tool_frame, own_legs, _DT)
+        trajectory = replace(trajectory, followed=True)
+        findings = check(trajectory, protocol, robot.kinematics)
+        out.append(replace(trajectory, findings=(*protocol.findings, *findings)))
     return out
 
 
@@ -110,21 +116,29 @@ def stops(robot: GroupArm) -> tuple[Array, Array]:
     Raises:
         ProtocolError: a waypoint has no joint values, or the loops open on the straight path to a waypoint.
     """
-    protocol, guide = robot.protocol, MechanismFollower(robot.protocol, robot.kinematics, robot.carrier)
-    state, here = robot.carrier.drawn()
-    q, Ts = [], []
-    for name in (protocol.start, *(p.to for p in protocol.phases if isinstance(p, Free))):
+    protocol = robot.protocol
+    follower = MechanismFollower(protocol, robot.kinematics, robot.carrier)
+    state, current = robot.carrier.drawn()
+    q = []
+    Ts = []
+    names = [protocol.start]
+    for phase in protocol.phases:
+        if isinstance(phase, Free):
+            names.append(phase.to)
+    for name in names:
         where = f"{protocol.name}: waypoint '{name}'"
         if protocol.waypoints[name].joints is None:
             raise ProtocolError(
                 f"{where} is a pose; to plan several arms at once, give joint values: joints = {{ ... }}"
             )
-        goal = guide.goal(name)
+        goal = follower.goal(name)
+        straight = line(current, goal)(np.linspace(0.0, 1.0, _STATIONS))
         try:
-            states, reached = robot.carrier.carry(line(here, goal)(np.linspace(0.0, 1.0, _STATIONS)), state)
+            states, reached = robot.carrier.carry(straight, state)
         except AssemblyError as error:
             raise ProtocolError(f"{where} cannot be reached on a straight path: {error}") from error
-        state, here = states[-1], goal
+        state = states[-1]
+        current = goal
         q.append(goal)
         Ts.append(reached[-1])
     return np.array(q), np.array(Ts)

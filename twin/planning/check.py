@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -20,6 +21,9 @@ OVER = 1e-3
 AGAIN = "plan the protocol again: these samples differ from the planned ones"
 """Suggestion for samples that differ from the planned ones."""
 
+
+_TOUCHING = 1e-12
+"""Distance in m or rad by which a sample may exceed a limit: rounding of a motion that ends at its limit."""
 
 _MISSED = Kind("rcm.missed", "disagreement", 'use rcm = "enforced" and a waypoint with depth_mm', word="tolerance")
 _BLOCKED = Kind("rcm.missed", "disagreement", "the robot cannot hold the RCM: remove directions from `free`")
@@ -65,35 +69,42 @@ def rcm_error(Ts_base_frame: Array, shaft_axis: Array, rcm: Array) -> Array:
 
 
 def _when(trajectory: Trajectory, sample: int, span: PhaseSpan | None = None) -> str:
+    """Return a text with phase, time and, if there is one, waypoint of a sample."""
     t = float(trajectory.t[sample])
     span = span or next(p for p in trajectory.phases if sample <= p.stop)
-    met = [n for n, rows in trajectory.waypoints.items() if sample in rows]
-    return f"phase '{span.name}', t = {t:.3f} s" + (f", waypoint '{met[0]}'" if met else "")
+    text = f"phase '{span.name}', t = {t:.3f} s"
+    for name, rows in trajectory.waypoints.items():
+        if sample in rows:
+            return f"{text}, waypoint '{name}'"
+    return text
 
 
 def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+    """Check the limits of the driven joints, and report the minimum distance to a hard limit."""
     out = []
     for j, name in enumerate(kinematics.joint_names):
         unit, factor = kinematics.unit(j)
+        q = trajectory.q[:, j]
         for kind, build, low, high in (
             ("hard", error, kinematics.lower[j], kinematics.upper[j]),
             ("soft", warning, kinematics.soft_lower[j], kinematics.soft_upper[j]),
         ):
-            inside = np.minimum(trajectory.q[:, j] - low, high - trajectory.q[:, j])
+            inside = np.minimum(q - low, high - q)
             k = int(np.argmin(inside))
-            if inside[k] < -1e-12:
-                size = Quantity(-inside[k] / factor, unit)
-                what = (
-                    f"joint {name} exceeds its {kind} limits {low / factor:.2f}..{high / factor:.2f} {unit} by {size}"
-                )
-                out.append(build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, k), word=""))
-                break  # a joint beyond its hard limits is also beyond its soft limits
+            if inside[k] >= -_TOUCHING:
+                continue
+            size = Quantity(-inside[k] / factor, unit)
+            limits = f"{low / factor:.2f}..{high / factor:.2f} {unit}"
+            what = f"joint {name} exceeds its {kind} limits {limits} by {size}"
+            out.append(build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, k), word=""))
+            break  # a joint beyond its hard limits is also beyond its soft limits
     margin = np.minimum(trajectory.q - kinematics.lower, kinematics.upper - trajectory.q)
     if not np.isfinite(margin).any():  # no joint has limits
         return out
     k, j = np.unravel_index(int(np.argmin(margin)), margin.shape)
     unit, factor = kinematics.unit(int(j))
-    name, size = kinematics.joint_names[j], Quantity(margin[k, j] / factor, unit)
+    name = kinematics.joint_names[j]
+    size = Quantity(margin[k, j] / factor, unit)
     what = f"the minimum distance to a hard limit is {size}, at joint {name}"
     out.append(info("margin.limit", name, what, size, 0, when=_when(trajectory, int(k)), word=""))
     return out
@@ -101,15 +112,19 @@ def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findi
 
 def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check the actuators of transmissions: a motor may exceed its limits although all joints are within theirs."""
-    out, motors = [], kinematics.motors
+    out = []
+    motors = kinematics.motors
     for i, name in enumerate(motors.names):
         unit, factor = motors.unit(i)
-        m, rate = trajectory.q @ motors.rows[i], np.abs(trajectory.qd @ motors.rows[i])
-        low, high = motors.lower[i], motors.upper[i]
+        m = trajectory.q @ motors.rows[i]
+        speed = np.abs(trajectory.qd @ motors.rows[i])
+        low = motors.lower[i]
+        high = motors.upper[i]
         inside = np.minimum(m - low, high - m)
         k = int(np.argmin(inside))
-        when, limits = _when(trajectory, k), f"{low / factor:.2f}..{high / factor:.2f} {unit}"
-        if inside[k] < -1e-12 * max(1.0, abs(m[k])):
+        when = _when(trajectory, k)
+        limits = f"{low / factor:.2f}..{high / factor:.2f} {unit}"
+        if inside[k] < -_TOUCHING * max(1.0, abs(m[k])):
             size = Quantity(-inside[k] / factor, unit)
             what = f"motor {name} exceeds its limits {limits} by {size}"
             out.append(error("limit.motor", name, what, size, 0, when=when, word=""))
@@ -117,22 +132,27 @@ def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]
             size = Quantity(inside[k] / factor, unit)
             what = f"motor {name}: minimum distance to its limits {limits} is {size}"
             out.append(info("margin.motor", name, what, size, 0, when=when, word=""))
-        k = int(np.argmax(rate))
-        peak, limit = (Quantity(v / factor, f"{unit}/s") for v in (float(rate[k]), motors.max_speed[i]))
+        k = int(np.argmax(speed))
+        peak = Quantity(float(speed[k]) / factor, f"{unit}/s")
+        limit = Quantity(motors.max_speed[i] / factor, f"{unit}/s")
         out += _over(trajectory, "limit.motor_speed", name, f"motor {name}", k, peak, limit)
     return out
 
 
 def _gaps(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+    """Report the minimum of each gap between two carriages on one rail."""
     out = []
     for gap in kinematics.gaps:
-        between = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
-        k = int(np.argmin(between))
+        distance = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
+        k = int(np.argmin(distance))
         unit, factor = kinematics.unit(gap.i)
-        build = partial(error, "limit.gap") if between[k] < gap.smallest - 1e-12 else partial(info, "margin.gap")
-        size, need = Quantity(between[k] / factor, unit), gap.smallest / factor
+        build = partial(info, "margin.gap")
+        if distance[k] < gap.smallest - _TOUCHING:
+            build = partial(error, "limit.gap")
+        size = Quantity(distance[k] / factor, unit)
+        required = gap.smallest / factor
         what = f"minimum of gap {gap.name}"
-        out.append(build(gap.name, what, size, need, when=_when(trajectory, k), word="required"))
+        out.append(build(gap.name, what, size, required, when=_when(trajectory, k), word="required"))
     return out
 
 
@@ -153,41 +173,49 @@ def _passive(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding
 
 
 def _joint_rates(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+    """Check speed, acceleration and, if it is limited, jerk of the driven joints."""
     out = []
     rates = [
         ("limit.speed", trajectory.qd, kinematics.max_speed, "/s"),
         ("limit.acceleration", trajectory.qdd, kinematics.max_acceleration, "/s2"),
     ]
     if kinematics.max_jerk is not None and np.isfinite(kinematics.max_jerk).any():
-        rates.append(("limit.jerk", np.diff(trajectory.qdd, axis=0) / trajectory.step, kinematics.max_jerk, "/s3"))
+        jerk = np.diff(trajectory.qdd, axis=0) / trajectory.step
+        rates.append(("limit.jerk", jerk, kinematics.max_jerk, "/s3"))
     for code, values, limits, per in rates:
         for j, name in enumerate(kinematics.joint_names):
             unit, factor = kinematics.unit(j)
             k = int(np.argmax(np.abs(values[:, j])))
-            size, limit = (Quantity(v / factor, unit + per) for v in (abs(values[k, j]), limits[j]))
+            size = Quantity(abs(values[k, j]) / factor, unit + per)
+            limit = Quantity(limits[j] / factor, unit + per)
             out += _over(trajectory, code, name, f"joint {name}", k, size, limit)
     return out
 
 
 def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
+    """Check speed, acceleration and jerk of the moved frame: of its origin, and of its rotation."""
     out = []
     for i, span in enumerate(trajectory.phases):
         limits = protocol.limits[span.type]
         rows = slice(span.start + min(i, 1), span.stop + 1)  # a shared sample counts for the earlier phase
-        a, dw = trajectory.tip_acceleration[rows], trajectory.angular_acceleration[rows]
+        acceleration = trajectory.tip_acceleration[rows]
+        jerk = np.diff(acceleration, axis=0) / trajectory.step
+        turn_acceleration = trajectory.angular_acceleration[rows]
+        turn_jerk = np.diff(turn_acceleration, axis=0) / trajectory.step
+        what = f"{trajectory.frame} in phase '{span.name}'"
+        advice = f"plan the protocol again with the limits of the phase, or raise them in [limits.{span.type}]"
         for code, values, limit, unit in (
             ("limit.tip_speed", trajectory.tip_velocity[rows], limits.tip_speed, "m/s"),
-            ("limit.tip_acceleration", a, limits.tip_acceleration, "m/s2"),
-            ("limit.tip_jerk", np.diff(a, axis=0) / trajectory.step, limits.tip_jerk, "m/s3"),
+            ("limit.tip_acceleration", acceleration, limits.tip_acceleration, "m/s2"),
+            ("limit.tip_jerk", jerk, limits.tip_jerk, "m/s3"),
             ("limit.rotation_speed", trajectory.angular_velocity[rows], limits.rotation_speed, "rad/s"),
-            ("limit.rotation_acceleration", dw, limits.rotation_acceleration, "rad/s2"),
-            ("limit.rotation_jerk", np.diff(dw, axis=0) / trajectory.step, limits.rotation_jerk, "rad/s3"),
+            ("limit.rotation_acceleration", turn_acceleration, limits.rotation_acceleration, "rad/s2"),
+            ("limit.rotation_jerk", turn_jerk, limits.rotation_jerk, "rad/s3"),
         ):
             norms = np.linalg.norm(values, axis=1)
             k = int(np.argmax(norms))
-            what, size = f"{trajectory.frame} in phase '{span.name}'", si(norms[k], unit)
-            way = f"plan the protocol again with the limits of the phase, or raise them in [limits.{span.type}]"
-            out += _over(trajectory, code, trajectory.frame, what, rows.start + k, size, si(limit, unit), way)
+            size = si(norms[k], unit)
+            out += _over(trajectory, code, trajectory.frame, what, rows.start + k, size, si(limit, unit), advice)
     return out
 
 
@@ -199,24 +227,30 @@ def _over(
     sample: int,
     size: Quantity,
     limit: Quantity,
-    way: str = "lower the limits of the phase, or raise the limit of the robot",
+    advice: str = "lower the limits of the phase, or raise the limit of the robot",
 ) -> list[Finding]:
+    """Return a finding if `size` at a sample exceeds `limit` by more than `OVER`, else an empty list."""
     if size.value <= limit.value * (1 + OVER):
         return []
-    return [disagreement(code, where, f"{what} exceeds its limit", size, limit, way, when=_when(trajectory, sample))]
+    when = _when(trajectory, sample)
+    return [disagreement(code, where, f"{what} exceeds its limit", size, limit, advice, when=when)]
 
 
 def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check that joint speeds equal the slopes of the positions; tolerance: maximum acceleration times time step."""
     dt = float(trajectory.t[1] - trajectory.t[0])
     slope = (trajectory.q[2:] - trajectory.q[:-2]) / (2 * dt)
-    error = np.abs(slope - trajectory.qd[1:-1]) / (dt * kinematics.max_acceleration * (1 + OVER))
-    k, j = np.unravel_index(int(np.argmax(error)), error.shape) if error.size else (0, 0)
-    if not error.size or error[k, j] <= 1:
+    difference = np.abs(slope - trajectory.qd[1:-1])
+    excess = difference / (dt * kinematics.max_acceleration * (1 + OVER))
+    if not excess.size:  # fewer than three samples have no slope
+        return []
+    k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    if excess[k, j] <= 1:
         return []
     unit, factor = kinematics.unit(int(j))
-    size = Quantity(abs(slope[k, j] - trajectory.qd[k + 1, j]) / factor, unit + "/s")
-    name, when = kinematics.joint_names[j], _when(trajectory, int(k) + 1)
+    size = Quantity(difference[k, j] / factor, unit + "/s")
+    name = kinematics.joint_names[j]
+    when = _when(trajectory, int(k) + 1)
     what = f"the speed of joint {name} differs from the slope of its positions"
     return [disagreement("trajectory.inconsistent", name, what, size, suggestion=AGAIN, when=when)]
 
@@ -224,33 +258,55 @@ def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Find
 def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     """Return one finding for each registered RCM; the finding covers all phases until the RCM is released."""
     episodes: list[list[PhaseSpan]] = []
-    for before, span in zip((None, *trajectory.phases), trajectory.phases, strict=False):
-        if span.rcm is None:
-            continue
-        same = before is not None and before.rcm is not None and np.array_equal(before.rcm, span.rcm)
-        if not same or span.type == "insertion":
-            episodes.append([])
-        episodes[-1].append(span)
-    out = []
-    tolerance, alarm = protocol.tolerances.rcm, protocol.tolerances.rcm_alarm
-    for spans in episodes:
-        rcm = spans[0].rcm
-        assert rcm is not None
-        first, last = spans[0].start, spans[-1].stop + 1
-        errors = rcm_error(trajectory.Ts_base_frame[first:last], trajectory.shaft_axis, rcm)
-        k = int(np.argmax(errors))
-        at = ", ".join(f"{x / MM:.2f}" for x in rcm)
-        trocar = next((t for p in protocol.phases for s in spans if p.name == s.name and (t := trocar_of(p))), "")
-        missed = _BLOCKED if all(s.rcm_mode == "enforced" for s in spans) else _MISSED
-        kind = missed if errors[k] > tolerance else _KEPT
-        where = f"trocar {trocar}, RCM at ({at}) mm" if trocar else f"RCM at ({at}) mm"
-        clinical = f", beyond the clinical alarm at {mm(alarm)}" if errors[k] > alarm else ""
-        what = f"maximum distance of the shaft from the RCM{clinical}"
-        out.append(kind(where, what, mm(errors[k]), mm(tolerance), when=_when(trajectory, first + k)))
-    return out
+    before: Array | None = None  # RCM in the previous phase
+    for span in trajectory.phases:
+        if span.rcm is not None:
+            same = before is not None and np.array_equal(before, span.rcm)
+            if not same or span.type == "insertion":
+                episodes.append([])
+            episodes[-1].append(span)
+        before = span.rcm
+    return [_rcm_episode(trajectory, protocol, spans) for spans in episodes]
+
+
+def _rcm_episode(trajectory: Trajectory, protocol: Protocol, spans: Sequence[PhaseSpan]) -> Finding:
+    """Return the finding on one RCM, which is registered during the phases `spans`."""
+    tolerance = protocol.tolerances.rcm
+    alarm = protocol.tolerances.rcm_alarm
+    rcm = spans[0].rcm
+    assert rcm is not None
+    first = spans[0].start
+    Ts = trajectory.Ts_base_frame[first : spans[-1].stop + 1]
+    errors = rcm_error(Ts, trajectory.shaft_axis, rcm)
+    k = int(np.argmax(errors))
+    if errors[k] <= tolerance:
+        kind = _KEPT
+    elif all(span.rcm_mode == "enforced" for span in spans):
+        kind = _BLOCKED
+    else:
+        kind = _MISSED
+    position = ", ".join(f"{x / MM:.2f}" for x in rcm)
+    where = f"RCM at ({position}) mm"
+    trocar = _trocar(protocol, spans)
+    if trocar:
+        where = f"trocar {trocar}, {where}"
+    what = "maximum distance of the shaft from the RCM"
+    if errors[k] > alarm:
+        what += f", beyond the clinical alarm at {mm(alarm)}"
+    return kind(where, what, mm(errors[k]), mm(tolerance), when=_when(trajectory, first + k))
+
+
+def _trocar(protocol: Protocol, spans: Sequence[PhaseSpan]) -> str:
+    """Return the name of the trocar that the first of the phases `spans` with a trocar names; "" if there is none."""
+    names = {span.name for span in spans}
+    for phase in protocol.phases:
+        if phase.name in names and trocar_of(phase):
+            return trocar_of(phase)
+    return ""
 
 
 def _straight(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
+    """Report the maximum distance of the moved frame from the straight line of each insertion."""
     out = []
     tolerance = protocol.tolerances.straightness
     for span in trajectory.phases:
@@ -261,40 +317,51 @@ def _straight(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         errors = spatial.point_to_line(Ts[:, :3, 3], Ts[0, :3, 3], axis)
         k = int(np.argmax(errors))
         kind = _BENT if errors[k] > tolerance else _STRAIGHT
-        what, when = (
-            f"maximum distance of {trajectory.frame} from the insertion line",
-            _when(trajectory, span.start + k, span),
-        )
+        what = f"maximum distance of {trajectory.frame} from the insertion line"
+        when = _when(trajectory, span.start + k, span)
         out.append(kind(trajectory.frame, what, mm(errors[k]), mm(tolerance), when=when))
     return out
 
 
 def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
+    """Return a finding for each sample that misses its waypoint in a direction that the protocol prescribes."""
     out = []
-    t = protocol.tolerances
     for name, rows in trajectory.waypoints.items():
         waypoint = protocol.waypoints[name]
         if waypoint.joints is not None:
             out += _values(trajectory, waypoint, rows)
             continue
         for k in rows:
-            R = _rotation(waypoint.angles, protocol.rotation)
-            held = np.array([f"{kind}{axis}" not in (protocol.free or ()) for kind in ("", "turn_") for axis in "xyz"])
-            turned = spatial.log_so3(trajectory.Ts_base_tool[k, :3, :3] @ R.T)
-            turn = float(np.linalg.norm(turned * held[3:]))
-            if waypoint.position is not None:
-                way = trajectory.Ts_base_frame[k, :3, 3] - waypoint.position
-                off = float(np.linalg.norm(way * held[:3]))
-            else:
-                off = abs(_depth(trajectory, k) - (waypoint.depth or 0.0))
-            if off <= t.waypoint and turn <= t.waypoint_angle:
-                continue
-            what = f"the phase ends {mm(off)} and {deg(turn)} from waypoint '{name}' "
-            what += f"(tolerances {mm(t.waypoint)} and {deg(t.waypoint_angle)})"
-            sizes = (mm(off), mm(t.waypoint)) if off > t.waypoint else (deg(turn), deg(t.waypoint_angle))
-            when = _when(trajectory, k)
-            out.append(disagreement("waypoint.missed", f"waypoint '{name}'", what, *sizes, AGAIN, when=when, word=""))
+            out += _waypoint_pose(trajectory, protocol, waypoint, k)
     return out
+
+
+def _waypoint_pose(trajectory: Trajectory, protocol: Protocol, waypoint: Waypoint, k: int) -> list[Finding]:
+    """Return a finding if sample k misses a waypoint that is a pose or an orientation about the RCM."""
+    free = protocol.free or ()
+    axes = np.array([axis not in free for axis in ("x", "y", "z")])
+    turn_axes = np.array([axis not in free for axis in ("turn_x", "turn_y", "turn_z")])
+    R = _rotation(waypoint.angles, protocol.rotation)
+    rotation = spatial.log_so3(trajectory.Ts_base_tool[k, :3, :3] @ R.T)
+    turn = float(np.linalg.norm(rotation * turn_axes))
+    if waypoint.position is not None:
+        displacement = trajectory.Ts_base_frame[k, :3, 3] - waypoint.position
+        distance = float(np.linalg.norm(displacement * axes))
+    else:
+        distance = abs(_depth(trajectory, k) - (waypoint.depth or 0.0))
+    tolerance = protocol.tolerances.waypoint
+    turn_tolerance = protocol.tolerances.waypoint_angle
+    if distance <= tolerance and turn <= turn_tolerance:
+        return []
+    where = f"waypoint '{waypoint.name}'"
+    what = f"the phase ends {mm(distance)} and {deg(turn)} from {where} "
+    what += f"(tolerances {mm(tolerance)} and {deg(turn_tolerance)})"
+    size = deg(turn)
+    limit = deg(turn_tolerance)
+    if distance > tolerance:
+        size = mm(distance)
+        limit = mm(tolerance)
+    return [disagreement("waypoint.missed", where, what, size, limit, AGAIN, when=_when(trajectory, k), word="")]
 
 
 def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -> list[Finding]:
@@ -303,17 +370,21 @@ def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -
     for joint, value in (waypoint.joints or {}).items():
         q = trajectory.q[list(rows), trajectory.joint_names.index(joint)]
         i = int(np.argmax(np.abs(q - value)))
-        off = float(abs(q[i] - value))
-        if off > 1e-9:
-            what, size = f"joint {joint} misses waypoint '{waypoint.name}'", moved(off, joint in waypoint.angle_joints)
+        difference = float(abs(q[i] - value))
+        if difference > 1e-9:  # m or rad; joint values are planned exactly
+            what = f"joint {joint} misses waypoint '{waypoint.name}'"
+            size = moved(difference, joint in waypoint.angle_joints)
             out.append(disagreement("waypoint.missed", joint, what, size, 0, when=_when(trajectory, rows[i])))
     return out
 
 
 def _depth(trajectory: Trajectory, sample: int) -> float:
+    """Return the insertion depth in m at the last sample of a phase; NaN if no RCM is registered."""
     span = next(p for p in trajectory.phases if p.stop == sample)
+    if span.rcm is None:
+        return np.nan
     T = trajectory.Ts_base_frame[sample]
-    return np.nan if span.rcm is None else float((T[:3, 3] - span.rcm) @ T[:3, :3] @ trajectory.shaft_axis)
+    return float((T[:3, 3] - span.rcm) @ T[:3, :3] @ trajectory.shaft_axis)
 
 
 def _rotation(angles: Array, order: RotationOrder) -> Array:
@@ -331,16 +402,19 @@ def _rotation(angles: Array, order: RotationOrder) -> Array:
 
 
 def _singular(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+    """Report the minimum of each singularity measure, or where it changes its sign."""
     out = []
     for name, values in kinematics.singularity(trajectory.Ts_base_tool, trajectory.q).items():
-        k, alarm = int(np.argmin(np.abs(values))), kinematics.alarm(name)
-        size = float(abs(values[k]))
-        if np.any(values * values[0] <= 0):
-            k = int(np.argmax(values * values[0] <= 0))
+        alarm = kinematics.alarm(name)
+        crossed = values * values[0] <= 0
+        if crossed.any():
+            k = int(np.argmax(crossed))
             what = f"the singularity measure {name} changes its sign: the motion crosses a singularity"
-            size, when = Quantity(values[k]), _when(trajectory, k)
-            out.append(error("singularity.crossed", name, what, size, alarm, when=when, word=""))
+            size = Quantity(values[k])
+            out.append(error("singularity.crossed", name, what, size, alarm, when=_when(trajectory, k), word=""))
             continue
+        k = int(np.argmin(np.abs(values)))
+        size = float(abs(values[k]))
         kind = _NEAR if size < alarm else _SINGULARITY
         what = f"minimum of the singularity measure {name}"
         out.append(kind(name, what, Quantity(size), alarm, when=_when(trajectory, k)))
@@ -348,6 +422,7 @@ def _singular(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
 
 
 def _branches(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+    """Return a finding at the first sample with another working mode than the first one."""
     if kinematics.branch is None:
         return []
     labels = kinematics.branch(trajectory.Ts_base_tool, trajectory.q)
@@ -360,6 +435,7 @@ def _branches(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
 
 
 def _reach(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+    """Report the minimum remaining reach of each part that limits the workspace."""
     out = []
     for name, margin in kinematics.reach(trajectory.Ts_base_tool).items():
         k = int(np.argmin(margin))

@@ -20,15 +20,21 @@ def clearance(seen: Certificate, phase: str, who: str = "", scene: str = "") -> 
     """
     if not np.isfinite(seen.found):
         return []
-    left = [
+    exceptions = [
         "bodies connected by a joint",
         "bodies of one robot that in the CAD are nearer than twice the required clearance",
     ]
-    left += [f"bodies that touch by design (`touching` of scene {scene})"] if scene else []
+    bodies = "all bodies"
+    if who:
+        bodies += f" of {who}"
+    others = "each other"
+    if scene:
+        others += " and from the scene"
+        exceptions.append(f"bodies that touch by design (`touching` of scene {scene})")
+    excepted = ", ".join(exceptions[:-1]) + " and " + exceptions[-1]
     text = (
-        f"all bodies{f' of {who}' if who else ''} keep at least {seen.proven / MM:.2f} mm from each other"
-        f"{' and from the scene' if scene else ''} at every moment and with any timing (proven), except "
-        f"{', '.join(left[:-1])} and {left[-1]}; the smallest distance found is {seen.found / MM:.2f} mm, between "
+        f"{bodies} keep at least {seen.proven / MM:.2f} mm from {others} at every moment and with any timing (proven), "
+        f"except {excepted}; the smallest distance found is {seen.found / MM:.2f} mm, between "
         f"{' and '.join(seen.bodies)}"
     )
     return [Finding("clearance.proven", "info", text, phase, size=seen.proven / MM, unit="mm")]

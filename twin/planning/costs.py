@@ -38,27 +38,30 @@ def length(weights: Array) -> Cost:
     """Return the length in m as a cost; `weights` (n,) are in m per unit of each joint."""
 
     def cost(a: Array, b: Array) -> Array:
-        off = (b - a) * weights
-        return np.sqrt(np.einsum("ki,ki->k", off, off))
+        steps = (b - a) * weights
+        return np.sqrt(np.einsum("ki,ki->k", steps, steps))
 
     return cost
 
 
 def stops(weights: Array) -> Cost:
     """Return, in m2/s3, the integral of the squared acceleration along a connection from rest to rest, as a cost."""
-    way = length(weights)
-    return lambda a, b: 2 * ACCELERATION**1.5 * np.sqrt(way(a, b))
+    length_of = length(weights)
+    return lambda a, b: 2 * ACCELERATION**1.5 * np.sqrt(length_of(a, b))
 
 
 def length_and_stops(weights: Array) -> Cost:
     """Return 0.1 times `length` plus 0.5 times `stops` as a cost; this is not eq. (1) of the Raven paper."""
-    way = length(weights)
-    rests = stops(weights)
-    return lambda a, b: 0.1 * way(a, b) + 0.5 * rests(a, b)
+    length_of = length(weights)
+    stops_of = stops(weights)
+    return lambda a, b: 0.1 * length_of(a, b) + 0.5 * stops_of(a, b)
 
 
-_WIDE, _MORE = 20 * MM, 9.0
-"""Distance in m above which only the length counts; additional cost per length at distance 0 (ASSUMED)."""
+_WIDE = 20 * MM
+"""Distance in m above which only the length counts (ASSUMED)."""
+
+_MORE = 9.0
+"""Additional cost per length at distance 0 (ASSUMED)."""
 
 _STEP = 20 * MM
 """Along a connection, distances are computed at states with at most this spacing (weighted length in m)."""
@@ -69,18 +72,19 @@ def clearance(space: Space) -> Cost:
 
     The distances are lower bounds (`Space.clearances`) at states that are at most `_STEP` apart.
     """
-    way = length(space.weights)
+    length_of = length(space.weights)
 
     def cost(a: Array, b: Array) -> Array:
-        long = way(a, b)
-        if not len(long):
-            return long
-        counts = np.maximum(np.ceil(long / _STEP).astype(int), 1)
-        first = np.cumsum(counts) - counts
-        part = (np.arange(counts.sum()) - np.repeat(first, counts) + 0.5) / np.repeat(counts, counts)
-        a, step = (np.repeat(x, counts, axis=0) for x in (a, b - a))
-        near = 1 - np.minimum(space.clearances(a + part[:, None] * step, _WIDE) / _WIDE, 1.0)
-        return long * (1 + _MORE * np.add.reduceat(near, first) / counts)
+        lengths = length_of(a, b)
+        if not len(lengths):
+            return lengths
+        counts = np.maximum(np.ceil(lengths / _STEP).astype(int), 1)  # number of states on each connection
+        first = np.cumsum(counts) - counts  # row of the first state of each connection
+        index = np.arange(counts.sum()) - np.repeat(first, counts)
+        fraction = (index + 0.5) / np.repeat(counts, counts)  # in the middle of equal parts
+        states = np.repeat(a, counts, axis=0) + fraction[:, None] * np.repeat(b - a, counts, axis=0)
+        nearness = 1 - np.minimum(space.clearances(states, _WIDE) / _WIDE, 1.0)
+        return lengths * (1 + _MORE * np.add.reduceat(nearness, first) / counts)
 
     return cost
 

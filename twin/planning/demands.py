@@ -51,21 +51,24 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
     limits = protocol.limits[path.phase.type]
     max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
     max_jerk = np.inf if kinematics.max_jerk is None else kinematics.max_jerk
-    fast = np.isfinite(kinematics.motors.max_speed)  # each motor with a speed limit is a further limited coordinate
-    rows, motor_speed = kinematics.motors.rows[fast], kinematics.motors.max_speed[fast]
+    limited = np.isfinite(kinematics.motors.max_speed)  # a motor with a speed limit is a further limited coordinate
+    motor_rows = kinematics.motors.rows[limited]
+    motor_speed = kinematics.motors.max_speed[limited]
 
     def extra(s: Array) -> tuple[Array, Array]:
-        m = path.motion(s)
-        length, length1 = _norm_rate(m.p1, m.p2)
-        turn, turn1 = _norm_rate(m.w1, m.w2)
-        if not fast.any():
-            return np.column_stack([length, turn]), np.column_stack([length1, turn1])
-        motors, motors1 = (joints(s, order) @ rows.T for order in (1, 2))
-        return np.column_stack([length, turn, motors]), np.column_stack([length1, turn1, motors1])
+        motion = path.motion(s)
+        length, length1 = _norm_rate(motion.p1, motion.p2)
+        turn, turn1 = _norm_rate(motion.w1, motion.w2)
+        first = [length, turn]
+        second = [length1, turn1]
+        if limited.any():
+            first.append(joints(s, 1) @ motor_rows.T)
+            second.append(joints(s, 2) @ motor_rows.T)
+        return np.column_stack(first), np.column_stack(second)
 
     latest: tuple[Array, tuple[Motion, Array, Array]] | None = None
 
-    def at(s: Array) -> tuple[Motion, Array, Array]:
+    def derivatives(s: Array) -> tuple[Motion, Array, Array]:
         """Return (motion, first and second derivative of the joints); load and jerk share a stored result."""
         nonlocal latest
         if latest is None or latest[0] is not s:
@@ -73,35 +76,54 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         return latest[1]
 
     def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
-        m, first, second = at(s)
-        sd, sdd = sd[:, None], sdd[:, None]
+        motion, first, second = derivatives(s)
+        sd = sd[:, None]
+        sdd = sdd[:, None]
         v = np.max(np.abs(first * sd) / max_speed, axis=1)
-        if fast.any():
-            v = np.maximum(v, np.max(np.abs(first @ rows.T * sd) / motor_speed, axis=1))
+        if limited.any():
+            motors = np.abs(first @ motor_rows.T * sd) / motor_speed
+            v = np.maximum(v, np.max(motors, axis=1))
         a = np.max(np.abs(first * sdd + second * sd**2) / max_acceleration, axis=1)
-        for d1, d2, speed, acceleration in _vectors(m, limits):
+        for d1, d2, speed, acceleration in _vectors(motion, limits):
             v = np.maximum(v, np.linalg.norm(d1 * sd, axis=1) / speed)
             a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
         return v, a
 
     def jerk(s: Array, sd: Array, sdd: Array) -> float:
-        m, first, second = at(s)
-        parts = ((m.p1, m.p2, limits.tip_jerk), (m.w1, m.w2, limits.rotation_jerk))
-        accelerations = [(d1 * sdd[:, None] + d2 * sd[:, None] ** 2, most) for d1, d2, most in parts]
-        tip = max(float(np.max(np.linalg.norm(np.diff(a, axis=0), axis=1))) / (dt * most) for a, most in accelerations)
-        of_joints = first * sdd[:, None] + second * sd[:, None] ** 2
-        return max(tip, float(np.max(np.abs(np.diff(of_joints, axis=0)) / (dt * max_jerk))))
+        motion, first, second = derivatives(s)
+        sd = sd[:, None]
+        sdd = sdd[:, None]
+        joint_steps = np.diff(first * sdd + second * sd**2, axis=0)
+        of_joints = float(np.max(np.abs(joint_steps) / (dt * max_jerk)))
+        of_tip = _step(motion.p1 * sdd + motion.p2 * sd**2) / (dt * limits.tip_jerk)
+        of_rotation = _step(motion.w1 * sdd + motion.w2 * sd**2) / (dt * limits.rotation_jerk)
+        return max(of_tip, of_rotation, of_joints)
 
+    has_jerk_limit = min(limits.tip_jerk, limits.rotation_jerk, np.min(max_jerk)) < np.inf
+    extra_speed, extra_acceleration = _extra_limits(limits, motor_speed)
     return Demands(
-        joints,
-        max_speed,
-        max_acceleration,
-        extra,
-        np.concatenate([[limits.tip_speed, limits.rotation_speed], motor_speed]),
-        np.concatenate([[limits.tip_acceleration, limits.rotation_acceleration], np.full(len(rows), np.inf)]),
-        load,
-        jerk if min(limits.tip_jerk, limits.rotation_jerk, np.min(max_jerk)) < np.inf else None,
+        joints=joints,
+        speed=max_speed,
+        acceleration=max_acceleration,
+        extra=extra,
+        extra_speed=extra_speed,
+        extra_acceleration=extra_acceleration,
+        load=load,
+        jerk=jerk if has_jerk_limit else None,
     )
+
+
+def _step(acceleration: Array) -> float:
+    """Return the largest norm of the change of a vector (k, 3) between neighbouring samples."""
+    return float(np.max(np.linalg.norm(np.diff(acceleration, axis=0), axis=1)))
+
+
+def _extra_limits(limits: Limits, motor_speed: Array) -> tuple[Array, Array]:
+    """Return the limits of speed and acceleration of the further coordinates; motors have none of acceleration."""
+    speed = np.concatenate([[limits.tip_speed, limits.rotation_speed], motor_speed])
+    motor_acceleration = np.full(len(motor_speed), np.inf)
+    acceleration = np.concatenate([[limits.tip_acceleration, limits.rotation_acceleration], motor_acceleration])
+    return speed, acceleration
 
 
 def timed(robots: Sequence[Demands], dt: float, solver: Solver) -> Timing:
@@ -112,25 +134,36 @@ def timed(robots: Sequence[Demands], dt: float, solver: Solver) -> Timing:
     """
 
     def joints(s: Array, order: int = 0) -> Array:
-        return np.column_stack([r.joints(s, order) for r in robots])
+        return np.column_stack([robot.joints(s, order) for robot in robots])
 
     def extra(s: Array) -> tuple[Array, Array]:
-        first, second = zip(*(r.extra(s) for r in robots), strict=True)
-        return np.column_stack(first), np.column_stack(second)
+        derivatives = [robot.extra(s) for robot in robots]
+        first = np.column_stack([d[0] for d in derivatives])
+        second = np.column_stack([d[1] for d in derivatives])
+        return first, second
 
     def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
-        speed, acceleration = zip(*(r.load(s, sd, sdd) for r in robots), strict=True)
-        return np.max(speed, axis=0), np.max(acceleration, axis=0)
+        loads = [robot.load(s, sd, sdd) for robot in robots]
+        speed = np.max([v for v, _ in loads], axis=0)
+        acceleration = np.max([a for _, a in loads], axis=0)
+        return speed, acceleration
 
-    jerks = [r.jerk for r in robots if r.jerk is not None]
+    jerks = [robot.jerk for robot in robots if robot.jerk is not None]
+
+    def jerk(s: Array, sd: Array, sdd: Array) -> float:
+        return max(of_robot(s, sd, sdd) for of_robot in jerks)
+
+    # first the joints of all robots, then their further coordinates, as in `joints` and `extra`
+    speed = [robot.speed for robot in robots] + [robot.extra_speed for robot in robots]
+    acceleration = [robot.acceleration for robot in robots] + [robot.extra_acceleration for robot in robots]
     return time_path(
         joints,
-        np.concatenate([*(r.speed for r in robots), *(r.extra_speed for r in robots)]),
-        np.concatenate([*(r.acceleration for r in robots), *(r.extra_acceleration for r in robots)]),
+        np.concatenate(speed),
+        np.concatenate(acceleration),
         extra=extra,
         dt=dt,
         load=load,
-        jerk=(lambda s, sd, sdd: max(jerk(s, sd, sdd) for jerk in jerks)) if jerks else None,
+        jerk=jerk if jerks else None,
         solver=solver,
     )
 
@@ -141,27 +174,31 @@ def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematic
     In a phase in joint space, a joint without limits of its own gets the tool limits of the phase type: if only a
     gripper's jaw moves, the tool is at rest, and no other limit would slow down the joint.
     """
-    speed, acceleration = kinematics.max_speed, kinematics.max_acceleration
+    speed = kinematics.max_speed
+    acceleration = kinematics.max_acceleration
     waypoint = protocol.waypoints.get(path.waypoint or "")
     by_joints = path.phase.by_joints and waypoint is not None and waypoint.joints is not None
     if not by_joints and not isinstance(path.phase, (Auxiliary, Free)):
         return speed, acceleration
-    limits, turns = protocol.limits[path.phase.type], np.array(kinematics.revolute, bool)
-    own_speed = np.where(turns, limits.rotation_speed, limits.tip_speed)
-    own_acceleration = np.where(turns, limits.rotation_acceleration, limits.tip_acceleration)
-    return np.where(np.isfinite(speed), speed, own_speed), np.where(
-        np.isfinite(acceleration), acceleration, own_acceleration
-    )
+    limits = protocol.limits[path.phase.type]
+    turns = np.array(kinematics.revolute, bool)
+    tool_speed = np.where(turns, limits.rotation_speed, limits.tip_speed)
+    tool_acceleration = np.where(turns, limits.rotation_acceleration, limits.tip_acceleration)
+    speed = np.where(np.isfinite(speed), speed, tool_speed)
+    acceleration = np.where(np.isfinite(acceleration), acceleration, tool_acceleration)
+    return speed, acceleration
 
 
-def _vectors(m: Motion, limits: Limits) -> tuple[tuple[Array, Array, float, float], ...]:
+def _vectors(motion: Motion, limits: Limits) -> tuple[tuple[Array, Array, float, float], ...]:
+    """Return (first, second derivative (k, 3), limits of speed and acceleration) of the frame's origin and rotation."""
     return (
-        (m.p1, m.p2, limits.tip_speed, limits.tip_acceleration),
-        (m.w1, m.w2, limits.rotation_speed, limits.rotation_acceleration),
+        (motion.p1, motion.p2, limits.tip_speed, limits.tip_acceleration),
+        (motion.w1, motion.w2, limits.rotation_speed, limits.rotation_acceleration),
     )
 
 
 def _norm_rate(d1: Array, d2: Array) -> tuple[Array, Array]:
     """Return first and second derivative (k,) of the arc length from the derivatives (k, 3) of the curve."""
-    n = np.linalg.norm(d1, axis=1)
-    return n, np.einsum("ij,ij->i", d1, d2) / np.where(n > 0, n, 1.0)
+    rate = np.linalg.norm(d1, axis=1)
+    nonzero = np.where(rate > 0, rate, 1.0)  # at rest, the numerator is zero too
+    return rate, np.einsum("ij,ij->i", d1, d2) / nonzero

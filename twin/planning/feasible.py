@@ -17,6 +17,9 @@ from twin.planning.trajectory import Cause, PathKinematics
 _PROBES = 401
 """Number of points of a phase that are checked; the 1 kHz samples are checked again after timing."""
 
+_HALVINGS = 40
+"""Number of bisections for the first unreachable point of a phase; s is then exact to rounding."""
+
 Margins = dict[tuple[Cause, str], Array]
 """Margins (k,) in m or rad by (cause, name); a margin is negative where a pose is unreachable."""
 
@@ -39,25 +42,32 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     if not bad.any():
         return
     first = int(np.argmax(bad))
-    low, high = (float(s[first - 1]), float(s[first])) if first else (0.0, 0.0)
-    for _ in range(40 if first else 0):
-        middle = (low + high) / 2
-        here = margins_at(kinematics, *at(np.array([middle])), anchor)
-        if any(m[0] < -ROUNDING for m in here.values()):
-            high = middle
-        else:
-            low = middle
+    low = 0.0
+    high = 0.0
+    where = "already at the start of the phase"
+    if first > 0:
+        # bisection between the last feasible and the first infeasible point
+        low = float(s[first - 1])
+        high = float(s[first])
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            if violation(kinematics, margins_at(kinematics, *at(np.array([middle])), anchor)):
+                high = middle
+            else:
+                low = middle
+        where = f"from {100 * high:.1f} % of the phase on"
     (cause, name), margin = next(item for item in margins.items() if item[1][first] < -ROUNDING)
     worst = int(np.nanargmin(np.where(np.isnan(margin), 0.0, margin)))
     text = _cause(kinematics, cause, name, float(-margin[worst]))
-    where = "already at the start of the phase" if first == 0 else f"from {100 * high:.1f} % of the phase on"
-    if cause not in ("branch", "inverse", "singularity"):
+    if cause not in ("branch", "inverse", "singularity"):  # the margins of these three are no distances
         where += f", worst at {100 * s[worst]:.0f} %"
+    position = _mm(path.motion(np.array([high])).p[0])
     message = (
         f"{protocol}: phase '{path.phase.name}' ({path.phase.type}) cannot be carried out: {text}, {where}, "
-        f"with {frame} at {_mm(path.motion(np.array([high])).p[0])}."
-        f"{_why(kinematics, path, high) if cause == 'inverse' else ''}"
+        f"with {frame} at {position}."
     )
+    if cause == "inverse":
+        message += _why(kinematics, path, high)
     raise ProtocolError(f"{message} {_reachable(path, low, first == 0)}")
 
 
@@ -70,15 +80,18 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
     out: Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
     solved = np.all(np.isfinite(q), axis=1)
     out["inverse", ""] = np.where(solved, 0.0, -1.0)
+    # without a solution, only the margin "inverse" is negative
     for j, name in enumerate(kinematics.joint_names):
         out["lower", name] = np.where(solved, q[:, j] - kinematics.lower[j], 0.0)
         out["upper", name] = np.where(solved, kinematics.upper[j] - q[:, j], 0.0)
     motors = kinematics.motors
     for i, name in enumerate(motors.names):
         m = q @ motors.rows[i]
-        out["motor", name] = np.where(solved, np.minimum(m - motors.lower[i], motors.upper[i] - m), 0.0)
+        inside = np.minimum(m - motors.lower[i], motors.upper[i] - m)
+        out["motor", name] = np.where(solved, inside, 0.0)
     for gap in kinematics.gaps:
-        out["gap", gap.name] = np.where(solved, np.abs(q[:, gap.i] - q[:, gap.j]) - gap.smallest, 0.0)
+        distance = np.abs(q[:, gap.i] - q[:, gap.j])
+        out["gap", gap.name] = np.where(solved, distance - gap.smallest, 0.0)
     return out
 
 
@@ -99,8 +112,11 @@ class Anchor:
         """Return the anchor for a pose (1, 4, 4) with joint values (1, n)."""
         if not np.all(np.isfinite(q)):
             return Anchor({}, None)
-        signs = {name: float(np.sign(v[0])) for name, v in kinematics.singularity(Ts, q).items()}
-        return Anchor(signs, kinematics.branch(Ts, q)[0] if kinematics.branch else None)
+        signs = {name: float(np.sign(measure[0])) for name, measure in kinematics.singularity(Ts, q).items()}
+        branch = None
+        if kinematics.branch:
+            branch = kinematics.branch(Ts, q)[0]
+        return Anchor(signs, branch)
 
 
 def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) -> Margins:
@@ -111,7 +127,8 @@ def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) 
     """
     out = pose_margins(kinematics, Ts, q)
     solved = np.all(np.isfinite(q), axis=1)
-    if not (anchor.signs or anchor.branch is not None) or not solved.any():
+    unknown_start = not anchor.signs and anchor.branch is None
+    if unknown_start or not solved.any():
         return out
     for name, measure in kinematics.singularity(Ts[solved], q[solved]).items():
         out["singularity", name] = _spread(solved, measure * anchor.signs.get(name, 1.0))
@@ -121,7 +138,7 @@ def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) 
     return out
 
 
-def said(kinematics: PathKinematics, margins: Margins) -> str:
+def violation(kinematics: PathKinematics, margins: Margins) -> str:
     """Return a text for the first cause whose margin (1,) is negative; "" if no margin is negative."""
     for (cause, name), margin in margins.items():
         if margin[0] < -ROUNDING:
@@ -137,7 +154,9 @@ def _spread(rows: np.ndarray, values: Array) -> Array:
 
 def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
     """Return why the equations have no finite joint values at s, as a sentence with a leading space; "" if unknown."""
-    text = kinematics.why(path.motion(np.array([s])).Ts_base_tool[0]) if kinematics.why else ""
+    if not kinematics.why:
+        return ""
+    text = kinematics.why(path.motion(np.array([s])).Ts_base_tool[0])
     return f" {text}" if text else ""
 
 
@@ -145,25 +164,33 @@ def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> 
     if cause in ("lower", "upper"):
         j = kinematics.joint_names.index(name)
         unit, factor = kinematics.unit(j)
-        limit = (kinematics.lower if cause == "lower" else kinematics.upper)[j] / factor
-        side = "below its lower" if cause == "lower" else "above its upper"
+        if cause == "lower":
+            side = "below its lower"
+            limit = kinematics.lower[j] / factor
+        else:
+            side = "above its upper"
+            limit = kinematics.upper[j] / factor
         return f"joint {name} would go {size / factor:.2f} {unit} {side} limit of {limit:.2f} {unit}"
     if cause == "motor":
         i = kinematics.motors.names.index(name)
         unit, factor = kinematics.motors.unit(i)
-        low, high = kinematics.motors.lower[i] / factor, kinematics.motors.upper[i] / factor
+        low = kinematics.motors.lower[i] / factor
+        high = kinematics.motors.upper[i] / factor
         return f"motor {name} would go {size / factor:.2f} {unit} beyond its limits of {low:.2f}..{high:.2f} {unit}"
     if cause == "gap":
         gap = next(g for g in kinematics.gaps if g.name == name)
         unit, factor = kinematics.unit(gap.i)
-        need, left = gap.smallest / factor, (gap.smallest - size) / factor
-        text = f"gap {name} would shrink to {left:.2f} {unit}"
-        return f"{text}, {size / factor:.2f} {unit} less than the required {need:g} {unit}"
+        required = gap.smallest / factor
+        remaining = (gap.smallest - size) / factor
+        text = f"gap {name} would shrink to {remaining:.2f} {unit}"
+        return f"{text}, {size / factor:.2f} {unit} less than the required {required:g} {unit}"
     if cause == "reach":
         return f"{name} is too short by {size / MM:.2f} mm"
     if cause == "singularity":
         return f"the motion would cross a singularity: the measure {name} changes its sign"
-    return "the working mode changes" if cause == "branch" else "the inverse kinematics has no solution"
+    if cause == "branch":
+        return "the working mode changes"
+    return "the inverse kinematics has no solution"
 
 
 def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
@@ -171,6 +198,7 @@ def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
     if nothing:
         return "No part of the phase is reachable; change the pose at the start of the phase."
     s = max(0.0, s - 1e-4)
+    angles = ", ".join(f"{angle / DEG:.2f}" for angle in path.angles(s))
     match path.phase:
         case Insertion():
             return f"Reachable: insertion to a depth of {path.depth(s) / MM:.2f} mm."
@@ -180,13 +208,11 @@ def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
             ends = path.motion(np.array([0.0, s])).Ts_base_tool[:, :3, :3]
             shafts = ends @ path.n_tool_shaft
             tilt = np.arctan2(np.linalg.norm(np.cross(*shafts)), shafts[0] @ shafts[1]) / DEG
-            angles = ", ".join(f"{a / DEG:.2f}" for a in path.angles(s))
             tilted = f"tilted by {tilt:.2f} deg from the start of the phase"
             return f"Reachable: ({angles}) deg at a depth of {path.depth(s) / MM:.2f} mm, {tilted}."
         case _:
-            here = path.motion(np.array([s])).p[0]
-            angles = ", ".join(f"{a / DEG:.2f}" for a in path.angles(s))
-            return f"Reachable: up to the position {_mm(here)} with the angles ({angles}) deg."
+            position = _mm(path.motion(np.array([s])).p[0])
+            return f"Reachable: up to the position {position} with the angles ({angles}) deg."
 
 
 def _mm(p: Array) -> str:

@@ -99,14 +99,19 @@ class FmtSearch:
                 raise ProtocolError(f"{name} of the search has values that are not finite: {np.asarray(q)}")
             if not (np.all(q >= box[:, 0]) and np.all(q <= box[:, 1])):
                 raise ProtocolError(f"{name} of the search is not in its box, lower and upper bounds {box.tolist()}")
+        self.space = space
         self.cost = cost or length(space.weights)
-        self._most = np.inf
-        self.space, self._box, self._rng = space, box, rng
+        self.checks = 0
+        self._box = box
+        self._rng = rng
+        self._longest = np.inf  # m; `inform` lowers it
         self._q = np.array([start, goal])
         self._moving = np.ptp(box, axis=1) > 0
-        self._tried = self._good = self.checks = 0
+        self._drawn = 0  # number of samples drawn, free or not
+        self._free = 0  # number of them that are free
         self._known: dict[tuple[int, int], bool] = {}  # rows (from, to) of a connection -> whether it is free
-        self._graph: tuple[list[np.ndarray], list[Array]] = [], []
+        self._near: list[np.ndarray] = []  # rows of the neighbours of each sample
+        self._costs: list[Array] = []  # costs of the connections from these neighbours to the sample
         self._parent = np.full(2, -1)
 
     @property
@@ -136,21 +141,32 @@ class FmtSearch:
         self._draw(samples, lambda f: progress(f / 2))
         x = self._q * self.space.weights
         edges = np.ptp(self._box, axis=1)[self._moving] * self.space.weights[self._moving]
-        volume = max(self._good, 1) / max(self._tried, 1) * float(np.prod(edges))
+        free_fraction = max(self._free, 1) / max(self._drawn, 1)
+        volume = free_fraction * float(np.prod(edges))
         radius = _radius(len(x), int(self._moving.sum()), volume)
-        near = neighbours(x, radius)
-        way = [self.cost(self._q[n], np.broadcast_to(self._q[i], (len(n), len(self._box)))) for i, n in enumerate(near)]
-        self._graph, self._parent = (near, way), np.full(len(x), -1)
-        rows = self._grow(near, way, self._parent, lambda f: progress((1 + f) / 2))[0]
-        return None if rows is None else self._q[rows]
+        self._near = neighbours(x, radius)
+        self._costs = []
+        for i, near in enumerate(self._near):
+            self._costs.append(self.cost(self._q[near], self._repeated(i, len(near))))
+        self._parent = np.full(len(x), -1)
+        rows, _ = self._grow(self._costs, self._parent, lambda f: progress((1 + f) / 2))
+        if rows is None:
+            return None
+        return self._q[rows]
 
     def reached(self) -> tuple[int, int]:
         """Return the numbers of samples connected with the start and with the goal, after `path` found no path."""
-        (near, way), none = self._graph, np.full(len(self._graph[0]), -1)
-        back = [
-            self.cost(np.broadcast_to(self._q[i], (len(n), len(self._box))), self._q[n]) for i, n in enumerate(near)
-        ]
-        return self._grow(near, way, none.copy())[1], self._grow(near, back, none, ends=(1, 0))[1]
+        backward = []  # costs of the connections in the other direction
+        for i, near in enumerate(self._near):
+            backward.append(self.cost(self._repeated(i, len(near)), self._q[near]))
+        count = len(self._near)
+        _, from_start = self._grow(self._costs, np.full(count, -1))
+        _, from_goal = self._grow(backward, np.full(count, -1), ends=(1, 0))
+        return from_start, from_goal
+
+    def _repeated(self, row: int, count: int) -> Array:
+        """Return the joint values (count, n) of one sample, repeated without a copy."""
+        return np.broadcast_to(self._q[row], (count, len(self._box)))
 
     def inform(self, corners: Array) -> None:
         """From now on, use only samples through which a path can be shorter than the path along corners (k, n).
@@ -159,70 +175,81 @@ class FmtSearch:
         whose foci are start and goal. The cost of the search must be the length. Results of collision tests are kept.
         """
         x = corners * self.space.weights
-        self._most = float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum())
+        self._longest = float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum())
         keep = self._useful(self._q)
-        keep[:2] = True
+        keep[:2] = True  # rounding could exclude start and goal
         rows = np.flatnonzero(keep)
-        new = {int(old): k for k, old in enumerate(rows)}
-        self._known = {(new[a], new[b]): f for (a, b), f in self._known.items() if a in new and b in new}
-        self._good -= int((~keep).sum())
-        self._q, self._parent = self._q[rows], np.full(len(rows), -1)
+        new_rows = {int(old): new for new, old in enumerate(rows)}
+        known = {}
+        for (a, b), free in self._known.items():
+            if a in new_rows and b in new_rows:
+                known[new_rows[a], new_rows[b]] = free
+        self._known = known
+        self._free -= int((~keep).sum())
+        self._q = self._q[rows]
+        self._parent = np.full(len(rows), -1)
 
     def _useful(self, q: Array) -> np.ndarray:
         """Return (k,) bool: whether a path through q (k, n) can be shorter than the path of `inform`."""
-        x, ends = q * self.space.weights, self._q[:2] * self.space.weights
-        way = np.linalg.norm(x - ends[0], axis=1) + np.linalg.norm(x - ends[1], axis=1)
-        return way <= self._most
+        x = q * self.space.weights
+        start, goal = self._q[:2] * self.space.weights
+        shortest = np.linalg.norm(x - start, axis=1) + np.linalg.norm(x - goal, axis=1)
+        return shortest <= self._longest
 
     def block(self, corners: Array) -> bool:
         """Test the connections along `corners` (k, n) over their whole length; return whether any is blocked.
 
         Blocked connections are excluded from the search.
         """
-        rows = [int(np.flatnonzero((self._q == c).all(axis=1))[0]) for c in corners]
-        bad = [
-            pair
-            for pair, a, b in zip(pairwise(rows), corners, corners[1:], strict=False)
-            if not self.space.free_between(a, b)
-        ]
-        for i, j in bad:
-            self._known[i, j] = self._known[j, i] = False
-        return bool(bad)
+        rows = [int(np.flatnonzero((self._q == corner).all(axis=1))[0]) for corner in corners]
+        blocked = False
+        for k, (i, j) in enumerate(pairwise(rows)):
+            if not self.space.free_between(corners[k], corners[k + 1]):
+                blocked = True
+                self._known[i, j] = False
+                self._known[j, i] = False
+        return blocked
 
     def _draw(self, samples: int, progress: Progress) -> None:
-        first = self._tried
-        while self.count < samples and self._tried - first < _TRIES * samples:
+        """Add free samples until there are `samples`, or until `_TRIES` samples per required sample are drawn."""
+        limit = _TRIES * samples
+        before = self._drawn
+        while self.count < samples and self._drawn - before < limit:
             size = min(max(2 * (samples - self.count), 16), 2048)
             block = self._rng.uniform(self._box[:, 0], self._box[:, 1], (size, len(self._box)))
-            self._tried += size
+            self._drawn += size
             block = block[self._useful(block)]
-            good = block[self.space.free(block, exact=False)]
-            self._good += len(good)
-            self._q = np.concatenate([self._q, good[: samples - self.count]])
-            progress(min(max(self.count / samples, (self._tried - first) / (_TRIES * samples)), 1.0))
+            free = block[self.space.free(block, exact=False)]
+            self._free += len(free)
+            self._q = np.concatenate([self._q, free[: samples - self.count]])
+            progress(min(max(self.count / samples, (self._drawn - before) / limit), 1.0))
 
     def _grow(
         self,
-        near: list[np.ndarray],
-        way: list[Array],
+        costs: list[Array],
         parent: np.ndarray,
         progress: Progress = lambda fraction: None,
         ends: tuple[int, int] = (0, 1),
     ) -> tuple[list[int] | None, int]:
         """Grow a tree from sample ends[0] to ends[1]; return (rows of the path or None, number of reached samples).
 
-        `near` are the neighbours of each sample, `way` the costs of the connections to these neighbours. `parent` (k,),
+        `costs` are those of the connections between each sample and its neighbours. `parent` (k,),
         all -1, receives the rows of the parents. With ends (1, 0), the tree grows from the goal, against the direction
         of motion: connections then lead from a sample to its parent. Testing many connections together is much faster
         than testing them singly. Each test therefore includes connections that the next nodes of the front will
         probably need.
         """
-        count, back = len(near), ends[0] > ends[1]
-        waiting, cost = np.ones(count, bool), np.full(count, np.inf)
-        front = cost.copy()  # cost of each node of the front; infinite for all other nodes
+        near = self._near
+        count = len(near)
         root, target = ends
-        waiting[root], cost[root], front[root] = False, 0.0, 0.0
-        heap, z = [(0.0, root)], root
+        from_goal = root > target
+        waiting = np.ones(count, bool)  # samples outside of the tree
+        waiting[root] = False
+        cost = np.full(count, np.inf)  # cost of the path from the root
+        cost[root] = 0.0
+        front = cost.copy()  # cost of each node of the front; infinite for all other nodes
+        heap = [(0.0, root)]
+        node = root  # node of the front with the lowest cost
 
         def candidates(to: np.ndarray) -> list[tuple[int, int]]:
             """Return pairs (node of the front, sample in `to`): the path to the sample is shortest through this node.
@@ -231,36 +258,40 @@ class FmtSearch:
             """
             out = []
             for i in to.tolist():
-                through = front[near[i]] + way[i]
+                through = front[near[i]] + costs[i]
                 k = int(np.argmin(through))
                 if np.isfinite(through[k]):
                     out.append((int(near[i][k]), i))
             return out
 
-        def moved(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        def directed(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
             """Return the pairs, each ordered in the direction of motion."""
-            return [(i, j) for j, i in pairs] if back else pairs
+            if not from_goal:
+                return pairs
+            return [(sample, parent) for parent, sample in pairs]
 
-        while z != target:
-            to = near[z][waiting[near[z]]]
-            pairs = candidates(to)
-            tested = moved(pairs)
-            if any(p not in self._known for p in tested):
-                coming = np.concatenate([near[i] for _, i in heapq.nsmallest(_AHEAD, heap)])
-                coming = np.unique(coming[waiting[coming]])
-                self._test([*tested, *moved(candidates(coming))])
-            front[z] = np.inf
+        while node != target:
+            pairs = candidates(near[node][waiting[near[node]]])
+            connections = directed(pairs)
+            if any(pair not in self._known for pair in connections):
+                ahead = np.concatenate([near[i] for _, i in heapq.nsmallest(_AHEAD, heap)])
+                ahead = np.unique(ahead[waiting[ahead]])
+                self._test([*connections, *directed(candidates(ahead))])
+            front[node] = np.inf
             heapq.heappop(heap)
-            for (j, i), pair in zip(pairs, tested, strict=True):
-                if self._known[pair]:
-                    k = int(np.searchsorted(near[i], j))
-                    parent[i], cost[i] = j, cost[j] + way[i][k]
-                    waiting[i], front[i] = False, cost[i]
-                    heapq.heappush(heap, (float(cost[i]), i))
+            for (j, i), connection in zip(pairs, connections, strict=True):
+                if not self._known[connection]:
+                    continue
+                k = int(np.searchsorted(near[i], j))
+                parent[i] = j
+                cost[i] = cost[j] + costs[i][k]
+                front[i] = cost[i]
+                waiting[i] = False
+                heapq.heappush(heap, (float(cost[i]), i))
             progress(1 - float(waiting.mean()))
             if not heap:
                 return None, count - int(waiting.sum()) - 1
-            z = heap[0][1]
+            node = heap[0][1]
         rows = [target]
         while rows[-1] != root:
             rows.append(int(parent[rows[-1]]))
@@ -268,22 +299,24 @@ class FmtSearch:
 
     def _test(self, pairs: list[tuple[int, int]]) -> None:
         """Test the connections (from, to) between samples that have not been tested yet, each once."""
-        new = [p for p in dict.fromkeys(pairs) if p not in self._known]
+        new = [pair for pair in dict.fromkeys(pairs) if pair not in self._known]
         rows = np.array(new)
         self.checks += len(new)
-        for pair, free in zip(new, self.space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]]), strict=True):
-            self._known[pair] = bool(free)
+        free = self.space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]])
+        for k, pair in enumerate(new):
+            self._known[pair] = bool(free[k])
 
 
 def neighbours(x: Array, radius: float) -> list[np.ndarray]:
     """Return, for each point of x (k, n), the rows of the points within `radius` of it, in ascending order."""
     pairs = KDTree(x).query_pairs(radius, output_type="ndarray")
-    a, b = np.concatenate([pairs, pairs[:, ::-1]]).T
+    a, b = np.concatenate([pairs, pairs[:, ::-1]]).T  # each pair in both directions
     order = np.lexsort((b, a))
-    return np.split(b[order], np.cumsum(np.bincount(a, minlength=len(x)))[:-1])
+    counts = np.bincount(a, minlength=len(x))
+    return np.split(b[order], np.cumsum(counts)[:-1])
 
 
 def _radius(count: int, n: int, volume: float) -> float:
     """Return the neighbourhood radius of theorem 4.1 for `count` samples in n dimensions and the free `volume`."""
-    ball = pi ** (n / 2) / gamma(n / 2 + 1)
+    ball = pi ** (n / 2) / gamma(n / 2 + 1)  # volume of the unit ball
     return _WIDER * 2 * (volume / (n * ball) * log(count) / count) ** (1 / n)

@@ -9,7 +9,7 @@ import numpy as np
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
-from twin.planning.feasible import Anchor, margins_at, said
+from twin.planning.feasible import Anchor, margins_at, violation
 from twin.planning.path import Path
 from twin.planning.protocol import Free
 from twin.planning.rounds import SearchRound, SearchRounds
@@ -28,7 +28,8 @@ def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
     """
 
     def keep(Ts: Array, q: Array) -> np.ndarray:
-        return np.all([m >= -ROUNDING for m in margins_at(kinematics, Ts, q, anchor).values()], axis=0)
+        margins = margins_at(kinematics, Ts, q, anchor)
+        return np.all([margin >= -ROUNDING for margin in margins.values()], axis=0)
 
     return keep
 
@@ -67,21 +68,25 @@ def free_path(
         raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
     anchor = Anchor.at(kinematics, Ts[:1], ends[0][None])
     for name, q, T in zip(("start", "goal"), ends, Ts, strict=True):
-        if reason := said(kinematics, margins_at(kinematics, T[None], q[None], anchor)):
+        reason = violation(kinematics, margins_at(kinematics, T[None], q[None], anchor))
+        if reason:
             raise ProtocolError(f"{where} cannot be carried out: at the {name}, {reason}")
 
     def report(fraction: float) -> None:
         progress(f"{phase.name}: path around obstacles, {100 * fraction:.0f} %")
 
+    rounds: list[SearchRound] = []
     try:
         space = kinematics.space(phase.scene, phase.clearance, kept(kinematics, anchor))
-        plain, rounds = phase.cost == "length", list[SearchRound]()
+        cost = None
+        if phase.cost != "length":  # the default of `around`, which then leaves out useless samples
+            cost = COSTS[phase.cost](space)
         path = around(
             space,
             *ends,
             seed=phase.seed,
             progress=report,
-            cost=None if plain else COSTS[phase.cost](space),
+            cost=cost,
             straight=phase.cost != "clearance",  # every other cost is smallest on the straight path
             samples=phase.samples,
             ended=rounds.append,

@@ -51,6 +51,20 @@ class CommonPhase:
     solver: str
     rounds: Mapping[str, SearchRounds] = field(default_factory=dict)
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data; the keys of quantities end with the unit."""
+        return {
+            "name": self.name,
+            "t0_s": self.t0,
+            "t1_s": self.t1,
+            "proven_mm": self.seen.proven / MM,
+            "found_mm": self.seen.found / MM,
+            "bodies": list(self.seen.bodies),
+            "clearances": {kind: near.as_dict() for kind, near in self.near.items()},
+            "solver": self.solver,
+            "rounds": {arm: rounds.as_dict() for arm, rounds in self.rounds.items()},
+        }
+
 
 @dataclass(frozen=True)
 class PlannedTogether(Result):
@@ -85,20 +99,24 @@ class PlannedTogether(Result):
     @property
     def findings(self) -> Sequence[Finding]:
         """The proven clearances of each phase, and the findings of the check of every sample of each arm."""
-        who = " and ".join(self.order)
-        proven = [
-            finding
-            for p in self.phases
-            for finding in (*_between_arms(p, who), *clearance(p.seen, p.name, who, self.scene.name))
-        ]
-        return proven + [
-            replace(f, message=f"{name}: {f.message}") for name, found in self.checked.items() for f in found
-        ]
+        arms = " and ".join(self.order)
+        findings = []
+        for phase in self.phases:
+            findings += _between_arms(phase, arms)
+            findings += clearance(phase.seen, phase.name, arms, self.scene.name)
+        for name, checked in self.checked.items():
+            for finding in checked:
+                findings.append(replace(finding, message=f"{name}: {finding.message}"))
+        return findings
 
     @property
     def rounds(self) -> Mapping[str, SearchRounds]:
         """Rounds of all searches, by arm and phase."""
-        return {f"{arm}, {p.name}": rounds for p in self.phases for arm, rounds in p.rounds.items()}
+        out = {}
+        for phase in self.phases:
+            for arm, rounds in phase.rounds.items():
+                out[f"{arm}, {phase.name}"] = rounds
+        return out
 
     @property
     def near(self) -> Mapping[str, tuple[Nearest, str]]:
@@ -119,20 +137,7 @@ class PlannedTogether(Result):
             "samples": len(self.t),
             "required_mm": self.required / MM,
             "clearances": {kind: {**near.as_dict(), "phase": name} for kind, (near, name) in self.near.items()},
-            "phases": [
-                {
-                    "name": p.name,
-                    "t0_s": p.t0,
-                    "t1_s": p.t1,
-                    "proven_mm": p.seen.proven / MM,
-                    "found_mm": p.seen.found / MM,
-                    "bodies": list(p.seen.bodies),
-                    "clearances": {kind: near.as_dict() for kind, near in p.near.items()},
-                    "solver": p.solver,
-                    "rounds": {arm: rounds.as_dict() for arm, rounds in p.rounds.items()},
-                }
-                for p in self.phases
-            ],
+            "phases": [phase.as_dict() for phase in self.phases],
         }
 
     def as_dict(self) -> dict[str, Any]:
@@ -145,10 +150,12 @@ class PlannedTogether(Result):
         phases = [(p.name, f"{p.t0:.3f}", f"{p.t1:.3f}", p.solver) for p in self.phases]
         yield Table(("phase", "from s", "to s", "timing"), phases)
         yield ""
-        rows = [
-            (KINDS[kind], *_numbers(near.seen), f"{near.t:.3f}", name, " and ".join(near.seen.bodies))
-            for kind, (near, name) in self.near.items()
-        ]
+        rows = []
+        for kind, (near, name) in self.near.items():
+            seen = near.seen
+            found = f"{seen.found / MM:.2f}"
+            proven = f"{seen.proven / MM:.2f}"
+            rows.append((KINDS[kind], found, proven, f"{near.t:.3f}", name, " and ".join(seen.bodies)))
         yield Table(("minimum clearance", "found mm", "proven mm", "at s", "phase", "nearest bodies"), rows)
         yield f"  required: {self.required / MM:g} mm"
         yield ""
@@ -160,8 +167,10 @@ class PlannedTogether(Result):
 
     def files(self) -> list[str]:
         """Return the names of the files that `write` makes, without the props."""
-        own = (n for robot, file in protocol_files(self.robots, self.scene).items() for n in (f"{robot}.csv", file))
-        return [SCENE, FILE, *own]
+        names = [SCENE, FILE]
+        for robot, protocol in protocol_files(self.robots, self.scene).items():
+            names += [f"{robot}.csv", protocol]
+        return names
 
     def write(self, folder: Path) -> None:
         """Write plan.json, and a scene that plays the motion (`plan_files.write_plan_scene`)."""
@@ -171,7 +180,8 @@ class PlannedTogether(Result):
 
 def _between_arms(phase: CommonPhase, who: str) -> list[Finding]:
     """Return a finding on the proven clearance between the arms in a phase; empty if no bodies are tested."""
-    if (near := phase.near.get("between_arms")) is None:
+    near = phase.near.get("between_arms")
+    if near is None:
         return []
     seen = near.seen
     text = (
@@ -179,7 +189,3 @@ def _between_arms(phase: CommonPhase, who: str) -> list[Finding]:
         f"{seen.found / MM:.2f} mm, between {' and '.join(seen.bodies)}, at {near.t:.3f} s"
     )
     return [Finding("clearance.between_arms", "info", text, phase.name, size=seen.proven / MM, unit="mm")]
-
-
-def _numbers(seen: Certificate) -> tuple[str, str]:
-    return f"{seen.found / MM:.2f}", f"{seen.proven / MM:.2f}"

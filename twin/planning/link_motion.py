@@ -88,12 +88,13 @@ def link_motion(
         if np.isfinite(solved).all() and np.abs(solved - q).max(initial=0.0) <= _SAME:
             reached = loops.forward_many(solved)
             if np.abs(reached.Ts_base_tool - Ts).max(initial=0.0) <= _REACHED:
-                q, closed = solved, reached
+                q = solved
+                closed = reached
     by_plan = closed is None
     closed = closed or loops.forward_many(q)
-    lost = np.flatnonzero(~np.isfinite(closed.Ts_base_tool).all(axis=(1, 2)))
-    if len(lost):
-        k = int(lost[0])
+    open_rows = np.flatnonzero(~np.isfinite(closed.Ts_base_tool).all(axis=(1, 2)))
+    if len(open_rows):
+        k = int(open_rows[0])
         raise AssemblyError(
             f"{mechanism.name}: the loops cannot be closed at t = {times[k]:.3f} s of '{trajectory.protocol}': the "
             f"smallest gap is {closed.offset[k] / MM:.3g} mm; check the limits and the CAD with `twin validate`",
@@ -102,10 +103,12 @@ def link_motion(
     links = loops.link_poses(q, closed.states)
     joints = {joint.name: q[:, i] for i, joint in enumerate(mechanism.active)}
     for joint in mechanism.joints:
-        if joint.name not in joints and len(joint.free_axes) == 1:
-            values = joint.coordinate(links[joint.parent], links[joint.child])
-            unwrap = joint.is_angle and joint.limits is None  # a pose does not determine the number of full turns
-            joints[joint.name] = np.unwrap(values) if unwrap else values
+        if joint.name in joints or len(joint.free_axes) != 1:
+            continue
+        values = joint.coordinate(links[joint.parent], links[joint.child])
+        if joint.is_angle and joint.limits is None:  # a pose does not determine the number of full turns
+            values = np.unwrap(values)
+        joints[joint.name] = values
     return LinkMotion(times, q, joints, links, by_plan)
 
 
@@ -117,5 +120,6 @@ def _near(q: Array, planned: Array, loops: LoopSolver) -> Array:
         if joint.name in auxiliary:
             out[:, i] = planned[:, i]
         elif joint.is_angle:
-            out[:, i] += 2 * np.pi * np.round((planned[:, i] - out[:, i]) / (2 * np.pi))
+            turns = np.round((planned[:, i] - out[:, i]) / (2 * np.pi))
+            out[:, i] += 2 * np.pi * turns
     return out

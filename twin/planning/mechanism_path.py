@@ -68,16 +68,28 @@ class MechanismPath(PhasePath):
 
     def motion(self, s: Array) -> Motion:
         """Return the motion of the phase at the path parameters s (k,)."""
-        at = [self.place(s, order) for order in (0, 1, 2)]
-        R, R1, R2 = (x[:, 3:].reshape(-1, 3, 3) for x in at)
+        place, place1, place2 = (self.place(s, order) for order in (0, 1, 2))
+        R = place[:, 3:].reshape(-1, 3, 3)
+        R1 = place1[:, 3:].reshape(-1, 3, 3)
+        R2 = place2[:, 3:].reshape(-1, 3, 3)
         R = R @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(R, 1, 2) @ R)  # restore orthogonality lost by truncation
         Rt = np.swapaxes(R, 1, 2)
-        w1, w2 = _vee(R1 @ Rt), _vee(R2 @ Rt)
-        arm = R @ self.T_tool_frame[:3, 3]
-        turned = np.cross(w1, arm)
-        p, v = at[0][:, :3], at[1][:, :3]
-        p2 = at[2][:, :3] + np.cross(w2, arm) + np.cross(w1, turned)
-        return Motion(spatial.pose(R, p), p + arm, v + turned, p2, w1, w2, np.concatenate([v, w1], axis=1))
+        w1 = _vee(R1 @ Rt)
+        w2 = _vee(R2 @ Rt)
+        # velocity and acceleration of the moved frame: those of the tool's origin, and those of the lever
+        lever = R @ self.T_tool_frame[:3, 3]
+        lever1 = np.cross(w1, lever)
+        p = place[:, :3]
+        v = place1[:, :3]
+        return Motion(
+            spatial.pose(R, p),
+            p + lever,
+            v + lever1,
+            place2[:, :3] + np.cross(w2, lever) + np.cross(w1, lever1),
+            w1,
+            w2,
+            np.concatenate([v, w1], axis=1),
+        )
 
     def angles(self, s: float) -> Array:
         """Return the angles (3,) in rad of the tool at s, about the axes of `order`."""
@@ -100,11 +112,14 @@ class MechanismFollower:
         progress: Progress = lambda label: None,
         searched: Searched = lambda name, rounds: None,
     ) -> None:
-        self._protocol, self._kinematics, self._carrier = protocol, kinematics, carrier
-        self._progress, self._searched = progress, searched
-        self._names = names = kinematics.joint_names
-        self._angles = tuple(kinematics.revolute) or (False,) * len(names)
-        if not names:
+        self._protocol = protocol
+        self._kinematics = kinematics
+        self._carrier = carrier
+        self._progress = progress
+        self._searched = searched
+        self._names = kinematics.joint_names
+        self._angles = tuple(kinematics.revolute) or (False,) * len(self._names)
+        if not self._names:
             raise ProtocolError(
                 f"{protocol.name}: no joint of the robot is driven, so the robot cannot move: name its joints in its "
                 "description, and mark the driven ones with active = true"
@@ -119,24 +134,29 @@ class MechanismFollower:
             ProtocolError: the mechanism cannot reach the start waypoint.
         """
         name = self._protocol.start
-        waypoint, where = self._protocol.waypoints[name], f"{self._protocol.name}: the start"
+        waypoint = self._protocol.waypoints[name]
         lever = T_tool_frame[:3, 3]
         try:
             if waypoint.joints is not None:
                 s = np.linspace(0.0, 1.0, _STATIONS)[:, None]
                 q = self.q + s * (self.goal(name) - self.q)
-                X, Ts = self._carrier.carry(q, self._state)
+                states, Ts = self._carrier.carry(q, self._state)
             else:
                 assert waypoint.position is not None
                 R = rotation(waypoint.angles, self._protocol.rotation)
                 goal = spatial.pose(R, waypoint.position - R @ lever)
                 directions = self._directions(lever)
-                X, q, Ts = self._carrier.follow(goal[None], directions, lever, self._state)
-                self._outside(name, T_tool_frame, Ts[-1], directions)
+                states, q, Ts = self._carrier.follow(goal[None], directions, lever, self._state)
+                self._require_waypoint(name, T_tool_frame, Ts[-1], directions)
         except AssemblyError as error:
-            raise ProtocolError(f"{where}, '{name}', cannot be reached from the pose in the CAD: {error}") from error
-        self._state, self.q, T = X[-1], q[-1], Ts[-1]
-        return angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles), T[:3, 3] + T[:3, :3] @ lever
+            raise ProtocolError(
+                f"{self._protocol.name}: the start, '{name}', cannot be reached from the pose in the CAD: {error}"
+            ) from error
+        self._state = states[-1]
+        self.q = q[-1]
+        R = Ts[-1, :3, :3]
+        angles = angles_of(R, self._protocol.rotation, waypoint.angles)
+        return angles, Ts[-1, :3, 3] + R @ lever
 
     def along(self, path: PhasePath) -> PhasePath:
         """Move the mechanism along a phase to its end; return the phase with the actual motion of the mechanism.
@@ -145,32 +165,37 @@ class MechanismFollower:
             ProtocolError: the mechanism cannot follow the phase, or misses the waypoint at its end.
         """
         where = f"{self._protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
-        start, lever = self._state, path.T_tool_frame[:3, 3]
-        if isinstance(phase := path.phase, Samples):
+        phase = path.phase
+        start = self._state
+        lever = path.T_tool_frame[:3, 3]
+        if isinstance(phase, Samples):
             self._require_driven(phase, where)
-            ends = self.q, self._names, self._carrier, start
-            made, self.q, self._state = sampled_phase(path, phase, self._protocol, *ends, where)
-            return made
-        course, directions = self._course(path, where), ~self._free()
+            sampled, self.q, self._state = sampled_phase(
+                path, phase, self._protocol, self.q, self._names, self._carrier, start, where
+            )
+            return sampled
+        course = self._course(path, where)
         if course is not None:
-            out, self._state = carried(path, course, self._carrier, start, where)
+            carried_path, self._state = carried(path, course, self._carrier, start, where)
             self.q = course(np.ones(1))[0]
-            return out
-        if path.rcm is None and path.phase.places:
+            return carried_path
+        directions = ~self._free()
+        if path.rcm is None and phase.places:
             directions = self._directions(lever)
 
-        def taken(s: Array) -> tuple[Array, Array, Array]:
+        def solved(s: Array) -> tuple[Array, Array, Array]:
             try:
                 return self._carrier.follow(path.motion(s).Ts_base_tool, directions, lever, start)
             except AssemblyError as error:
                 raise ProtocolError(f"{where} cannot be carried out: {error}{self._too_many(directions)}") from error
 
-        X, q, Ts = taken(np.linspace(0.0, 1.0, _STATIONS))
-        self._kept(path, directions, Ts, where)
+        states, q, Ts = solved(np.linspace(0.0, 1.0, _STATIONS))
+        self._require_path(path, directions, Ts, where)
         if path.waypoint is not None and path.rcm_mode is None:
-            self._outside(path.waypoint, path.T_tool_frame, Ts[-1], directions)
-        self._state, self.q = X[-1], q[-1]
-        return _followed(path, taken)
+            self._require_waypoint(path.waypoint, path.T_tool_frame, Ts[-1], directions)
+        self._state = states[-1]
+        self.q = q[-1]
+        return _followed(path, solved)
 
     def _require_driven(self, phase: Samples, where: str) -> None:
         """Raise `ProtocolError` if a sampled joint is not driven, or if its samples are in the wrong unit."""
@@ -181,27 +206,29 @@ class MechanismFollower:
         """Return the path of the driven joints for a phase in joint space; None for a phase defined by tool poses."""
         if isinstance(path.phase, Auxiliary):
             return line(self.q, moved(self.q, path.phase, self._names, self._angles, where))
-        name = path.waypoint if path.phase.by_joints else None
-        if name is None:
+        name = path.waypoint
+        if name is None or not path.phase.by_joints:
             return None
         if self._protocol.waypoints[name].joints is not None:
             goal = self.goal(name)
             if np.abs(goal - self.q).max() < _NONE:
                 raise ProtocolError(f"{where}: the phase has no length: {self._unmoved(name)}")
         elif isinstance(path.phase, Free):
-            goal = self._led_to(path, name, where)
+            goal = self._joints_at(path, name, where)
         else:
             return None
+        straight = line(self.q, goal)
         if not isinstance(path.phase, Free):
-            return line(self.q, goal)
+            return straight
         try:
-            _, Ts = self._carrier.carry(line(self.q, goal)(np.linspace(0.0, 1.0, _STATIONS)), self._state)
+            _, Ts = self._carrier.carry(straight(np.linspace(0.0, 1.0, _STATIONS)), self._state)
         except AssemblyError as error:
             raise ProtocolError(f"{where}: found no path to the goal that keeps the loops closed: {error}") from error
-        ends = self.q, goal
-        return free_path(path.phase, self._kinematics, ends, Ts[[0, -1]], where, self._progress, self._searched)
+        return free_path(
+            path.phase, self._kinematics, (self.q, goal), Ts[[0, -1]], where, self._progress, self._searched
+        )
 
-    def _led_to(self, path: PhasePath, name: str, where: str) -> Array:
+    def _joints_at(self, path: PhasePath, name: str, where: str) -> Array:
         """Return the driven joint values (n,) at a waypoint with a pose, reached by a straight motion of the tool."""
         lever = path.T_tool_frame[:3, 3]
         directions = self._directions(lever)
@@ -211,7 +238,7 @@ class MechanismFollower:
         except AssemblyError as error:
             text = f"{where}: joint values at waypoint '{name}' are not known; give the waypoint by joints"
             raise ProtocolError(f"{text}: {error}") from error
-        self._outside(name, path.T_tool_frame, Ts[-1], directions)
+        self._require_waypoint(name, path.T_tool_frame, Ts[-1], directions)
         return q[-1]
 
     def goal(self, name: str) -> Array:
@@ -220,16 +247,19 @@ class MechanismFollower:
         Raises:
             ProtocolError: the waypoint has a joint that is not driven, or a value in the wrong unit.
         """
-        waypoint, where = self._protocol.waypoints[name], f"{self._protocol.name}: waypoint '{name}'"
+        waypoint = self._protocol.waypoints[name]
+        where = f"{self._protocol.name}: waypoint '{name}'"
         return placed(self._drawn, waypoint.joints or {}, waypoint.angle_joints, self._names, self._angles, where)
 
     def _unmoved(self, name: str) -> str:
-        i = 0
-        unit, factor = display_unit(self._angles[i])
-        near = self.q[i] / factor + (5 if self._angles[i] else 10)
+        """Return a reason and advice for a phase that begins at its waypoint: another value of the first joint."""
+        is_angle = self._angles[0]
+        unit, factor = display_unit(is_angle)
+        step = 5 if is_angle else 10  # deg or mm
+        other = self.q[0] / factor + step
         return (
             f"the driven joints are already at waypoint '{name}'. Change a joint value of the waypoint within limits, "
-            f"such as joints = {{ {self._names[i]}_{unit} = {near:.6g} }}"
+            f"such as joints = {{ {self._names[0]}_{unit} = {other:.6g} }}"
         )
 
     def _directions(self, lever: Array) -> np.ndarray:
@@ -241,11 +271,12 @@ class MechanismFollower:
         for i, name in enumerate(DIRECTIONS):
             if name in (self._protocol.free or ()):
                 continue
-            rows = directions | (np.arange(6) == i)
-            if rows.sum() > J.shape[2]:
+            rows = directions.copy()
+            rows[i] = True
+            if rows.sum() > J.shape[2]:  # more directions than driven joints
                 break
-            own = np.linalg.svd(J[:, rows], compute_uv=False)[:, -1].max()
-            directions[i] = own > _INDEPENDENT * largest
+            smallest = np.linalg.svd(J[:, rows], compute_uv=False)[:, -1].max()
+            directions[i] = smallest > _INDEPENDENT * largest
         return directions
 
     def _free(self) -> np.ndarray:
@@ -254,52 +285,59 @@ class MechanismFollower:
 
     def _too_many(self, directions: np.ndarray) -> str:
         """Return advice for a phase that prescribes more directions than there are driven joints, else ""."""
-        wanted, joints = int(directions.sum()), len(self._names) - len(self._kinematics.auxiliary)
+        wanted = int(directions.sum())
+        joints = len(self._names) - len(self._kinematics.auxiliary)
         if wanted <= joints:
             return ""
+        plural = "s" if joints > 1 else ""
         return (
-            f". The phase prescribes {wanted} directions, but the robot has {joints} driven joint{'s' * (joints > 1)}: "
+            f". The phase prescribes {wanted} directions, but the robot has {joints} driven joint{plural}: "
             'use a phase with type = "joints", or declare directions as free above the tables of the protocol, such as '
             f"free = {_names(np.arange(6) >= joints)}"
         )
 
-    def _kept(self, path: PhasePath, directions: np.ndarray, Ts: Array, where: str) -> None:
+    def _require_path(self, path: PhasePath, directions: np.ndarray, Ts: Array, where: str) -> None:
         """Raise `ProtocolError` if the mechanism leaves the path in a controlled direction."""
         wanted = path.motion(np.linspace(0.0, 1.0, len(Ts))).Ts_base_tool
-        off = np.array([_missed(T, goal, path.T_tool_frame) for T, goal in zip(Ts, wanted, strict=True)])
-        over = np.abs(off) / self._tolerance() * directions
-        k = int(np.argmax(over.max(axis=1)))
-        if over[k].max() > 1:
-            raise ProtocolError(
-                f"{where} cannot be carried out: at {100 * k / (len(Ts) - 1):.0f} % of the phase, the tool is "
-                f"{_words(off[k], directions & (over[k] > 1))} from its path, because the robot cannot move "
-                f'in all directions. Use a phase with type = "joints", or declare directions as free, with free = '
-                f"{_names(self._free() | (directions & (over[k] > 1)))}"
-            )
+        deviations = np.array([_deviation(T, goal, path.T_tool_frame) for T, goal in zip(Ts, wanted, strict=True)])
+        excess = np.abs(deviations) / self._tolerance() * directions
+        k = int(np.argmax(excess.max(axis=1)))
+        if excess[k].max() <= 1:
+            return
+        missed = directions & (excess[k] > 1)
+        raise ProtocolError(
+            f"{where} cannot be carried out: at {100 * k / (len(Ts) - 1):.0f} % of the phase, the tool is "
+            f"{_words(deviations[k], missed)} from its path, because the robot cannot move "
+            f'in all directions. Use a phase with type = "joints", or declare directions as free, with free = '
+            f"{_names(self._free() | missed)}"
+        )
 
     def _tolerance(self) -> Array:
-        t = self._protocol.tolerances
-        return np.repeat([t.waypoint, t.waypoint_angle], 3)
+        """Return the tolerances (6,) of positions in m, then of rotations in rad."""
+        tolerances = self._protocol.tolerances
+        return np.repeat([tolerances.waypoint, tolerances.waypoint_angle], 3)
 
-    def _outside(self, name: str, T_tool_frame: Array, T: Array, directions: np.ndarray) -> None:
+    def _require_waypoint(self, name: str, T_tool_frame: Array, T: Array, directions: np.ndarray) -> None:
         """Raise `ProtocolError` if a pose misses a waypoint in a direction that the protocol does not declare free."""
         waypoint = self._protocol.waypoints[name]
         if waypoint.position is None:
             return
+        lever = T_tool_frame[:3, 3]
         R = rotation(waypoint.angles, self._protocol.rotation)
-        off = _missed(T, spatial.pose(R, waypoint.position - R @ T_tool_frame[:3, 3]), T_tool_frame)
-        bad = (np.abs(off) > self._tolerance()) & ~self._free()
-        if not bad.any():
+        deviation = _deviation(T, spatial.pose(R, waypoint.position - R @ lever), T_tool_frame)
+        missed = (np.abs(deviation) > self._tolerance()) & ~self._free()
+        if not missed.any():
             return
-        at = T[:3, 3] + T[:3, :3] @ T_tool_frame[:3, 3]
-        turned = angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles)
+        position = T[:3, 3] + T[:3, :3] @ lever
+        angles = angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles)
         count = int(directions.sum())
+        plural = "s" if count != 1 else ""
         raise ProtocolError(
             f"{self._protocol.name}: waypoint '{name}' is not reachable by this robot, which has {count} "
-            f"degree{'s' if count != 1 else ''} of freedom there: with {_list(directions)} as in the file, "
-            f"{self._protocol.frame} deviates by {_words(off, bad)}. Write the reachable pose: position_mm = "
-            f"{_numbers(at / MM)}, angles_deg = {_numbers(turned / DEG)}; or declare the other directions as free, "
-            f"with free = {_names(~directions)} above the tables of the protocol; or give the waypoint by joints."
+            f"degree{plural} of freedom there: with {_list(directions)} as in the file, "
+            f"{self._protocol.frame} deviates by {_words(deviation, missed)}. Write the reachable pose: position_mm = "
+            f"{_numbers(position / MM)}, angles_deg = {_numbers(angles / DEG)}; or declare the other directions as "
+            f"free, with free = {_names(~directions)} above the tables of the protocol; or give the waypoint by joints."
         )
 
 
@@ -310,33 +348,35 @@ def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where
         ProtocolError: the loops open; the message begins with `where`.
     """
 
-    def taken(s: Array) -> tuple[Array, Array, Array]:
+    def solved(s: Array) -> tuple[Array, Array, Array]:
         q = course(s)
         try:
-            X, Ts = carrier.carry(q, start)
+            states, Ts = carrier.carry(q, start)
         except AssemblyError as error:
             raise ProtocolError(f"{where} cannot be carried out: {error}") from error
-        return X, q, Ts
+        return states, q, Ts
 
-    X, _, _ = taken(np.linspace(0.0, 1.0, _STATIONS))
-    return replace(_followed(path, taken), values=course), X[-1]
+    states, _, _ = solved(np.linspace(0.0, 1.0, _STATIONS))
+    return replace(_followed(path, solved), values=course), states[-1]
 
 
-def _followed(path: PhasePath, taken: Callable[[Array], tuple[Array, Array, Array]]) -> MechanismPath:
-    """Return a phase with the motion of the mechanism, as series fitted to `taken`.
+def _followed(path: PhasePath, solved: Callable[[Array], tuple[Array, Array, Array]]) -> MechanismPath:
+    """Return a phase with the motion of the mechanism, as series fitted to `solved`.
 
-    `taken` is a function of s (k,) that returns states (k, nq), driven joint values (k, n) and tool poses (k, 4, 4).
+    `solved` is a function of s (k,) that returns states (k, nq), driven joint values (k, n) and tool poses (k, 4, 4).
     """
 
     def rows(s: Array) -> Array:
-        order = np.argsort(s)
-        _, q, Ts = taken(s[order])
+        order = np.argsort(s)  # the mechanism moves forwards from station to station
+        _, q, Ts = solved(s[order])
         out = np.concatenate([Ts[:, :3, 3], Ts[:, :3, :3].reshape(-1, 9), q], axis=1)
-        middle = np.where(np.ptp(out, axis=0) < _STILL, out[0], out)  # remove rounding from constant values
-        return middle[np.argsort(order)]
+        constant = np.ptp(out, axis=0) < _STILL
+        out = np.where(constant, out[0], out)  # remove rounding from constant values
+        return out[np.argsort(order)]
 
     series = fit(rows)
-    c, tail = series.coefficients, series.tail
+    c = series.coefficients
+    tail = series.tail
     place = ChebyshevPath(c[:, :12], tail[:12])
     values = ChebyshevPath(c[:, 12:], tail[12:])
     out = MechanismPath(**vars(path), values=values, place=place)
@@ -361,22 +401,26 @@ def with_free_paths(
     """
     out = []
     for path in paths:
-        if isinstance(path.phase, Free):
-            where, both = f"{protocol}: phase '{path.phase.name}' ({path.phase.type})", np.array([0.0, 1.0])
-            q, carrier = path.joints(both, kinematics), kinematics.carrier
-            if carrier is None:
-                raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
-            Ts = path.motion(both).Ts_base_tool
-            course = free_path(path.phase, kinematics, (q[0], q[1]), Ts, where, progress, searched)
-            x, drawn = carrier.drawn()
-            try:
-                X, _ = carrier.carry(line(drawn, q[0])(np.linspace(0.0, 1.0, _STATIONS)), x)
-            except AssemblyError as error:
-                raise ProtocolError(
-                    f"{where}: the start of the phase cannot be reached from the pose in the CAD: {error}"
-                ) from error
-            path, _ = carried(path, course, carrier, X[-1], where)
-        out.append(path)
+        if not isinstance(path.phase, Free):
+            out.append(path)
+            continue
+        where = f"{protocol}: phase '{path.phase.name}' ({path.phase.type})"
+        carrier = kinematics.carrier
+        if carrier is None:
+            raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
+        ends = np.array([0.0, 1.0])
+        start, goal = path.joints(ends, kinematics)
+        Ts = path.motion(ends).Ts_base_tool
+        course = free_path(path.phase, kinematics, (start, goal), Ts, where, progress, searched)
+        state, drawn = carrier.drawn()
+        try:
+            states, _ = carrier.carry(line(drawn, start)(np.linspace(0.0, 1.0, _STATIONS)), state)
+        except AssemblyError as error:
+            raise ProtocolError(
+                f"{where}: the start of the phase cannot be reached from the pose in the CAD: {error}"
+            ) from error
+        free, _ = carried(path, course, carrier, states[-1], where)
+        out.append(free)
     return tuple(out)
 
 
@@ -401,7 +445,8 @@ def placed(
             raise ProtocolError(f"{where}: {unknown('driven joint', joint, names)}")
         i = names.index(joint)
         if angles[i] != (joint in in_degrees):
-            unit, other = ("deg", "mm") if angles[i] else ("mm", "deg")
+            unit = "deg" if angles[i] else "mm"
+            other = "mm" if angles[i] else "deg"
             raise ProtocolError(f"{where}: joint '{joint}' is in {unit}: write {joint}_{unit}, not {joint}_{other}")
         out[i] = value
     return out
@@ -426,21 +471,25 @@ def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, proto
         ProtocolError: an auxiliary phase moves no joint, or a joint that is not auxiliary.
     """
     names = kinematics.joint_names
-    places = [names.index(n) for n in kinematics.auxiliary]
-    q, out = np.zeros(len(names)), []
-    q[places] = list(kinematics.auxiliary.values())
+    columns = [names.index(name) for name in kinematics.auxiliary]
+    q = np.zeros(len(names))
+    q[columns] = list(kinematics.auxiliary.values())
+    out = []
     for path in paths:
-        phase, after = path.phase, q
+        phase = path.phase
+        after = q
         if isinstance(phase, Auxiliary):
             where = f"{protocol}: phase '{phase.name}' ({phase.type})"
-            if foreign := [n for n in phase.joints if n in names and n not in kinematics.auxiliary]:
+            foreign = [name for name in phase.joints if name in names and name not in kinematics.auxiliary]
+            if foreign:
                 raise ProtocolError(
                     f"{where}: joint '{foreign[0]}' moves the tool, but the phase moves auxiliary joints only "
                     f"(this robot: {', '.join(kinematics.auxiliary) or 'none'}); use a positioning, or a waypoint with "
                     "joint values"
                 )
             after = moved(q, phase, names, kinematics.revolute, where)
-        out.append(replace(path, extra_joints=tuple((i, float(q[i]), float(after[i])) for i in places)))
+        values = tuple((i, float(q[i]), float(after[i])) for i in columns)
+        out.append(replace(path, extra_joints=values))
         q = after
     return tuple(out)
 
@@ -450,7 +499,7 @@ def _vee(A: Array) -> Array:
     return 0.5 * np.stack([A[:, 2, 1] - A[:, 1, 2], A[:, 0, 2] - A[:, 2, 0], A[:, 1, 0] - A[:, 0, 1]], axis=1)
 
 
-def _missed(T: Array, goal: Array, T_tool_frame: Array) -> Array:
+def _deviation(T: Array, goal: Array, T_tool_frame: Array) -> Array:
     """Return the deviation (6,) of T from `goal`, in base: moved frame's origin in m, then rotation vector in rad."""
     lever = T_tool_frame[:3, 3]
     position = T[:3, 3] + T[:3, :3] @ lever
@@ -458,22 +507,35 @@ def _missed(T: Array, goal: Array, T_tool_frame: Array) -> Array:
     return np.concatenate([position - wanted, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])
 
 
-def _words(off: Array, which: np.ndarray) -> str:
-    parts = [
-        f"{abs(off[i]) / (MM if i < 3 else DEG):.4g} {'mm in' if i < 3 else 'deg about'} {'xyz'[i % 3]}"
-        for i in np.flatnonzero(which)
-    ]
+def _words(deviation: Array, directions: np.ndarray) -> str:
+    """Return the components of a deviation (6,) in the given directions as text, such as "0.2 mm in x"."""
+    parts = []
+    for i in np.flatnonzero(directions):
+        axis = "xyz"[i % 3]
+        if i < 3:
+            parts.append(f"{abs(deviation[i]) / MM:.4g} mm in {axis}")
+        else:
+            parts.append(f"{abs(deviation[i]) / DEG:.4g} deg about {axis}")
     return ", ".join(parts)
 
 
-def _names(which: np.ndarray) -> str:
-    return "[" + ", ".join(f'"{DIRECTIONS[i]}"' for i in np.flatnonzero(which)) + "]"
+def _names(directions: np.ndarray) -> str:
+    """Return directions as a list in TOML."""
+    names = [f'"{DIRECTIONS[i]}"' for i in np.flatnonzero(directions)]
+    return f"[{', '.join(names)}]"
 
 
-def _list(which: np.ndarray) -> str:
-    names = [DIRECTIONS[i].replace("turn_", "turn about ") for i in np.flatnonzero(which)]
-    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1] if names else "nothing"
+def _list(directions: np.ndarray) -> str:
+    """Return directions as words."""
+    names = [DIRECTIONS[i].replace("turn_", "turn about ") for i in np.flatnonzero(directions)]
+    if not names:
+        return "nothing"
+    if len(names) == 1:
+        return names[0]
+    return ", ".join(names[:-1]) + " and " + names[-1]
 
 
 def _numbers(values: Array) -> str:
-    return "[" + ", ".join(f"{v:.6f}".rstrip("0").rstrip(".") for v in values + 0.0) + "]"
+    """Return numbers as a list in TOML, with at most six decimals."""
+    numbers = [f"{v:.6f}".rstrip("0").rstrip(".") for v in values + 0.0]  # + 0.0: -0 becomes 0
+    return f"[{', '.join(numbers)}]"

@@ -6,7 +6,6 @@ import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
 
 import numpy as np
 
@@ -22,8 +21,11 @@ from twin.planning.space import Space
 _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
 """Searches, in order: (extension of the box beyond start and goal, divided by the joint ranges; number of samples)."""
 
-_ROUNDS_OF_SHORTCUTS, _SHORTCUTS = 8, 12
-"""Number of rounds of shortcuts; number of shortcuts (between pairs of points) that are tried in each round."""
+_ROUNDS_OF_SHORTCUTS = 8
+"""Number of rounds of shortcuts."""
+
+_SHORTCUTS = 12
+"""Number of shortcuts (between pairs of points) that are tried in each round."""
 
 _POLISHED = 5
 """Number of passes of `_ROUNDS_OF_SHORTCUTS` rounds each when a path is improved."""
@@ -45,7 +47,8 @@ class NoPathError(ProtocolError):
 
     def __init__(self, reason: str, advice: str = "", at_start: bool = False) -> None:
         super().__init__(f"{reason}{advice}")
-        self.reason, self.at_start = reason, at_start
+        self.reason = reason
+        self.at_start = at_start
 
 
 def around(
@@ -86,55 +89,83 @@ def around(
         NoPathError: the start or the goal collides or exceeds a limit; or no path was found, and the message then
             lists the searches.
     """
-    start, goal = np.asarray(start, float), np.asarray(goal, float)
+    start = np.asarray(start, float)
+    goal = np.asarray(goal, float)
     if cancelled is not None:
         space = space.interruptible(_ending(cancelled))
-    for name, q in (("start", start), ("goal", goal)):
-        if not np.all(np.isfinite(q)):
-            raise ProtocolError(f"at the {name}, joint values are not finite: {q.tolist()}")
-        if reason := space.why(q):
-            near = nearest_free(space, q, seed)
-            text = f"; the nearest free configuration found is {space.named(near)}" if near is not None else ""
-            lower = ". Move this waypoint" if "apart" in reason else ""
-            lower += ", or lower clearance_mm" if " mm apart (" in reason else ""
-            raise NoPathError(f"at the {name}, {reason}{text}", lower, name == "start")
+    _require_free(space, "start", start, seed)
+    _require_free(space, "goal", goal, seed)
     direct = line(start, goal)
     if straight and space.free_along(direct):
         return direct
-    record, rng, drawn, reached = _recorder(ended), np.random.default_rng(seed), 0, (0, 0)
-    tried = []
+    record = _recorder(ended)
+    rng = np.random.default_rng(seed)
+    drawn = 0
+    reached = (0, 0)
+    attempts = []
     count = 0
-    still = (start == goal) & ~space.leads
-    for beyond, count in _ROUNDS:
-        wider = beyond * np.ptp(space.limits, axis=1)
-        low, high = np.minimum(start, goal) - wider, np.maximum(start, goal) + wider
-        box = np.column_stack([np.maximum(low, space.limits[:, 0]), np.minimum(high, space.limits[:, 1])])
-        box[still] = start[still, None]
-        search = FmtSearch(space, start, goal, box, rng, cost)
-        found, way = searched(search, count, rng, progress)
+    resting = (start == goal) & ~space.leads
+    for extension, count in _ROUNDS:
+        search = FmtSearch(space, start, goal, _box(space, start, goal, extension, resting), rng, cost)
+        found, path = searched(search, count, rng, progress)
         grown(search.tree)
-        if way is not None and not straight and space.free_along(direct):
-            way = min(way, FreePath(np.array([start, goal]), direct), key=lambda w: total(search.cost, w.corners))
-        record(search.tree, search.cost, None if way is None else way.corners)
-        if way is not None:
-            return improved(search, way, samples, rng, progress, informed=cost is None, record=record).curve
-        count = search.count
+        if path is not None and not straight and space.free_along(direct):
+            path = _cheaper(search.cost, path, FreePath(np.array([start, goal]), direct))
+        record(search.tree, search.cost, None if path is None else path.corners)
+        if path is not None:
+            return improved(search, path, samples, rng, progress, informed=cost is None, record=record).curve
+        count = search.count  # fewer than required if most of the box is blocked
         drawn += count
-        if not found:
-            tried.append(
-                f"{count} samples in a box that extends {100 * beyond:.0f} % of the joint range beyond start and goal"
-            )
+        attempt = f"{count} samples in a box that extends {100 * extension:.0f} %"
+        if found:
+            attempts.append(f"{attempt} (a path was found, but its corners cannot be rounded)")
+        else:
+            attempts.append(f"{attempt} of the joint range beyond start and goal")
             reached = search.reached()
-            continue
-        tried.append(
-            f"{count} samples in a box that extends {100 * beyond:.0f} % (a path was found, but its corners cannot be "
-            "rounded)"
-        )
     raise NoPathError(
         f"no path around the obstacles was found: the straight path is not free, and no path was found through {drawn} "
-        f"free random configurations ({', '.join(tried)}){_enclosed(reached, count)}",
+        f"free random configurations ({', '.join(attempts)}){_enclosed(reached, count)}",
         ". Lower clearance_mm, change seed, or add a waypoint between start and goal",
     )
+
+
+def _require_free(space: Space, name: str, q: Array, seed: int) -> None:
+    """Raise the errors of `around` if joint values q (n,) at one end of the path are not finite or not free."""
+    if not np.all(np.isfinite(q)):
+        raise ProtocolError(f"at the {name}, joint values are not finite: {q.tolist()}")
+    reason = space.why(q)
+    if not reason:
+        return
+    message = f"at the {name}, {reason}"
+    nearest = nearest_free(space, q, seed)
+    if nearest is not None:
+        message += f"; the nearest free configuration found is {space.named(nearest)}"
+    advice = ""
+    if "apart" in reason:
+        advice += ". Move this waypoint"
+    if " mm apart (" in reason:  # bodies that collide have no distance: a lower clearance would not help
+        advice += ", or lower clearance_mm"
+    raise NoPathError(message, advice, name == "start")
+
+
+def _box(space: Space, start: Array, goal: Array, extension: float, resting: np.ndarray) -> Array:
+    """Return the bounds (n, 2) of samples: start and goal, extended by a fraction of the joint ranges.
+
+    Joints in the mask `resting` (n,) keep their values at the start.
+    """
+    margin = extension * np.ptp(space.limits, axis=1)
+    low = np.maximum(np.minimum(start, goal) - margin, space.limits[:, 0])
+    high = np.minimum(np.maximum(start, goal) + margin, space.limits[:, 1])
+    box = np.column_stack([low, high])
+    box[resting] = start[resting, None]
+    return box
+
+
+def _cheaper(cost: Cost, path: FreePath, other: FreePath) -> FreePath:
+    """Return the path with the smaller cost along its corners; `path` if both cost the same."""
+    if total(cost, other.corners) < total(cost, path.corners):
+        return other
+    return path
 
 
 def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
@@ -152,12 +183,17 @@ def _recorder(ended: Callable[[SearchRound], None]) -> Callable[[SearchTree, Cos
 
     The times of all rounds are measured from this call.
     """
-    processor, wall = time.process_time(), time.perf_counter()
+    processor = time.process_time()
+    wall = time.perf_counter()
+
+    def cost_of(corners: Array | None, cost: Cost) -> float:
+        return np.inf if corners is None else total(cost, corners)
 
     def record(tree: SearchTree, cost: Cost, best: Array | None) -> None:
-        spent, passed = time.process_time() - processor, time.perf_counter() - wall
-        found, kept = (np.inf if corners is None else total(cost, corners) for corners in (tree.corners, best))
-        ended(SearchRound(len(tree.q) - 2, found, kept, spent, passed))
+        processor_s = time.process_time() - processor
+        wall_s = time.perf_counter() - wall
+        samples = len(tree.q) - 2  # start and goal are no samples
+        ended(SearchRound(samples, cost_of(tree.corners, cost), cost_of(best, cost), processor_s, wall_s))
 
     return record
 
@@ -188,12 +224,12 @@ def searched(
         if space.free_along(smoothest):
             return True, FreePath(stages[-1], smoothest)
         if not search.block(corners):
-            return True, _way(space, stages)
+            return True, _last_free(space, stages)
         corners = search.path(samples, progress)
     return False, None
 
 
-def _way(space: Space, stages: Sequence[Array]) -> FreePath | None:
+def _last_free(space: Space, stages: Sequence[Array]) -> FreePath | None:
     """Return the `FreePath` along the last of `stages` whose rounded path is free; None if there is none.
 
     Each stage has the corners (k, n) of a path with one shortcut more than the stage before. A path with many shortcuts
@@ -204,17 +240,25 @@ def _way(space: Space, stages: Sequence[Array]) -> FreePath | None:
     def blocked(corners: Array) -> bool:
         return not space.free_along(rounded(corners, space.weights, _WIDTHS[-1]))
 
-    last = len(stages) - 1
-    k = bisect_left(stages, True, hi=last, key=blocked) - 1 if blocked(stages[last]) else last
-    if k < 0:
+    stage = len(stages) - 1
+    if blocked(stages[stage]):
+        stage = bisect_left(stages, True, hi=stage, key=blocked) - 1
+    if stage < 0:
         return None
-    curves = (rounded(stages[k], space.weights, width) for width in reversed(_WIDTHS))
-    return FreePath(stages[k], [next(curves), *takewhile(space.free_along, curves)][-1])
+    # the narrowest rounding is free; widen it as long as the path stays free
+    corners = stages[stage]
+    curve = rounded(corners, space.weights, _WIDTHS[-1])
+    for width in reversed(_WIDTHS[:-1]):
+        wider = rounded(corners, space.weights, width)
+        if not space.free_along(wider):
+            break
+        curve = wider
+    return FreePath(corners, curve)
 
 
 def improved(
     search: FmtSearch,
-    way: FreePath,
+    path: FreePath,
     samples: int,
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda fraction: None,
@@ -222,31 +266,35 @@ def improved(
     informed: bool,
     record: Callable[[SearchTree, Cost, Array], None] = lambda tree, cost, best: None,
 ) -> FreePath:
-    """Continue a search in rounds, each with twice as many samples, up to `samples`; return the best way found.
+    """Continue a search in rounds, each with twice as many samples, up to `samples`; return the best path found.
 
     In each round, shortcuts are tried `_POLISHED` times as often as for a first path. With `informed`, samples that
     cannot make the path shorter are left out (`FmtSearch.inform`). `record` is called after each round with the
-    tree, the cost, and the corners (k, n) of the best way.
+    tree, the cost, and the corners (k, n) of the best path.
     """
-    count, best = search.count, way
+    count = search.count
+    best = path
     while count < samples:
         count = min(2 * count, samples)
         if informed:
             search.inform(best.corners)
-        for other in (searched(search, count, rng, progress)[1], best):
-            if other is not None:
-                best = min(best, _polished(search, other, rng), key=lambda w: total(search.cost, w.corners))
+        _, found = searched(search, count, rng, progress)
+        before = best
+        if found is not None:
+            best = _cheaper(search.cost, best, _polished(search, found, rng))
+        # the best path of the round before is polished too: its shortcuts are drawn at random
+        best = _cheaper(search.cost, best, _polished(search, before, rng))
         record(search.tree, search.cost, best.corners)
     return best
 
 
-def _polished(search: FmtSearch, way: FreePath, rng: np.random.Generator) -> FreePath:
-    """Return a way with further shortcuts, added in `_POLISHED` passes; its rounded path is free after each pass."""
+def _polished(search: FmtSearch, path: FreePath, rng: np.random.Generator) -> FreePath:
+    """Return a path with further shortcuts, added in `_POLISHED` passes; its rounded path is free after each pass."""
     for _ in range(_POLISHED):
-        stages = [way.corners, *shortcuts(search.space, way.corners, rng, search.cost, partial=True)]
+        stages = [path.corners, *shortcuts(search.space, path.corners, rng, search.cost, partial=True)]
         if len(stages) > 1:
-            way = _way(search.space, stages) or way
-    return way
+            path = _last_free(search.space, stages) or path
+    return path
 
 
 def _enclosed(reached: tuple[int, int], count: int) -> str:
@@ -254,12 +302,15 @@ def _enclosed(reached: tuple[int, int], count: int) -> str:
 
     `reached` contains the numbers of samples connected with start and goal; the search has `count` samples.
     """
-    text = [
-        f"the {name} seems to be enclosed, because only {n} of {count} samples are connected with it"
-        for name, n in zip(("start", "goal"), reached, strict=True)
-        if count and n < _ENCLOSED * count
-    ]
-    return f"; {' and '.join(text)}" if text else ""
+    parts = []
+    for name, connected in zip(("start", "goal"), reached, strict=True):
+        if count and connected < _ENCLOSED * count:
+            parts.append(
+                f"the {name} seems to be enclosed, because only {connected} of {count} samples are connected with it"
+            )
+    if not parts:
+        return ""
+    return "; " + " and ".join(parts)
 
 
 def shortcuts(
@@ -274,7 +325,8 @@ def shortcuts(
     free (R. Geraerts, M. H. Overmars, "Creating high-quality paths for motion planning", Int. J. Robotics Research
     26(8), 2007).
     """
-    points, cost = np.asarray(corners), cost or length(space.weights)
+    points = np.asarray(corners)
+    cost = cost or length(space.weights)
     straight = np.ones((_SHORTCUTS, points.shape[1]), bool)
     for _ in range(_ROUNDS_OF_SHORTCUTS):
         if len(points) < 3:
@@ -283,22 +335,30 @@ def shortcuts(
         ends = np.sort(rng.uniform(0.0, along[-1], (_SHORTCUTS, 2)), axis=1)
         if partial:
             straight[::2] = rng.integers(0, 2, straight[::2].shape)
-        i, j = (np.searchsorted(along, s, side="right") - 1 for s in ends.T)
+        # rows of the last corners before the start and before the end of each shortcut
+        i = np.searchsorted(along, ends[:, 0], side="right") - 1
+        j = np.searchsorted(along, ends[:, 1], side="right") - 1
         j = np.minimum(j, len(points) - 2)
-        tried = np.flatnonzero(i < j)
+        tried = np.flatnonzero(i < j)  # a shortcut between two points of one straight part changes nothing
         if not len(tried):
             continue
-        parts = [_shortcut(points, along, i[k], j[k], ends[k], straight[k]) for k in tried]
-        first = np.cumsum([0, *(len(p) - 1 for p in parts[:-1])])
-        pairs = np.concatenate([p[:-1] for p in parts]), np.concatenate([p[1:] for p in parts])
-        until = np.concatenate([[0.0], np.cumsum(cost(points[:-1], points[1:]))])
-        gain = until[j[tried] + 1] - until[i[tried]] - np.add.reduceat(cost(*pairs), first)
+        i = i[tried]
+        j = j[tried]
+        parts = []
+        for k, shortcut in enumerate(tried):
+            parts.append(_shortcut(points, along, i[k], j[k], ends[shortcut], straight[shortcut]))
+        starts = np.concatenate([part[:-1] for part in parts])
+        stops = np.concatenate([part[1:] for part in parts])
+        first = np.cumsum([0] + [len(part) - 1 for part in parts[:-1]])  # row of each part's first connection
+        replaced = np.concatenate([[0.0], np.cumsum(cost(points[:-1], points[1:]))])
+        gain = replaced[j + 1] - replaced[i] - np.add.reduceat(cost(starts, stops), first)
         # test all connections: at the ends of a straight part, the loops could be closed in another assembly mode
-        gain[~np.logical_and.reduceat(space.free_each(*pairs), first)] = 0.0
+        free = np.logical_and.reduceat(space.free_each(starts, stops), first)
+        gain[~free] = 0.0
         if gain.max(initial=0.0) <= 0.0:
             continue
-        k = int(np.argmax(gain))
-        points = np.concatenate([points[: i[tried[k]]], parts[k], points[j[tried[k]] + 2 :]])
+        best = int(np.argmax(gain))
+        points = np.concatenate([points[: i[best]], parts[best], points[j[best] + 2 :]])
         yield points
 
 
@@ -313,11 +373,13 @@ def _shortcut(points: Array, along: Array, i: int, j: int, ends: Array, straight
         ends: (2,) length of the path up to the start and the end of the shortcut.
         straight: (n,) bool: joints that move in a straight line; the others move as before.
     """
-    a, b = (np.array([np.interp(s, along, column) for column in points.T]) for s in ends)
+    a = np.array([np.interp(ends[0], along, column) for column in points.T])
+    b = np.array([np.interp(ends[1], along, column) for column in points.T])
     if straight.all():
         return np.array([points[i], a, b, points[j + 1]])
-    share = (along[i + 1 : j + 1, None] - ends[0]) / (ends[1] - ends[0])
-    between = np.where(straight, a + share * (b - a), points[i + 1 : j + 1])
+    skipped = slice(i + 1, j + 1)
+    share = (along[skipped, None] - ends[0]) / (ends[1] - ends[0])
+    between = np.where(straight, a + share * (b - a), points[skipped])
     return np.concatenate([[points[i], a], between, [b, points[j + 1]]])
 
 
@@ -332,10 +394,12 @@ def rounded(corners: Array, weights: Array, width: float) -> ChebyshevPath:
     from scipy.special import ndtr
 
     along = _along(corners * weights)
-    at, parts = along / along[-1], np.diff(along)
-    slopes = np.diff(corners, axis=0)[parts > 0] / (parts[parts > 0] / along[-1])[:, None]
-    at = at[1:][parts > 0][:-1]
-    turns, places = np.diff(slopes, axis=0), np.concatenate([-at, at, 2 - at])
+    parts = np.diff(along)
+    moves = parts > 0  # equal neighbouring corners have no direction
+    slopes = np.diff(corners, axis=0)[moves] / (parts[moves] / along[-1])[:, None]
+    inner = (along / along[-1])[1:][moves][:-1]  # s of the inner corners
+    turns = np.diff(slopes, axis=0)
+    places = np.concatenate([-inner, inner, 2 - inner])
     changes = np.concatenate([-turns, turns, -turns])
 
     def averaged(s: Array) -> Array:
@@ -346,7 +410,8 @@ def rounded(corners: Array, weights: Array, width: float) -> ChebyshevPath:
     # add a straight line so that the path begins and ends exactly at the first and last corner
     series = fit(averaged)
     c = series.coefficients.copy()
-    low, high = c.T @ (-1.0) ** np.arange(len(c)), c.sum(axis=0)
+    low = c.T @ (-1.0) ** np.arange(len(c))
+    high = c.sum(axis=0)
     c[0] += (corners[0] - low + corners[-1] - high) / 2
     c[1] += (corners[-1] - high - corners[0] + low) / 2
     return ChebyshevPath(c, series.tail)
@@ -354,4 +419,5 @@ def rounded(corners: Array, weights: Array, width: float) -> ChebyshevPath:
 
 def _along(points: Array) -> Array:
     """Return the length (k,) of the path along points (k, n), from the first point to each point."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    parts = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(parts)])

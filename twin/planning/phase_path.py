@@ -14,7 +14,7 @@ from twin.core.units import DEG, MM
 from twin.planning.path import Path
 from twin.planning.protocol import Phase, Protocol, trocar_of
 from twin.planning.protocol.course import Course, Motion, rotation
-from twin.planning.protocol.phase import Begin, pose_of
+from twin.planning.protocol.phase import Begin, End, pose_of
 from twin.planning.smooth import fit
 from twin.planning.trajectory import PathKinematics
 from twin.planning.turns import hint
@@ -101,9 +101,10 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             than it begins; or the shaft misses the RCM or the trocar.
     """
     n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
-    angles, tip = (
-        pose_of(protocol.waypoints, protocol.start, protocol.name) if guide is None else guide.start(T_tool_frame)
-    )
+    if guide is None:
+        angles, tip = pose_of(protocol.waypoints, protocol.start, protocol.name)
+    else:
+        angles, tip = guide.start(T_tool_frame)
     rcm = protocol.rcm
     if rcm is not None:
         missed = spatial.point_to_line(rcm, tip, rotation(angles, protocol.rotation) @ n_tool)
@@ -116,6 +117,9 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
     for phase in protocol.phases:
         shaft = rotation(angles, protocol.rotation) @ n_tool
         rcm = _in_trocar(protocol, phase, rcm, tip, shaft)
+        depth = np.nan
+        if rcm is not None:
+            depth = float((tip - rcm) @ shaft)
         begin = Begin(
             where=_where(protocol, phase),
             waypoints=protocol.waypoints,
@@ -127,16 +131,12 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             tip=tip,
             shaft=shaft,
             rcm=rcm,
-            depth=float((tip - rcm) @ shaft) if rcm is not None else np.nan,
+            depth=depth,
             mode=paths[-1].rcm_mode if paths else None,
         )
         end = phase.end_after(begin)
-        elsewhere = end.waypoint is not None and protocol.waypoints[end.waypoint].joints is not None
-        still = phase.has_length and not elsewhere and np.linalg.norm(end.tip - tip) < _NO_LENGTH
-        if still and np.linalg.norm(end.angles - angles) < _NO_LENGTH:
-            at = ", ".join(f"{x / MM:.3f}" for x in tip)
-            turn = ", ".join(f"{x / DEG:.3f}" for x in angles)
-            raise begin.refuse(f"the phase has no length: it is at ({at}) mm, ({turn}) deg; remove it")
+        if phase.has_length:
+            _require_length(protocol, begin, end)
         path = PhasePath(
             T_tool_frame=np.asarray(T_tool_frame, float),
             n_tool_shaft=n_tool,
@@ -156,12 +156,29 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         try:
             paths.append(path if guide is None else guide.along(path))
         except ProtocolError as error:
-            if more := hint(path, phase.name, protocol.waypoints.get(end.waypoint or "")):
+            more = hint(path, phase.name, protocol.waypoints.get(end.waypoint or ""))
+            if more:
                 raise ProtocolError(f"{error}{more}") from error
             raise
-        angles, tip = paths[-1].angles1, paths[-1].tip1
+        angles = paths[-1].angles1
+        tip = paths[-1].tip1
         rcm = None if phase.leaves() else end.rcm
     return tuple(paths)
+
+
+def _require_length(protocol: Protocol, begin: Begin, end: End) -> None:
+    """Raise `ProtocolError` if a phase ends with the pose at which it begins.
+
+    The pose at a waypoint with joint values is not known here.
+    """
+    if end.waypoint is not None and protocol.waypoints[end.waypoint].joints is not None:
+        return
+    same_tip = np.linalg.norm(end.tip - begin.tip) < _NO_LENGTH
+    same_angles = np.linalg.norm(end.angles - begin.angles) < _NO_LENGTH
+    if same_tip and same_angles:
+        position = ", ".join(f"{x / MM:.3f}" for x in begin.tip)
+        turn = ", ".join(f"{x / DEG:.3f}" for x in begin.angles)
+        raise begin.refuse(f"the phase has no length: it is at ({position}) mm, ({turn}) deg; remove it")
 
 
 def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, shaft: Array) -> Array | None:
@@ -169,16 +186,24 @@ def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, 
 
     The tip must be at the trocar when an insertion starts, so that the shaft passes exactly through the RCM.
     """
-    if not (name := trocar_of(phase)):
+    name = trocar_of(phase)
+    if not name:
         return rcm
-    place, allowed = protocol.trocars[name], protocol.tolerances.rcm
-    inserts = phase.registers
-    missed = float(np.linalg.norm(place - tip) if inserts else spatial.point_to_line(place, tip, shaft))
+    trocar = protocol.trocars[name]
+    allowed = protocol.tolerances.rcm
+    if phase.registers:
+        missed = float(np.linalg.norm(trocar - tip))
+        what = f"tip is {missed / MM:.3f} mm from"
+    else:
+        missed = float(spatial.point_to_line(trocar, tip, shaft))
+        what = f"shaft is {missed / MM:.3f} mm beside"
     if missed > allowed:
-        what = f"tip is {missed / MM:.3f} mm from" if inserts else f"shaft is {missed / MM:.3f} mm beside"
         text = f"at the start of the phase, the {what} trocar '{name}' (allowed: {allowed / MM:g} mm)"
         raise ProtocolError(f"{_where(protocol, phase)}: {text}")
-    return rcm if rcm is not None and np.linalg.norm(rcm - place) <= allowed else place
+    # an RCM within the tolerance stays, so that the shaft passes exactly through it
+    if rcm is not None and np.linalg.norm(rcm - trocar) <= allowed:
+        return rcm
+    return trocar
 
 
 def _where(protocol: Protocol, phase: Phase) -> str:

@@ -100,8 +100,8 @@ def _guide(
     protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: Progress, searched: Searched
 ) -> MechanismFollower | None:
     """Return a follower if the mechanism determines the path of the protocol; None if the equations determine it."""
-    by_joints = any(w.joints is not None for w in protocol.waypoints.values())
-    by_joints = by_joints or any(isinstance(p, Samples) for p in protocol.phases)
+    waypoints_by_joints = any(waypoint.joints is not None for waypoint in protocol.waypoints.values())
+    by_joints = waypoints_by_joints or any(isinstance(phase, Samples) for phase in protocol.phases)
     if not by_joints and protocol.free is None:
         if kinematics.takes is None:
             return None
@@ -118,22 +118,31 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
     """Return a finding with the proven clearance along a free phase."""
     if kinematics.space is None:
         return []
-    seen = kinematics.space(phase.scene, phase.clearance, lambda Ts, q: np.ones(len(q), bool)).certify(joints)
-    return clearance(seen, phase.name, scene=phase.scene)
+
+    def keep(Ts: Array, q: Array) -> np.ndarray:
+        """Accept every state: the limits of the path are checked elsewhere."""
+        return np.ones(len(q), bool)
+
+    certificate = kinematics.space(phase.scene, phase.clearance, keep).certify(joints)
+    return clearance(certificate, phase.name, scene=phase.scene)
 
 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[Leg, list[Finding]]:
+    """Return a phase with its timing and samples, and a finding with the clearance of a free phase."""
     if isinstance(path, SampledPhase):
         return Leg(path, *path.sampled(dt)), []
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
     try:
         require_feasible(path, kinematics, protocol.frame, protocol.name)
     except ProtocolError as error:
-        if more := hint(path, path.phase.name, protocol.waypoints.get(path.waypoint or "")):
+        more = hint(path, path.phase.name, protocol.waypoints.get(path.waypoint or ""))
+        if more:
             raise ProtocolError(f"{error}{more}") from error
         raise
     joints = path.driven(kinematics, where)
-    certified = [] if not isinstance(path.phase, Free) else _certified(path.phase, kinematics, joints)
+    certified = []
+    if isinstance(path.phase, Free):
+        certified = _certified(path.phase, kinematics, joints)
     try:
         timing = timed([demands(path, joints, protocol, kinematics, dt)], dt, protocol.timing)
     except TimingError as error:
@@ -143,10 +152,19 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
 
 def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinematics) -> Leg:
     """Return a phase with its samples; `joints` is the path of the driven joints in this phase."""
-    first, sd, sdd = joints(timing.s, 1), timing.sd[:, None], timing.sdd[:, None]
-    qdd = first * sdd + joints(timing.s, 2) * sd**2
-    q = path.joints(timing.s, kinematics)
-    return Leg(path, timing, path.motion(timing.s), q, first * sd, qdd, PhaseCurve(joints, path.motion))
+    first = joints(timing.s, 1)
+    second = joints(timing.s, 2)
+    sd = timing.sd[:, None]
+    sdd = timing.sdd[:, None]
+    return Leg(
+        path=path,
+        timing=timing,
+        motion=path.motion(timing.s),
+        q=path.joints(timing.s, kinematics),
+        qd=first * sd,
+        qdd=first * sdd + second * sd**2,
+        curve=PhaseCurve(joints, path.motion),
+    )
 
 
 def assemble(
@@ -158,20 +176,20 @@ def assemble(
     start = 0
     for leg in legs:
         stop = start + len(leg.timing.t) - 1
-        p = leg.path
+        path = leg.path
         spans.append(
             PhaseSpan(
-                name=p.phase.name,
-                type=p.phase.type,
+                name=path.phase.name,
+                type=path.phase.type,
                 start=start,
                 stop=stop,
                 t0=start * dt,
                 t1=stop * dt,
-                waypoint=p.waypoint,
-                rcm=p.rcm,
-                rcm_mode=p.rcm_mode,
-                depth0=p.depth0,
-                depth1=p.depth1,
+                waypoint=path.waypoint,
+                rcm=path.rcm,
+                rcm_mode=path.rcm_mode,
+                depth0=path.depth0,
+                depth1=path.depth1,
                 optimal=leg.timing.optimal,
                 overshoot=leg.timing.overshoot,
                 solver=leg.timing.solver,
@@ -181,24 +199,33 @@ def assemble(
                 curve=leg.curve,
             )
         )
-        if p.waypoint is not None:
-            waypoints.setdefault(p.waypoint, []).append(stop)
+        if path.waypoint is not None:
+            waypoints.setdefault(path.waypoint, []).append(stop)
         start = stop
 
     def joined(of: Callable[[Leg], Array]) -> Array:
-        return np.concatenate([of(leg)[min(i, 1) :] for i, leg in enumerate(legs)])
+        """Return the samples of all phases; the first sample of each phase but the first is left out."""
+        parts = [of(legs[0])]
+        for leg in legs[1:]:
+            parts.append(of(leg)[1:])
+        return np.concatenate(parts)
 
     Ts = joined(lambda leg: leg.motion.Ts_base_tool)
     Ts_frame = Ts @ T_tool_frame
     q = joined(lambda leg: leg.q)
-    rcm, depth = np.full(len(q), np.nan), np.full(len(q), np.nan)
+    rcm = np.full(len(q), np.nan)
+    depth = np.full(len(q), np.nan)
     for span in spans:
-        if span.rcm is not None:
-            rows = slice(span.start, span.stop + 1)
-            rcm[rows] = rcm_error(Ts_frame[rows], protocol.shaft_axis, span.rcm)
-            shaft = Ts_frame[rows, :3, :3] @ protocol.shaft_axis
-            depth[rows] = np.einsum("ij,ij->i", Ts_frame[rows, :3, 3] - span.rcm, shaft)
-    margins = pose_margins(kinematics, Ts, q)
+        if span.rcm is None:
+            continue
+        rows = slice(span.start, span.stop + 1)
+        rcm[rows] = rcm_error(Ts_frame[rows], protocol.shaft_axis, span.rcm)
+        shaft = Ts_frame[rows, :3, :3] @ protocol.shaft_axis
+        depth[rows] = np.einsum("ij,ij->i", Ts_frame[rows, :3, 3] - span.rcm, shaft)
+    reach = {}
+    for (cause, name), margin in pose_margins(kinematics, Ts, q).items():
+        if cause == "reach":
+            reach[name] = margin
     return Trajectory(
         protocol=protocol.name,
         robot=protocol.robot,
@@ -220,10 +247,11 @@ def assemble(
         rcm_error=rcm,
         depth=depth,
         limit_margin=np.minimum(q - kinematics.lower, kinematics.upper - q),
-        reach={name: m for (cause, name), m in margins.items() if cause == "reach"},
+        reach=reach,
         singularity=dict(kinematics.singularity(Ts, q)),
     )
 
 
 def _second(leg: Leg, first: Array, second: Array) -> Array:
+    """Return the second time derivative (k, 3) from the derivatives (k, 3) with respect to the path parameter."""
     return first * leg.timing.sdd[:, None] + second * leg.timing.sd[:, None] ** 2

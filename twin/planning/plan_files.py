@@ -21,7 +21,7 @@ import tomlkit
 from twin.cad.build import inputs
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, display_unit
 from twin.model.scene import Scene
 from twin.planning.protocol import Limits, Protocol
 
@@ -63,13 +63,16 @@ class RobotSamples:
 
 def protocol_files(robots: Iterable[str], scene: Scene) -> dict[str, str]:
     """Return the name of each robot's protocol file; the names differ from each other and from those of other files."""
-    taken, out = {SCENE, "" if scene.props is None else scene.props.name}, {}
+    used = {SCENE}
+    if scene.props is not None:
+        used.add(scene.props.name)
+    out = {}
     for robot in robots:
         stem = robot
-        while f"{stem}.toml" in taken:
+        while f"{stem}.toml" in used:
             stem += "_protocol"
         out[robot] = f"{stem}.toml"
-        taken.add(out[robot])
+        used.add(out[robot])
     return out
 
 
@@ -89,13 +92,16 @@ def write_plan_scene(
         TwinError: the props cannot be copied (`props_files`).
     """
     files = protocol_files(robots, scene)
+    moving = []
     for name, robot in robots.items():
-        moving = len(robot.q) > 1
-        write_samples(folder / f"{name}.csv", robot.joints, t if moving else t[[0, -1]], robot.q)
-        about = _protocol(name, robot, float(t[-1]), scene)
-        (folder / files[name]).write_text(tomlkit.dumps(about), encoding="utf-8")
+        times = t[[0, -1]]  # a robot at rest needs two samples
+        if len(robot.q) > 1:
+            moving.append(name)
+            times = t
+        write_samples(folder / f"{name}.csv", robot.joints, times, robot.q)
+        protocol = _protocol(name, robot, float(t[-1]), scene)
+        (folder / files[name]).write_text(tomlkit.dumps(protocol), encoding="utf-8")
     table = tomllib.loads(scene.file.read_text(encoding="utf-8"))
-    moving = [name for name, robot in robots.items() if len(robot.q) > 1]
     head: dict[str, Any] = {
         "name": f"{scene.name}_plan",
         "title": f"Planned motions of {' and '.join(moving)} in scene {scene.name}",
@@ -107,10 +113,13 @@ def write_plan_scene(
         for relative, file in props_files(scene.props).items():
             (folder / relative).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, folder / relative)
-    places = [{k: v for k, v in r.items() if k != "start"} for r in table["robot"]]
-    places = [{**r, "protocol": files[r["name"]]} for r in places]
-    kept = {k: table[k] for k in _KEPT if k in table}
-    (folder / SCENE).write_text(tomlkit.dumps({**head, **kept, "robot": places}), encoding="utf-8")
+    places = []
+    for robot_table in table["robot"]:
+        place = {**robot_table, "protocol": files[robot_table["name"]]}
+        place.pop("start", None)  # the protocol says where the robot starts
+        places.append(place)
+    copied = {key: table[key] for key in _KEPT if key in table}
+    (folder / SCENE).write_text(tomlkit.dumps({**head, **copied, "robot": places}), encoding="utf-8")
 
 
 def props_files(props: Path) -> dict[Path, Path]:
@@ -133,37 +142,51 @@ def props_files(props: Path) -> dict[Path, Path]:
 
 def write_samples(path: Path, joints: Sequence[tuple[str, bool]], t: Array, q: Array) -> None:
     """Write q (k, n), in m or rad, at times t (k,) in s as CSV; the file is in mm and deg, with units in the header."""
-    units = ["deg" if angle else "mm" for _, angle in joints]
-    values = np.broadcast_to(q / np.array([DEG if unit == "deg" else MM for unit in units]), (len(t), len(units)))
-    header = ["t_s", *(f"{j}_{unit}" for (j, _), unit in zip(joints, units, strict=True))]
-    # with these digits, speeds and accelerations can be computed from the samples
+    header = ["t_s"]
+    factors = []
+    for joint, is_angle in joints:
+        unit, factor = display_unit(is_angle)
+        header.append(f"{joint}_{unit}")
+        factors.append(factor)
+    values = np.broadcast_to(q / np.array(factors), (len(t), len(factors)))
     table = np.column_stack([t, values])
+    # with these digits, speeds and accelerations can be computed from the samples
     np.savetxt(path, table, fmt="%.15g", delimiter=",", header=",".join(header), comments="")
 
 
 def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[str, Any]:
     """Return the protocol of a robot as TOML."""
-    p, angles = robot.protocol, dict(robot.joints)
+    p = robot.protocol
+    is_angle = dict(robot.joints)
+    waypoints = {}
+    phases = []
     if robot.phases:
-        start, limits = p.start, p.limits["free"]
-        used = {n: p.waypoints[n] for n in dict.fromkeys([p.start, *(s.to for s in robot.phases)])}
-        waypoints = {
-            n: {"label": w.label, **_joints(w.joints or {}, angles), "provenance": w.provenance, "note": w.note}
-            for n, w in used.items()
-        }
-        times = [{"to": s.to, "from_s": _number(s.t0), "to_s": _number(s.t1)} for s in robot.phases]
-        phases = [
-            {"type": "samples", "name": s.name, "file": f"{name}.csv", **more}
-            for s, more in zip(robot.phases, times, strict=True)
-        ]
         title = p.title
+        start = p.start
+        limits = p.limits["free"]
+        for waypoint_name in dict.fromkeys([p.start, *(phase.to for phase in robot.phases)]):
+            w = p.waypoints[waypoint_name]
+            values = _joints(w.joints or {}, is_angle)
+            waypoints[waypoint_name] = {"label": w.label, **values, "provenance": w.provenance, "note": w.note}
+        for phase in robot.phases:
+            phases.append(
+                {
+                    "type": "samples",
+                    "name": phase.name,
+                    "file": f"{name}.csv",
+                    "to": phase.to,
+                    "from_s": _number(phase.t0),
+                    "to_s": _number(phase.t1),
+                }
+            )
     else:
-        start, limits = "rest", next(iter(p.limits.values()))
-        at = {j: float(x) for (j, _), x in zip(robot.joints, robot.q[0], strict=True)}
-        note = f"where {name} was avoided in the plan"
-        waypoints = {"rest": {"label": "at rest", **_joints(at, angles), "provenance": "ASSUMED", "note": note}}
-        phases = [{"type": "samples", "name": "rest", "file": f"{name}.csv", "to_s": _number(end)}]
         title = "At rest"
+        start = "rest"
+        limits = next(iter(p.limits.values()))
+        rest = {joint: float(value) for (joint, _), value in zip(robot.joints, robot.q[0], strict=True)}
+        note = f"where {name} was avoided in the plan"
+        waypoints["rest"] = {"label": "at rest", **_joints(rest, is_angle), "provenance": "ASSUMED", "note": note}
+        phases.append({"type": "samples", "name": "rest", "file": f"{name}.csv", "to_s": _number(end)})
     out: dict[str, Any] = {
         "name": name,
         "title": title,
@@ -175,11 +198,11 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
         "start": start,
         "no_patient": p.no_patient or f"the patient, if there is one, is part of scene {scene.name}",
     }
-    places = {n: [_number(x / MM) for x in place] for n, place in p.trocars.items()}
-    if "" in places:
-        out["trocar_mm"] = places[""]
-    elif places:
-        out["trocars_mm"] = places
+    trocars = {trocar: [_number(x / MM) for x in position] for trocar, position in p.trocars.items()}
+    if "" in trocars:  # the only trocar has no name
+        out["trocar_mm"] = trocars[""]
+    elif trocars:
+        out["trocars_mm"] = trocars
     t = p.tolerances
     out["tolerances"] = {
         "rcm_mm": _number(t.rcm / MM),
@@ -193,15 +216,17 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
     return {**out, "limits": {"samples": _limits(limits)}, "waypoints": waypoints, "phases": phases}
 
 
-def _joints(values: Mapping[str, float], angles: Mapping[str, bool]) -> dict[str, Any]:
+def _joints(values: Mapping[str, float], is_angle: Mapping[str, bool]) -> dict[str, Any]:
     """Return the entry `joints` of a waypoint with values in m or rad."""
     table = tomlkit.inline_table()
-    for j, x in values.items():
-        table[f"{j}_{'deg' if angles[j] else 'mm'}"] = _number(x / (DEG if angles[j] else MM))
+    for joint, value in values.items():
+        unit, factor = display_unit(is_angle[joint])
+        table[f"{joint}_{unit}"] = _number(value / factor)
     return {"joints": table}
 
 
 def _limits(limits: Limits) -> dict[str, Any]:
+    """Return the table of limits; a limit that is infinite is left out."""
     values = {
         "tip_speed_mm_s": limits.tip_speed / MM,
         "tip_acceleration_mm_s2": limits.tip_acceleration / MM,

@@ -53,10 +53,11 @@ class Planned(Result):
         """Yield the phases and the findings."""
         t = self.trajectory
         yield f"{t.robot} · {t.protocol} · {t.duration:.3f} s, {len(t.t)} samples\n"
-        rows = [
-            (p.name, p.type, f"{p.t0:.3f}", f"{p.t1:.3f}", p.waypoint or "", p.rcm_mode or "", p.solver or "given")
-            for p in t.phases
-        ]
+        rows = []
+        for p in t.phases:
+            start = f"{p.t0:.3f}"
+            end = f"{p.t1:.3f}"
+            rows.append((p.name, p.type, start, end, p.waypoint or "", p.rcm_mode or "", p.solver or "given"))
         yield Table(("phase", "type", "from s", "to s", "ends at", "RCM", "timing"), rows)
         yield ""
         for table in self.tables():
@@ -72,20 +73,23 @@ class Planned(Result):
 
     def write(self, folder: Path) -> None:
         """Write two files: the samples as CSV, and the trajectory without its samples as JSON."""
-        table, rest = (folder / name for name in FILES)
-        write_csv(self.trajectory, table, self.angles)
-        rest.write_text(as_json(self.content()), encoding="utf-8")
+        table, content = FILES
+        write_csv(self.trajectory, folder / table, self.angles)
+        (folder / content).write_text(as_json(self.content()), encoding="utf-8")
 
 
 def searches(found: Mapping[str, SearchRounds]) -> Table:
     """Return a table with one row for each round of each search; `found` has the rounds by name of the phase."""
-    rows = [
-        (name, str(r.samples), *(_cost(x, s.unit) for x in (r.tree, r.best)), f"{r.processor:.2f}", f"{r.wall:.2f}")
-        for name, s in found.items()
-        for r in s.rounds
-    ]
+    rows = []
+    for name, search in found.items():
+        for r in search.rounds:
+            tree = _cost(r.tree, search.unit)
+            best = _cost(r.best, search.unit)
+            rows.append((name, str(r.samples), tree, best, f"{r.processor:.2f}", f"{r.wall:.2f}"))
     return Table(("search for", "samples", "path of the tree", "with shortcuts", "processor s", "wall-clock s"), rows)
 
 
 def _cost(value: float, unit: str) -> str:
-    return quantity(value, unit) if math.isfinite(value) else "no path"
+    if not math.isfinite(value):
+        return "no path"
+    return quantity(value, unit)

@@ -40,7 +40,8 @@ class Composed:
     """
 
     def __init__(self, first: Path, path: Path) -> None:
-        self._first, self._path = first, path
+        self._first = first
+        self._path = path
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         """Return q (k, n) at s (k,), or its derivative of order 1 or 2."""
@@ -54,14 +55,18 @@ class Composed:
         if order == 1:
             return np.column_stack([self._first(u, 1) * u1, z1[:, :-1]])
         z2 = self._path(s, 2)
-        return np.column_stack([self._first(u, 2) * u1**2 + self._first(u, 1) * z2[:, -1:], z2[:, :-1]])
+        u2 = z2[:, -1:]
+        earlier = self._first(u, 2) * u1**2 + self._first(u, 1) * u2
+        return np.column_stack([earlier, z2[:, :-1]])
 
 
 class _Part:
     """The part of a path from s = a to s = b, with a parameter from 0 to 1."""
 
     def __init__(self, path: Path, a: float, b: float) -> None:
-        self._path, self._a, self._b = path, a, b
+        self._path = path
+        self._a = a
+        self._b = b
 
     def at(self, s: float) -> float:
         """Return the parameter of the whole path at the parameter s of the part."""
@@ -82,12 +87,14 @@ class Behind(Space):
             whole: the space of all arms: the earlier arms, then the new arm.
             first: path of the earlier arms.
         """
-        self.whole, self.first = whole, first
-        ends = first(np.linspace(0.0, 1.0, _SAMPLES))
-        self._before = ends.shape[1]
-        steps = np.diff(ends, axis=0) * whole.weights[: self._before]
+        self.whole = whole
+        self.first = first
+        samples = first(np.linspace(0.0, 1.0, _SAMPLES))
+        self._before = samples.shape[1]  # number of joints of the earlier arms
+        steps = np.diff(samples, axis=0) * whole.weights[: self._before]
         self._length = max(float(np.linalg.norm(steps, axis=1).sum()), _SHORTEST)
-        self._straight = bool(np.abs(first(np.linspace(0.0, 1.0, 9), 2)).max(initial=0.0) < 1e-9)
+        curvature = np.abs(first(np.linspace(0.0, 1.0, 9), 2))
+        self._straight = bool(curvature.max(initial=0.0) < 1e-9)
 
     def interruptible(self, check: Callable[[], None]) -> Behind:
         """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test."""
@@ -111,8 +118,8 @@ class Behind(Space):
     @property
     def cost(self) -> Cost:
         """The length of a connection; infinite if the earlier arms would move backwards."""
-        way = length(self.weights)
-        return lambda a, b: np.where(b[:, -1] >= a[:, -1], way(a, b), np.inf)
+        length_of = length(self.weights)
+        return lambda a, b: np.where(b[:, -1] >= a[:, -1], length_of(a, b), np.inf)
 
     def lifted(self, z: Array) -> Array:
         """Return the joint values (k, all) of all arms at z (k, n + 1)."""
@@ -134,10 +141,10 @@ class Behind(Space):
         """Return (m,) bool: whether the straight paths from a to b (m, n + 1), with free ends, seem free."""
         count = 1 if self._straight else _PARTS
         corners = [self.lifted(a + part * (b - a)) for part in np.linspace(0.0, 1.0, count + 1)]
-        ok = b[:, -1] >= a[:, -1] - ROUNDING
+        free = b[:, -1] >= a[:, -1] - ROUNDING
         for start, end in pairwise(corners):
-            ok[ok] = self.whole.free_each(start[ok], end[ok])
-        return ok
+            free[free] = self.whole.free_each(start[free], end[free])
+        return free
 
     def free_between(self, a: Array, b: Array) -> bool:
         """Return whether the straight path from a (n + 1,) to b (n + 1,) is free of collisions."""
@@ -145,17 +152,19 @@ class Behind(Space):
 
     def free_along(self, path: Path) -> bool:
         """Return whether no collision occurs on a path, and the earlier arms never move backwards."""
-        if np.diff(path(np.linspace(0.0, 1.0, _SAMPLES))[:, -1]).min() < -ROUNDING:
+        u = path(np.linspace(0.0, 1.0, _SAMPLES))[:, -1]
+        if np.diff(u).min() < -ROUNDING:
             return False
         return all(self.whole.free_along(part) for part in self._parts(path))
 
     def certify(self, path: Path) -> Certificate:
         """Return a certificate of a free path: a proven lower bound of the distance between bodies of all arms."""
         parts = self._parts(path)
-        seen = [self.whole.certify(part) for part in parts]
-        k = min(range(len(parts)), key=lambda i: seen[i].found)
-        proven = min(c.proven for c in seen)
-        return replace(seen[k], proven=proven, s=parts[k].at(seen[k].s))  # pyright: ignore
+        certificates = [self.whole.certify(part) for part in parts]
+        k = int(np.argmin([certificate.found for certificate in certificates]))
+        nearest = certificates[k]
+        proven = min(certificate.proven for certificate in certificates)
+        return replace(nearest, proven=proven, s=parts[k].at(nearest.s))  # pyright: ignore
 
     def _parts(self, path: Path) -> list[_Part]:
         """Divide the path of all arms into parts in which u grows by at most 1 per unit of the part's parameter.
@@ -163,9 +172,10 @@ class Behind(Space):
         The tests of paths assume that speeds change little within 1/512 of a path, as they do on the path `first`.
         """
         fastest = np.abs(path(np.linspace(0.0, 1.0, _SAMPLES), 1)[:, -1]).max()
-        at = np.linspace(0.0, 1.0, max(int(np.ceil(fastest - 1e-9)), 1) + 1)
+        count = max(int(np.ceil(fastest - 1e-9)), 1)
+        borders = np.linspace(0.0, 1.0, count + 1)
         whole = Composed(self.first, path)
-        return [_Part(whole, float(a), float(b)) for a, b in pairwise(at)]
+        return [_Part(whole, float(a), float(b)) for a, b in pairwise(borders)]
 
     def why(self, q: Array) -> str:
         """Return why q (n + 1,) is not free, with values and limits; "" if it is free."""

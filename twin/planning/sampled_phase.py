@@ -58,14 +58,25 @@ class SampledPhase(PhasePath):
         q = self.values(np.minimum(t, self.duration))
         Ts = self.carry(q)
         Ts_frame = Ts @ self.T_tool_frame
-        p, R = Ts_frame[:, :3, 3], Ts[:, :3, :3]
+        p = Ts_frame[:, :3, 3]
+        R = Ts[:, :3, :3]
         turns = spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2))
         p1, p2 = _rates(np.diff(p, axis=0), dt)
         w1, w2 = _rates(turns, dt)
         v, _ = _rates(np.diff(Ts[:, :3, 3], axis=0), dt)
         qd, qdd = _rates(np.diff(q, axis=0), dt)
         motion = Motion(Ts, p, p1, p2, w1, w2, np.concatenate([v, w1], axis=1))
-        timing = Timing(t, t, np.ones(len(t)), np.zeros(len(t)), float(t[-1]), self.duration, 0.0, 0, None)
+        timing = Timing(
+            t=t,
+            s=t,
+            sd=np.ones(len(t)),
+            sdd=np.zeros(len(t)),
+            duration=float(t[-1]),
+            optimal=self.duration,
+            overshoot=0.0,
+            knots=0,
+            solver=None,
+        )
         return timing, motion, q, qd, qdd
 
 
@@ -94,15 +105,18 @@ def sampled_phase(
     Raises:
         ProtocolError: the first sample is not at the start of the phase, or the loops open.
     """
-    columns = [names.index(j) for j in phase.joints]
-    for j, column, first in zip(phase.joints, columns, phase.q[0], strict=True):
-        angle = j in phase.angle_joints
-        unit, factor = display_unit(angle)
-        tolerance = protocol.tolerances.waypoint_angle if angle else protocol.tolerances.waypoint
-        if (off := abs(first - q[column])) > tolerance:
+    columns = [names.index(joint) for joint in phase.joints]
+    for joint, column, first in zip(phase.joints, columns, phase.q[0], strict=True):
+        is_angle = joint in phase.angle_joints
+        unit, factor = display_unit(is_angle)
+        tolerance = protocol.tolerances.waypoint
+        if is_angle:
+            tolerance = protocol.tolerances.waypoint_angle
+        difference = abs(first - q[column])
+        if difference > tolerance:
             raise ProtocolError(
-                f"{where}: the samples begin with {j} = {first / factor:.6g} {unit}, but the phase begins at "
-                f"{q[column] / factor:.6g} {unit}, a difference of {off / factor:.3g} {unit} (tolerance "
+                f"{where}: the samples begin with {joint} = {first / factor:.6g} {unit}, but the phase begins at "
+                f"{q[column] / factor:.6g} {unit}, a difference of {difference / factor:.3g} {unit} (tolerance "
                 f"{tolerance / factor:g} {unit}): change the samples, or where the phase begins"
             )
     curve = between(phase.t, phase.q)
@@ -119,12 +133,14 @@ def sampled_phase(
             raise ProtocolError(f"{where} cannot be carried out: {error}") from error
 
     duration = float(phase.t[-1])
-    rows = values(np.linspace(0.0, duration, max(int(duration / _COARSE), 1) + 1))
-    X, Ts = carry(rows)
-    made = SampledPhase(**vars(path), duration=duration, values=values, carry=lambda rows: carry(rows)[1])
-    T = Ts[-1] @ path.T_tool_frame
-    made = replace(made, angles1=angles_of(Ts[-1, :3, :3], path.order, path.angles1), tip1=T[:3, 3])
-    return made, rows[-1], X[-1]
+    steps = max(int(duration / _COARSE), 1)
+    rows = values(np.linspace(0.0, duration, steps + 1))
+    states, Ts = carry(rows)
+    sampled = SampledPhase(**vars(path), duration=duration, values=values, carry=lambda rows: carry(rows)[1])
+    angles1 = angles_of(Ts[-1, :3, :3], path.order, path.angles1)
+    T_base_frame = Ts[-1] @ path.T_tool_frame
+    sampled = replace(sampled, angles1=angles1, tip1=T_base_frame[:3, 3])
+    return sampled, rows[-1], states[-1]
 
 
 def between(t: Array, q: Array) -> Callable[[Array], Array]:
@@ -141,8 +157,9 @@ def between(t: Array, q: Array) -> Callable[[Array], Array]:
     high = np.maximum(q[:-1], q[1:])
     excess = np.zeros(q.shape[1])
     for part in np.linspace(0.0, 1.0, _LOOKS + 2)[1:-1]:
-        seen = spline(t[:-1] + part * np.diff(t))
-        excess = np.maximum(excess, np.maximum(low - seen, seen - high).max(axis=0))
+        value = spline(t[:-1] + part * np.diff(t))
+        beyond = np.maximum(low - value, value - high)
+        excess = np.maximum(excess, beyond.max(axis=0))
     steps = np.diff(q, axis=0)
     overshoots = excess > _OVERSHOOT * np.abs(steps).max(axis=0)
     if not overshoots.any():
@@ -164,5 +181,8 @@ def _rates(steps: Array, dt: float) -> tuple[Array, Array]:
 
     The motion is at rest at both ends: it is continued by its mirror image before the first and after the last step.
     """
-    before, after = np.concatenate([-steps[:1], steps]), np.concatenate([steps, -steps[-1:]])
-    return (before + after) / (2 * dt), (after - before) / dt**2
+    before = np.concatenate([-steps[:1], steps])
+    after = np.concatenate([steps, -steps[-1:]])
+    first = (before + after) / (2 * dt)
+    second = (after - before) / dt**2
+    return first, second

@@ -29,16 +29,22 @@ def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) ->
     t = np.arange(steps + window + 1, dtype=np.float64) * dt
     if not window:
         s, sd, sdd, _ = _at(grid, rates, t)
-        s[-1], sd[-1] = 1.0, 0.0
+        s[-1] = 1.0  # without rounding
+        sd[-1] = 0.0
         return t, s, sd, sdd
-    width, last = window * dt, steps * dt
+    width = window * dt
+    last = steps * dt
     before = np.maximum(t - width, 0.0)
     s1, sd1, _, area1 = _at(grid, rates, np.minimum(t, last))
     s0, sd0, _, area0 = _at(grid, rates, before)
     area1 = area1 + np.maximum(t - last, 0.0)  # after the end, s is 1
     s = np.clip((area1 - area0) / width, 0.0, 1.0)
-    sd, sdd = np.maximum((s1 - s0) / width, 0.0), (sd1 - sd0) / width
-    s[[0, -1]], sd[[0, -1]], sdd[[0, -1]] = (0.0, 1.0), 0.0, 0.0
+    sd = np.maximum((s1 - s0) / width, 0.0)
+    sdd = (sd1 - sd0) / width
+    # the ends without rounding
+    s[[0, -1]] = (0.0, 1.0)
+    sd[[0, -1]] = 0.0
+    sdd[[0, -1]] = 0.0
     return t, s, sd, sdd
 
 
@@ -47,7 +53,8 @@ def _at(grid: Array, rates: Array, t: Array) -> Samples:
     sdd_of = np.diff(rates**2) / (2 * np.diff(grid))
     spans = 2 * np.diff(grid) / (rates[1:] + rates[:-1])
     ends = np.concatenate([[0.0], np.cumsum(spans)])
-    areas = np.cumsum(np.concatenate([[0.0], _area(grid[:-1], rates[:-1], sdd_of, spans)]))
+    parts = _area(grid[:-1], rates[:-1], sdd_of, spans)
+    areas = np.cumsum(np.concatenate([[0.0], parts]))
     i = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(sdd_of) - 1)
     x = t - ends[i]
     sdd = sdd_of[i]
@@ -57,4 +64,5 @@ def _at(grid: Array, rates: Array, t: Array) -> Samples:
 
 
 def _area(s: Array, sd: Array, sdd: Array, x: Array) -> Array:
+    """Return the integral of s over the first x seconds of an interval with constant d2s/dt2."""
     return x * (s + x * (sd / 2 + x * sdd / 6))

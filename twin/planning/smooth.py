@@ -14,8 +14,11 @@ from numpy.polynomial import chebyshev
 
 from twin.core.spatial import Array
 
-_FEWEST, _MOST = 17, 513
-"""Smallest and largest number of coefficients of a fitted series."""
+_FEWEST = 17
+"""Smallest number of coefficients of a fitted series."""
+
+_MOST = 513
+"""Largest number of coefficients of a fitted series."""
 
 _ROUNDING = 1e-13
 """A coefficient below this fraction of the largest value counts as a rounding error."""
@@ -66,7 +69,10 @@ def fit(function: Callable[[Array], Array]) -> ChebyshevPath:
         done = bool(np.all(tail <= _ROUNDING * scale))
         noisy = count > 128 and bool(np.all(tail <= 1e-9 * scale))
         if done or noisy or 2 * count - 1 > _MOST:
-            keep = np.abs(c) > np.maximum(_ROUNDING * scale / 10, 3 * tail if not done else 0)
+            smallest = _ROUNDING * scale / 10
+            if not done:  # coefficients at the level of the noise
+                smallest = np.maximum(smallest, 3 * tail)
+            keep = np.abs(c) > smallest
             degree = int(np.max(np.nonzero(keep.any(axis=1))[0], initial=0))
             return ChebyshevPath(np.where(keep, c, 0.0)[: max(degree + 1, 2)], tail)
         count = 2 * count - 1

@@ -122,11 +122,11 @@ def time_path(
         raise TimingError("every speed and acceleration limit must be positive")
 
     def derivatives(s: Array) -> tuple[Array, Array]:
-        own = path(s, 1), path(s, 2)
+        own = (path(s, 1), path(s, 2))
         if extra is None:
             return own
-        first, second = (np.column_stack(pair) for pair in zip(own, extra(s), strict=True))
-        return first, second
+        further = extra(s)
+        return np.column_stack([own[0], further[0]]), np.column_stack([own[1], further[1]])
 
     judge = load or _plain_load(derivatives, max_speed, max_acceleration)
     while True:
@@ -148,10 +148,15 @@ def time_path(
             # At least one step more: with few steps, rounding up the duration could undo the slowdown.
             steps = max(steps + 1, int(np.ceil(optimal * slower / dt - 1e-9)))
             samples = sample(grid, rates * (optimal / (steps * dt)), steps, dt, window)
-            v, a = (float(np.max(x)) for x in judge(*samples[1:]))
+            speeds, accelerations = judge(*samples[1:])
+            v = float(np.max(speeds))
+            a = float(np.max(accelerations))
             worst = max(v, a)
             if worst <= 1.0 + OVER:
-                return samples, jerk(*samples[1:]) if jerk else 0.0
+                relative_jerk = 0.0
+                if jerk:
+                    relative_jerk = jerk(*samples[1:])
+                return samples, relative_jerk
             slower *= max(v, np.sqrt(a))  # the curvature of the path is so large that the grid missed its worst point
         raise TimingError(f"a sample exceeds its limit by {100 * (worst - 1):.2g} % even after slowing down")
 
@@ -175,8 +180,10 @@ def _averaged(
     """
     least = np.inf
     while slower < _SLOWEST:
+        low = 0
+        high = 1
         least = np.inf
-        low, high, longest = 0, 1, int(2 * slower * steps)
+        longest = int(2 * slower * steps)
         while low < longest:
             samples, excess = paced(high, slower)
             if excess <= 1:
@@ -184,7 +191,9 @@ def _averaged(
                 return samples, window, slower
             # The jerk is roughly inversely proportional to the window.
             further = max(2 * high, int(high * min(excess, _GROWTH)))
-            low, high, least = high, min(further, longest), min(least, excess)
+            low = high
+            high = min(further, longest)
+            least = min(least, excess)
         slower *= max(float(np.cbrt(least)), 1.02)
     raise TimingError(f"the jerk is at least {least:.3g} times its limit, even for a very slow motion")
 
@@ -208,15 +217,19 @@ def _shortest(
         part = next(turns)
         middle = (low + high) // 2 if part is None else round(part * high * excess)
         if low < middle < high:
-            averaged, its = paced(middle, slower)
-            if its > 1:
+            averaged, relative_jerk = paced(middle, slower)
+            if relative_jerk > 1:
                 low = middle
             else:
-                high, samples, excess = middle, averaged, its
+                high = middle
+                samples = averaged
+                excess = relative_jerk
     return samples, high
 
 
 def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Array) -> Load:
+    """Return a function that checks the limits of the coordinates, each by itself."""
+
     def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
         first, second = derivatives(s)
         v = np.abs(first * sd[:, None]) / max_speed
@@ -256,11 +269,11 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
     speed = np.where(np.isfinite(speed), speed, _BEYOND * np.where(peak > 0, peak, 1.0) / unit)
     acceleration = np.where(np.isfinite(acceleration), acceleration, _BEYOND * speed / unit)
     size = (acceleration * unit**2)[:, None]
-    first, second = (np.ascontiguousarray(d.T) / size for d in (first, second))
-    problem = grid, first, second, speed * unit / size[:, 0]
+    first = np.ascontiguousarray(first.T) / size
+    second = np.ascontiguousarray(second.T) / size
     fastest = topp.fastest if solver == "passes" else toppra_solver.fastest
     try:
-        rates = fastest(*problem)
+        rates = fastest(grid, first, second, speed * unit / size[:, 0])
     except TimingError as error:
         raise TimingError(f"{_NOT_FOUND[solver]}: {error}") from error
     if not np.all(rates[1:] + rates[:-1] > 0):

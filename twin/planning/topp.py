@@ -58,9 +58,10 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
     """
     backward, forward = _passes(len(first))
     half = (0.5 / np.diff(grid))[None]
-    arrays = half, first[:, :-1], second[:, :-1], first[:, 1:], second[:, 1:]
-    most = backward(*arrays, carry=np.append(0.0, 1 / speed))[0]  # largest x from which the end can be reached
-    x, excess = forward(*arrays, np.append(most[:, 1:], [[0.0]], axis=1), carry=np.zeros(1))
+    arrays = (half, first[:, :-1], second[:, :-1], first[:, 1:], second[:, 1:])
+    largest = backward(*arrays, carry=np.append(0.0, 1 / speed))[0]  # largest x from which the end can be reached
+    limit = np.append(largest[:, 1:], [[0.0]], axis=1)  # of y: the largest x at the next grid point, rest at the end
+    x, excess = forward(*arrays, limit, carry=np.zeros(1))
     if not np.max(excess) <= _EXCESS:  # also if it is NaN
         raise TimingError(f"the acceleration limits cannot be met at s = {grid[np.argmax(excess)]:.4g}")
     return np.sqrt(np.append(0.0, x[0]))
@@ -75,7 +76,8 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
 
     half, x, y, limit = (ca.SX.sym(n) for n in ("half", "x", "y", "limit"))
     d0, dd0, d1, dd1, inverse = (ca.SX.sym(n, m) for n in ("d0", "dd0", "d1", "dd1", "inverse"))
-    given, arguments = {"half": 1, "d0": m, "dd0": m, "d1": m, "dd1": m}, [half, d0, dd0, d1, dd1]
+    given = {"half": 1, "d0": m, "dd0": m, "d1": m, "dd1": m}
+    arguments = [half, d0, dd0, d1, dd1]
     p = ca.vertcat(dd0 - d0 * half, -d1 * half)  # since d2s/dt2 = (y - x) / (2 ds)
     q = ca.vertcat(d0 * half, dd1 + d1 * half)
     q = ca.copysign(ca.fmax(ca.fabs(q), _FLAT), q)
@@ -84,11 +86,18 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
     width = (1 - _SLACK) / ca.fabs(q)
     start = ca.Function("start", [*arguments, inverse], [top, p / q, width])
     # Each row allows y from -width - slope x to width - slope x.
-    slopes, widths = ca.SX.sym("slope", 2 * m), ca.SX.sym("width", 2 * m)
-    pairs = list(zip(ca.vertsplit(slopes), ca.vertsplit(widths), strict=True))
-    above, above1 = _least([(w - s * x, -s) for s, w in pairs] + [(limit, ca.SX(0))])
-    below, below1 = _least([(w + s * x, s) for s, w in pairs] + [(ca.SX(0), ca.SX(0))])
-    room = above + below
+    slopes = ca.SX.sym("slope", 2 * m)
+    widths = ca.SX.sym("width", 2 * m)
+    uppers = []  # upper limits of y as lines (value, slope) over x
+    lowers = []  # lower limits, with the opposite sign
+    for slope, half_width in zip(ca.vertsplit(slopes), ca.vertsplit(widths), strict=True):
+        uppers.append((half_width - slope * x, -slope))
+        lowers.append((half_width + slope * x, slope))
+    uppers.append((limit, ca.SX(0)))
+    lowers.append((ca.SX(0), ca.SX(0)))
+    above, above1 = _least(uppers)
+    below, below1 = _least(lowers)
+    room = above + below  # width of the range of y; it must not be negative
     new = ca.if_else(room < 0, (x - room / (above1 + below1)) * (1 - _SHRINK), x)
     newton = ca.Function("newton", [x, slopes, widths, limit], [new, room < 0])
     backward = Kernel(
@@ -104,8 +113,10 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
     )
 
     bounds = (ca.copysign(1, q) - p * x) / q
-    y = ca.fmax(_least([(b, ca.SX(0)) for b in (*ca.vertsplit(bounds), limit)])[0], 0)
-    step = ca.Function("step", [*arguments, limit, x], [y, ca.mmax(ca.fabs(p * x + q * y)) - 1])
+    lines = [(bound, ca.SX(0)) for bound in (*ca.vertsplit(bounds), limit)]
+    y = ca.fmax(_least(lines)[0], 0)
+    excess = ca.mmax(ca.fabs(p * x + q * y)) - 1
+    step = ca.Function("step", [*arguments, limit, x], [y, excess])
     forward = Kernel(
         [Stage(step, (*given, "limit", "x"), ("x", "excess"))],
         given | {"limit": 1},

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.core import spatial
-from twin.core.units import DEG, MM
+from twin.core.units import MM, display_unit
 from twin.planning.trajectory import Trajectory
 
 
@@ -20,13 +20,15 @@ def write_csv(trajectory: Trajectory, path: Path, revolute: Sequence[bool] = ())
         path: the file.
         revolute: (n,) whether each joint is an angle in rad; empty: all joints are lengths.
     """
-    units = ["deg" if r else "mm" for r in revolute or [False] * len(trajectory.joint_names)]
-    scale = np.array([DEG if u == "deg" else MM for u in units])
+    revolute = revolute or [False] * len(trajectory.joint_names)
+    units = [display_unit(is_angle) for is_angle in revolute]
+    factors = np.array([factor for _, factor in units])
     header = ["t_s"]
     columns = [trajectory.t[:, None]]
     for suffix, values in (("", trajectory.q), ("_s", trajectory.qd), ("_s2", trajectory.qdd)):
-        header += [f"{n}_{u}{suffix}" for n, u in zip(trajectory.joint_names, units, strict=True)]
-        columns.append(values / scale)
+        for name, (unit, _) in zip(trajectory.joint_names, units, strict=True):
+            header.append(f"{name}_{unit}{suffix}")
+        columns.append(values / factors)
     Ts = trajectory.Ts_base_tool
     header += ["tool_x_mm", "tool_y_mm", "tool_z_mm", "tool_qw", "tool_qx", "tool_qy", "tool_qz"]
     columns += [Ts[:, :3, 3] / MM, spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])]

@@ -92,19 +92,23 @@ NO_MOTORS = MotorLimits((), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros
 
 def motors_of(mechanism: Mechanism) -> MotorLimits:
     """Return the actuators of a mechanism's transmissions; `NO_MOTORS` if there are none."""
-    by_name = {a.name: a for a in mechanism.actuators}
-    order = [i for i, n in enumerate(mechanism.motor_names) if n in by_name]
-    if not order:
+    by_name = {actuator.name: actuator for actuator in mechanism.actuators}
+    actuators = []
+    rows = []
+    for row, name in enumerate(mechanism.motor_names):
+        if name in by_name:
+            actuators.append(by_name[name])
+            rows.append(row)
+    if not actuators:
         return NO_MOTORS
-    found = [by_name[mechanism.motor_names[i]] for i in order]
-    limits = np.array([a.limits or (-np.inf, np.inf) for a in found], float)
+    limits = np.array([actuator.limits or (-np.inf, np.inf) for actuator in actuators], float)
     return MotorLimits(
-        names=tuple(a.name for a in found),
-        rows=mechanism.motors(np.eye(len(mechanism.active))).T[order],
+        names=tuple(actuator.name for actuator in actuators),
+        rows=mechanism.motors(np.eye(len(mechanism.active))).T[rows],
         lower=limits[:, 0],
         upper=limits[:, 1],
-        max_speed=np.array([a.max_speed or np.inf for a in found]),
-        revolute=tuple(a.is_angle for a in found),
+        max_speed=np.array([actuator.max_speed or np.inf for actuator in actuators]),
+        revolute=tuple(actuator.is_angle for actuator in actuators),
     )
 
 
@@ -171,8 +175,10 @@ class PathKinematics:
 
     def alarm(self, measure: str) -> float:
         """Return the alarm value of a singularity measure; 0 if none is set."""
-        found = [n for n in self.singularity_alarm if measure.startswith(n)]
-        return self.singularity_alarm[max(found, key=len)] if found else 0.0
+        prefixes = [prefix for prefix in self.singularity_alarm if measure.startswith(prefix)]
+        if not prefixes:
+            return 0.0
+        return self.singularity_alarm[max(prefixes, key=len)]
 
 
 def without_equations(
@@ -374,9 +380,12 @@ class Trajectory:
     def poses(self, times: Array) -> Array:
         """Return T_base_tool (k, 4, 4) at times (k,) in s, interpolated as in `sample`."""
         i, f = self._between(times)
-        a, b = self.Ts_base_tool[i], self.Ts_base_tool[i + 1]
-        turn = spatial.log_so3(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3])
-        return spatial.pose(a[:, :3, :3] @ spatial.exp_so3(f * turn), (1 - f) * a[:, :3, 3] + f * b[:, :3, 3])
+        before = self.Ts_base_tool[i]
+        after = self.Ts_base_tool[i + 1]
+        R = before[:, :3, :3]
+        turn = spatial.log_so3(np.swapaxes(R, 1, 2) @ after[:, :3, :3])
+        position = (1 - f) * before[:, :3, 3] + f * after[:, :3, 3]
+        return spatial.pose(R @ spatial.exp_so3(f * turn), position)
 
     def on(self, model: Any, times: Array) -> Any:
         """Return the `Run` of a `ReferenceModel` at times (k,) in s, solved for the poses or, if `followed`, for q.
@@ -385,18 +394,23 @@ class Trajectory:
         interpolated joint values.
         """
         q = self.joints(times)
-        return model.run(q) if self.followed else model.run_poses(self.poses(times), near=q)
+        if self.followed:
+            return model.run(q)
+        return model.run_poses(self.poses(times), near=q)
 
     def joints(self, times: Array) -> Array:
         """Return q (k, n) at times (k,) in s, interpolated as in `sample`."""
         i, f = self._between(times)
-        return spatial.cubic(f, self.q[i], self.q[i + 1], self.step * self.qd[i], self.step * self.qd[i + 1])
+        slope0 = self.step * self.qd[i]
+        slope1 = self.step * self.qd[i + 1]
+        return spatial.cubic(f, self.q[i], self.q[i + 1], slope0, slope1)
 
     def _between(self, times: Array) -> tuple[np.ndarray, Array]:
         """Return (index of the sample before each time (k,), fraction (k, 1) of the step after it)."""
-        x = np.clip((np.asarray(times, float) - self.t[0]) / self.step, 0, len(self.t) - 1)
-        i = np.minimum(x.astype(int), len(self.t) - 2)
-        return i, (x - i)[:, None]
+        last = len(self.t) - 1
+        steps = np.clip((np.asarray(times, float) - self.t[0]) / self.step, 0, last)
+        i = np.minimum(steps.astype(int), last - 1)  # the end belongs to the last step
+        return i, (steps - i)[:, None]
 
     def as_dict(self, arrays: bool = True) -> dict[str, Any]:
         """Return the content for JSON: SI units, None instead of NaN, and with `arrays` the values of all samples."""
@@ -420,11 +434,17 @@ class Trajectory:
 
 
 def _plain(value: Any) -> Any:
+    """Return a value of a trajectory for JSON, with None instead of NaN."""
     if isinstance(value, SearchRounds):
         return value.as_dict()
     if isinstance(value, np.ndarray):
-        return [_plain(v) for v in value.tolist()] if np.isnan(value).any() else value.tolist()
-    return None if isinstance(value, float) and np.isnan(value) else value
+        values = value.tolist()
+        if np.isnan(value).any():
+            return [_plain(v) for v in values]
+        return values
+    if isinstance(value, float) and np.isnan(value):
+        return None
+    return value
 
 
 Cause = Literal["reach", "inverse", "lower", "upper", "motor", "gap", "singularity", "branch"]
@@ -435,4 +455,6 @@ def key_times(duration: float, rate: float) -> Array:
     """Return times (k,) in s: multiples of 1 / rate from 0, and the end."""
     count = int(np.floor(duration * rate + 1e-9))
     times = np.arange(count + 1) / rate
-    return times if duration - times[-1] < 1e-9 else np.append(times, duration)
+    if duration - times[-1] < 1e-9:  # s; the end is a multiple
+        return times
+    return np.append(times, duration)

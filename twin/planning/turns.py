@@ -26,29 +26,32 @@ def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
         phase: name of the phase.
         waypoint: the waypoint at the end of the phase; the result is empty if this waypoint has joint values.
     """
-    out, where = [], f"waypoint '{waypoint.name}'"
     if waypoint.joints is not None:
-        return out
+        return []
+    out = []
+    where = f"waypoint '{waypoint.name}'"
+    when = f"phase '{phase}'"
     for k, (start, end) in enumerate(zip(course.angles0, waypoint.angles, strict=True)):
         turn = abs(end - start)
         if turn <= _HALF:
             continue
-        near = end - 2 * np.pi * np.round((end - start) / (2 * np.pi))
-        about = f"angle {k + 1} (about {course.order[k]})"
-        what = f"{about} turns by {deg(turn)}, from {_number(start)} to {_number(end)} deg"
-        way = (
-            f"if the shorter turn of {deg(abs(near - start))} is meant, write {_number(near)} instead of "
+        nearest = end - 2 * np.pi * np.round((end - start) / (2 * np.pi))
+        angle = f"angle {k + 1} (about {course.order[k]})"
+        what = f"{angle} turns by {deg(turn)}, from {_number(start)} to {_number(end)} deg"
+        advice = (
+            f"if the shorter turn of {deg(abs(nearest - start))} is meant, write {_number(nearest)} instead of "
             f"{_number(end)} in angles_deg of {where}"
         )
-        when = f"phase '{phase}'"
-        out.append(warning("protocol.long_turn", where, what, deg(turn), 180, way, when=when, word=""))
+        out.append(warning("protocol.long_turn", where, what, deg(turn), 180, advice, when=when, word=""))
     return out
 
 
 def hint(course: Course, phase: str, waypoint: Waypoint | None) -> str:
     """Return a text that names long turns of a failed phase as a possible cause; "" if there are no long turns."""
-    found = [] if waypoint is None else long_turns(course, phase, waypoint)
-    return "".join(f". {f.message}: {f.suggestion}" for f in found)
+    if waypoint is None:
+        return ""
+    findings = long_turns(course, phase, waypoint)
+    return "".join(f". {finding.message}: {finding.suggestion}" for finding in findings)
 
 
 def _number(radians: float) -> str:

@@ -38,20 +38,26 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
         raise ProtocolError(
             f"{protocol.name}: no phase can go around obstacles; give one the type joints, positioning, home or free"
         )
-    phases = tuple(
-        Free(p.name, p.to, clearance, seed, scene) if isinstance(p, (Joints, Positioning, Home)) else p
-        for p in protocol.phases
-    )
-    phases = tuple(replace(p, scene=scene or p.scene) if isinstance(p, Free) else p for p in phases)
-    types = {p.type for p in changed} | ({"free"} & set(protocol.limits))
-    used = [protocol.limits[kind] for kind in sorted(types)]
-    text = f"{len(changed)} phases go around obstacles: {', '.join(p.name for p in changed)}"
-    found = [info("trajectory.avoiding", "", text)] if changed else []
+    phases = []
+    for phase in protocol.phases:
+        if isinstance(phase, (Joints, Positioning, Home)):
+            phase = Free(phase.name, phase.to, clearance, seed, scene)
+        elif isinstance(phase, Free):
+            phase = replace(phase, scene=scene or phase.scene)
+        phases.append(phase)
+    types = {phase.type for phase in changed}
+    if "free" in protocol.limits:
+        types.add("free")
+    strictest = _strictest([protocol.limits[kind] for kind in sorted(types)])
+    findings = list(protocol.findings)
+    if changed:
+        names = ", ".join(phase.name for phase in changed)
+        findings.append(info("trajectory.avoiding", "", f"{len(changed)} phases go around obstacles: {names}"))
     return replace(
         protocol,
-        phases=phases,
-        limits={**protocol.limits, "free": _strictest(used)},
-        findings=(*protocol.findings, *found),
+        phases=tuple(phases),
+        limits={**protocol.limits, "free": strictest},
+        findings=tuple(findings),
     )
 
 

@@ -73,8 +73,10 @@ class Course:
         """Return the motion along a straight line, at the path parameters s (k,)."""
         R, w1, w2 = _turning(self.angles0, self.angles1 - self.angles0, s, self.order)
         step = self.tip1 - self.tip0
-        p, p1 = self.tip0 + s[:, None] * step, np.broadcast_to(step, (len(s), 3))
-        return self.moved(R, p, p1, np.zeros((len(s), 3)), w1, w2)
+        p = self.tip0 + s[:, None] * step
+        p1 = np.broadcast_to(step, (len(s), 3))
+        p2 = np.zeros((len(s), 3))
+        return self.moved(R, p, p1, p2, w1, w2)
 
     def about(self, rcm: Array, s: Array) -> Motion:
         """Return the motion about an RCM (3,) (in m, in base) at the path parameters s (k,)."""
@@ -84,7 +86,10 @@ class Course:
         n2 = np.cross(w2, n) + np.cross(w1, n1)
         rate = self.depth1 - self.depth0
         depth = (self.depth0 + rate * s)[:, None]
-        return self.moved(R, rcm + depth * n, rate * n + depth * n1, 2 * rate * n1 + depth * n2, w1, w2)
+        p = rcm + depth * n
+        p1 = rate * n + depth * n1
+        p2 = 2 * rate * n1 + depth * n2
+        return self.moved(R, p, p1, p2, w1, w2)
 
     def moved(self, R: Array, p: Array, p1: Array, p2: Array, w1: Array, w2: Array) -> Motion:
         """Return the motion for rotations R (k, 3, 3), tip positions p (k, 3) and their derivatives; see `Motion`."""
@@ -121,6 +126,9 @@ def _turning(start: Array, rate: Array, s: Array, order: RotationOrder) -> tuple
     R = R @ spatial.exp_so3(angles[:, 1:2] * e1)
     axis2 = R @ e2
     R = R @ spatial.exp_so3(angles[:, 2:] * e2)
+    # each axis moves with the rotations before it: its derivative is their rate x the axis
     turn0 = np.broadcast_to(rate[0] * e0, axis1.shape)
     turn1 = turn0 + rate[1] * axis1
-    return R, turn1 + rate[2] * axis2, rate[1] * np.cross(turn0, axis1) + rate[2] * np.cross(turn1, axis2)
+    w1 = turn1 + rate[2] * axis2
+    w2 = rate[1] * np.cross(turn0, axis1) + rate[2] * np.cross(turn1, axis2)
+    return R, w1, w2

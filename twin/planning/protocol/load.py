@@ -36,18 +36,22 @@ def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None
     """
     table = load_toml(path, ProtocolTable, read)
     axis = np.array(table.shaft_axis)
-    if abs(np.linalg.norm(axis) - 1) > 1e-6:
-        n = np.linalg.norm(axis)
-        hint = f"write {[round(float(x), 9) for x in axis / n]}" if n > 0 else "it is zero"
+    norm = np.linalg.norm(axis)
+    if abs(norm - 1) > 1e-6:
+        hint = "it is zero"
+        if norm > 0:
+            hint = f"write {[round(float(x), 9) for x in axis / norm]}"
         raise error_at(path, ("shaft_axis",), f"the vector is not a unit vector: {hint}")
-    walk = _walked(table, path, Path(path).parent if folder is None else folder, read)
-    protocol = Protocol(
+    if folder is None:
+        folder = Path(path).parent
+    walk = _walked(table, path, folder, read)
+    return Protocol(
         name=table.name,
         title=table.title,
         source=table.source,
         robot=table.robot,
         frame=table.frame,
-        shaft_axis=axis / np.linalg.norm(axis),
+        shaft_axis=axis / norm,
         start=table.start,
         waypoints={name: _waypoint(name, w) for name, w in table.waypoints.items()},
         phases=tuple(walk.read(k, p) for k, p in enumerate(table.phases)),
@@ -62,65 +66,89 @@ def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None
         timing=table.timing,
         findings=tuple(_warnings(table, walk.used, str(path))),
     )
-    return protocol
 
 
 def _waypoint(name: str, w: WaypointTable) -> Waypoint:
-    position = None if w.position_mm is None else np.array(w.position_mm) * MM
-    depth = None if w.depth_mm is None else w.depth_mm * MM
-    angles = np.zeros(3) if w.angles_deg is None else np.array(w.angles_deg) * DEG
-    out = Waypoint(name, angles, position, depth, w.label or name, w.provenance, w.note)
+    """Return a waypoint in SI; a key that the table does not have is None, angles without a value are zero."""
+    position = None
+    if w.position_mm is not None:
+        position = np.array(w.position_mm) * MM
+    depth = None
+    if w.depth_mm is not None:
+        depth = w.depth_mm * MM
+    angles = np.zeros(3)
+    if w.angles_deg is not None:
+        angles = np.array(w.angles_deg) * DEG
+    waypoint = Waypoint(name, angles, position, depth, w.label or name, w.provenance, w.note)
     if w.joints is None:
-        return out
-    joints, angles = joint_values(w.joints)
-    return replace(out, joints=joints, angle_joints=angles)
+        return waypoint
+    joints, angle_joints = joint_values(w.joints)
+    return replace(waypoint, joints=joints, angle_joints=angle_joints)
 
 
-def _limits(l: LimitsTable) -> Limits:  # noqa: E741
+def _limits(table: LimitsTable) -> Limits:
+    """Return limits in SI; a jerk without a limit is infinite."""
+    tip_jerk = inf
+    if table.tip_jerk_mm_s3 is not None:
+        tip_jerk = table.tip_jerk_mm_s3 * MM
+    rotation_jerk = inf
+    if table.rotation_jerk_deg_s3 is not None:
+        rotation_jerk = table.rotation_jerk_deg_s3 * DEG
     return Limits(
-        l.tip_speed_mm_s * MM,
-        l.tip_acceleration_mm_s2 * MM,
-        l.rotation_speed_deg_s * DEG,
-        l.rotation_acceleration_deg_s2 * DEG,
-        l.provenance,
-        l.note,
-        inf if l.tip_jerk_mm_s3 is None else l.tip_jerk_mm_s3 * MM,
-        inf if l.rotation_jerk_deg_s3 is None else l.rotation_jerk_deg_s3 * DEG,
+        table.tip_speed_mm_s * MM,
+        table.tip_acceleration_mm_s2 * MM,
+        table.rotation_speed_deg_s * DEG,
+        table.rotation_acceleration_deg_s2 * DEG,
+        table.provenance,
+        table.note,
+        tip_jerk,
+        rotation_jerk,
     )
 
 
-def _tolerances(t: TolerancesTable) -> Tolerances:
-    lengths = (t.rcm_mm * MM, t.rcm_alarm_mm * MM, t.straightness_mm * MM, t.waypoint_mm * MM)
-    return Tolerances(*lengths, t.waypoint_deg * DEG, t.provenance, t.note)
+def _tolerances(table: TolerancesTable) -> Tolerances:
+    """Return tolerances in SI."""
+    return Tolerances(
+        table.rcm_mm * MM,
+        table.rcm_alarm_mm * MM,
+        table.straightness_mm * MM,
+        table.waypoint_mm * MM,
+        table.waypoint_deg * DEG,
+        table.provenance,
+        table.note,
+    )
 
 
 def _trocars(table: ProtocolTable) -> dict[str, Array]:
-    places = table.trocars_mm if table.trocar_mm is None else {"": table.trocar_mm}
-    return {name: np.array(place) * MM for name, place in places.items()}
+    """Return positions (3,) in m of the trocars; the only trocar is named ""."""
+    if table.trocar_mm is not None:
+        return {"": np.array(table.trocar_mm) * MM}
+    return {name: np.array(position) * MM for name, position in table.trocars_mm.items()}
 
 
 def _patient(p: PatientTable) -> PatientPlace:
+    """Return the place of the patient in SI."""
     return PatientPlace(p.body, p.port, p.turn_deg * DEG, tuple(p.replaces), p.provenance, p.note, p.trocar or "")
 
 
 def _walked(table: ProtocolTable, path: str | Path, folder: Path, read: Read) -> Walk:
     """Return the state after all phases, each checked against the phases before it."""
     home = table.home or table.start
-    trocars, inside = tuple(table.trocars_mm), table.rcm_mm is not None
-    walk = Walk(path, table.waypoints, trocars, table.start, home, inside, folder, read)
+    inside = table.rcm_mm is not None
+    walk = Walk(path, table.waypoints, tuple(table.trocars_mm), table.start, home, inside, folder, read)
     for name, w in table.waypoints.items():
-        if sum(given is not None for given in (w.position_mm, w.depth_mm, w.joints)) != 1:
+        keys = [w.position_mm, w.depth_mm, w.joints]
+        if keys.count(None) != 2:
             raise error_at(
                 path,
                 ("waypoints", name),
                 "give exactly one of position_mm (a pose of the moved frame), depth_mm (an orientation about the RCM) "
                 "and joints (values of driven joints)",
             )
-        if (w.angles_deg is None) != (w.joints is not None):
-            text = (
-                "the joints set the orientation: remove angles_deg" if w.joints is not None else "also give angles_deg"
-            )
-            raise error_at(path, ("waypoints", name), text)
+        if w.joints is None and w.angles_deg is None:
+            raise error_at(path, ("waypoints", name), "also give angles_deg")
+        if w.joints is not None and w.angles_deg is not None:
+            raise error_at(path, ("waypoints", name), "the joints set the orientation: remove angles_deg")
         if w.joints is not None:
             walk.once(w.joints, ("waypoints", name, "joints"))
     walk.target(table.start, ("start",), "the start", "position_mm", "joints")
@@ -138,31 +166,33 @@ def _walked(table: ProtocolTable, path: str | Path, folder: Path, read: Read) ->
 
 
 def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
-    out = [
-        warning(
-            "protocol.unused_waypoint",
-            Path(path).name,
-            f"waypoint '{name}' is not used by any phase",
-            suggestion="remove the waypoint, or add a phase that moves to it",
-        )
-        for name in table.waypoints
-        if name not in used
-    ]
-    last = [p for p in table.phases if p.in_patient]
-    outside = table.rcm_mm is None and any(isinstance(p, InsertionTable) for p in last)
-    if outside and not last[-1].leaves():
+    """Return the warnings on a protocol whose phases use the waypoints `used`."""
+    file = Path(path).name
+    out = []
+    for name in table.waypoints:
+        if name not in used:
+            out.append(
+                warning(
+                    "protocol.unused_waypoint",
+                    file,
+                    f"waypoint '{name}' is not used by any phase",
+                    suggestion="remove the waypoint, or add a phase that moves to it",
+                )
+            )
+    inside = [phase for phase in table.phases if phase.in_patient]
+    # an instrument that is in the patient from the start, may stay there
+    inserted = table.rcm_mm is None and any(isinstance(phase, InsertionTable) for phase in inside)
+    if inserted and not inside[-1].leaves():
         out.append(
             warning(
                 "protocol.ends_inside",
-                Path(path).name,
+                file,
                 f"the instrument is still in the patient after the last phase, '{table.phases[-1].name}'",
                 suggestion="add a retraction",
             )
         )
-    types = {p.kind() for p in table.phases}
-    out += [
-        warning("protocol.unused_limits", Path(path).name, f"limits.{kind} is not used: no phase has this type")
-        for kind in table.limits
-        if kind not in types
-    ]
-    return [*out, *plausible(table, Path(path).name)]
+    types = {phase.kind() for phase in table.phases}
+    for kind in table.limits:
+        if kind not in types:
+            out.append(warning("protocol.unused_limits", file, f"limits.{kind} is not used: no phase has this type"))
+    return [*out, *plausible(table, file)]

@@ -69,9 +69,15 @@ class Walk:
             folder: folder of the files that phases name.
             read: returns the bytes of a file.
         """
-        self._folder, self._read = folder, read
-        self._path, self._waypoints, self.trocars, self.home = path, waypoints, trocars, home
-        self.inside, self.here, self.used = inside, start, {start, home}
+        self._folder = folder
+        self._read = read
+        self._path = path
+        self._waypoints = waypoints
+        self.trocars = trocars
+        self.home = home
+        self.inside = inside
+        self.here: str | None = start
+        self.used = {start, home}
         self._keys: tuple[Key, ...] = ()
         self.goal: str | None = None
         self.stays = False
@@ -82,9 +88,12 @@ class Walk:
         Raises:
             DescriptionError: the phase cannot follow the phases before it.
         """
-        self._keys, self.goal, self.stays = ("phases", place), None, False
+        self._keys = ("phases", place)
+        self.goal = None
+        self.stays = False
         phase.follow(self)
-        self.here = self.here if self.stays else self.goal
+        if not self.stays:
+            self.here = self.goal
 
     def read(self, place: int, phase: PhaseTable) -> Phase:
         """Return the phase of a table at index `place` in the file, in SI units.
@@ -110,7 +119,10 @@ class Walk:
 
     def wrong(self, key: Key | None, message: str) -> DescriptionError:
         """Return an error that points to a key of the current phase; with `key` None, to the phase itself."""
-        return error_at(self._path, self._keys if key is None else (*self._keys, key), message)
+        keys = self._keys
+        if key is not None:
+            keys = (*keys, key)
+        return error_at(self._path, keys, message)
 
     def outside(self, kind: str) -> None:
         """Raise an error for a phase of type `kind` if an RCM is registered."""

@@ -37,6 +37,13 @@ class Waypoint:
 
 def joint_values(given: Mapping[str, float]) -> tuple[dict[str, float], frozenset[str]]:
     """Return (values in rad or m by joint, names of the joints given in degrees) for keys NAME_deg and NAME_mm."""
-    split = [(*key.rsplit("_", 1), value) for key, value in given.items()]
-    joints = {joint: value * (DEG if unit == "deg" else MM) for joint, unit, value in split}
-    return joints, frozenset(j for j, unit, _ in split if unit == "deg")
+    joints = {}
+    angle_joints = []
+    for key, value in given.items():
+        joint, unit = key.rsplit("_", 1)
+        if unit == "deg":
+            joints[joint] = value * DEG
+            angle_joints.append(joint)
+        else:
+            joints[joint] = value * MM
+    return joints, frozenset(angle_joints)

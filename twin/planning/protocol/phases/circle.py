@@ -81,16 +81,19 @@ class Circle(Phase):
     def motion(self, course: Course, s: Array) -> Motion:
         """Return the motion at s (k,); the tool rotates minimally from the initial to the current shaft direction."""
         R0 = rotation(course.angles0, course.order)
-        out = course.tip0 - self.centre
-        out, along = out - (out @ self.normal) * self.normal, (out @ self.normal) * self.normal
-        across = np.cross(self.normal, out)
-        full = 2 * np.pi * self.turns
-        c, sn = np.cos(full * s)[:, None], np.sin(full * s)[:, None]
-        p = self.centre + along + c * out + sn * across
-        p1, p2 = full * (c * across - sn * out), -(full**2) * (c * out + sn * across)
+        from_centre = course.tip0 - self.centre
+        along = (from_centre @ self.normal) * self.normal  # along the axis: the start may be beside the plane
+        radius = from_centre - along
+        tangent = np.cross(self.normal, radius)
+        angle = 2 * np.pi * self.turns
+        cos = np.cos(angle * s)[:, None]
+        sin = np.sin(angle * s)[:, None]
+        p = self.centre + along + cos * radius + sin * tangent
+        p1 = angle * (cos * tangent - sin * radius)
+        p2 = -(angle**2) * (cos * radius + sin * tangent)
         if course.rcm is None:
-            still = np.zeros((len(s), 3))
-            return course.moved(np.tile(R0, (len(s), 1, 1)), p, p1, p2, still, still)
+            rest = np.zeros((len(s), 3))
+            return course.moved(np.tile(R0, (len(s), 1, 1)), p, p1, p2, rest, rest)
         # Shaft direction n from the RCM to the tip, and the smallest rotation from the first direction n0 to n.
         w = p - course.rcm
         l = np.linalg.norm(w, axis=1)[:, None]  # noqa: E741
@@ -100,8 +103,8 @@ class Circle(Phase):
         l2 = (np.sum(n1 * p1, axis=1) + np.sum(n * p2, axis=1))[:, None]
         n2 = (p2 - l2 * n - 2 * l1 * n1) / l
         n0 = R0 @ course.n_tool_shaft
-        v, share = np.cross(n0, n), 1 / (1 + n @ n0)
-        hat = spatial.hat(v)
+        share = 1 / (1 + n @ n0)
+        hat = spatial.hat(np.cross(n0, n))
         R = (np.eye(3) + hat + share[:, None, None] * (hat @ hat)) @ R0
         share = share[:, None]
         w1 = np.cross(n0 + n, n1) * share

@@ -75,5 +75,5 @@ class Free(Reaching):
 
     def parameters(self) -> Iterator[Parameter]:
         """Yield the required clearance, with its provenance."""
-        shown, note = self.clearance / MM, "minimum distance of the robot's bodies; see the protocol file"
-        yield Parameter(f"{self.name}_clearance", self.clearance, "mm", shown, "ASSUMED", note)
+        note = "minimum distance of the robot's bodies; see the protocol file"
+        yield Parameter(f"{self.name}_clearance", self.clearance, "mm", self.clearance / MM, "ASSUMED", note)

@@ -36,8 +36,10 @@ class PivotTable(PhaseTable):
         """
         walk.through(self.trocar)
         walk.registered(self.type)
-        need = "depth_mm" if self.rcm == "enforced" else "position_mm"
-        walk.go(self.to, f"a pivot with {'an' if self.rcm == 'enforced' else 'a'} {self.rcm} RCM", need)
+        if self.rcm == "enforced":
+            walk.go(self.to, "a pivot with an enforced RCM", "depth_mm")
+        else:
+            walk.go(self.to, "a pivot with a monitored RCM", "position_mm")
 
     def phase(self, walk: Walk) -> Pivot:
         """Return the phase that this table describes, in SI units."""
@@ -61,10 +63,12 @@ class Pivot(Phase):
             angles, tip = at.pose(self.to)
             depth = float((tip - at.rcm) @ rotation(angles, at.order) @ at.n_tool_shaft)
             return End(angles, tip, at.rcm, self.to, self.rcm, depth)
-        angles, depth = at.waypoints[self.to].angles, at.waypoints[self.to].depth
+        angles = at.waypoints[self.to].angles
+        depth = at.waypoints[self.to].depth
         if depth is None:
             raise at.refuse(f"waypoint '{self.to}' has no depth")
-        if at.mode == "monitored" and (missed := spatial.point_to_line(at.rcm, at.tip, at.shaft)) > at.tolerance:
+        missed = spatial.point_to_line(at.rcm, at.tip, at.shaft)
+        if at.mode == "monitored" and missed > at.tolerance:
             raise at.refuse(
                 f"the shaft must pass through the RCM, but after a monitored pivot the shaft is {missed / MM:.3f} mm "
                 f"beside the RCM (allowed: {at.tolerance / MM:g} mm)"

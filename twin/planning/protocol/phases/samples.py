@@ -56,25 +56,38 @@ class SamplesTable(PhaseTable):
         except TwinError as error:  # the file is too large
             raise walk.wrong("file", str(error)) from error
         t = rows[:, 0]
-        begin = t[0] if self.from_s is None else self.from_s
-        end = t[-1] if self.to_s is None else self.to_s
+        begin = t[0]
+        if self.from_s is not None:
+            begin = self.from_s
+        end = t[-1]
+        if self.to_s is not None:
+            end = self.to_s
         used = (t >= begin - _ROUNDING) & (t <= end + _ROUNDING)
         span = f"{path.name} has samples from {t[0]:g} to {t[-1]:g} s"
         for key, bound in (("from_s", begin), ("to_s", end)):
             if not t[0] - _ROUNDING <= bound <= t[-1] + _ROUNDING:
                 raise walk.wrong(key, f"{span}, none at {bound:g} s")
-            if (off := np.abs(t - bound)).min() > _ROUNDING:
-                near = t[np.sort(np.argsort(off)[:2])]
+            distances = np.abs(t - bound)
+            if distances.min() > _ROUNDING:
+                near = t[np.sort(np.argsort(distances)[:2])]
                 raise walk.wrong(
                     key, f"{path.name} has no sample at {bound:g} s; the nearest ones: {near[0]:g}, {near[1]:g} s"
                 )
         if used.sum() < 2:
             raise walk.wrong("from_s", f"{span}, but fewer than two of them are from {begin:g} to {end:g} s")
         kept = rows[used]
-        joints = tuple(name.rsplit("_", 1)[0] for name in names)
-        angles = frozenset(j for j, name in zip(joints, names, strict=True) if name.endswith("_deg"))
-        scale = np.array([DEG if j in angles else MM for j in joints])
-        return Samples(self.name, kept[:, 0] - kept[0, 0], kept[:, 1:] * scale, joints, angles, self.to or "")
+        joints = []
+        angles = []
+        factors = []
+        for name in names:
+            joint, unit = name.rsplit("_", 1)
+            joints.append(joint)
+            if unit == "deg":
+                angles.append(joint)
+            factors.append(DEG if unit == "deg" else MM)
+        times = kept[:, 0] - kept[0, 0]
+        q = kept[:, 1:] * np.array(factors)
+        return Samples(self.name, times, q, tuple(joints), frozenset(angles), self.to or "")
 
 
 def _table(text: str) -> tuple[list[str], Array]:
@@ -84,15 +97,20 @@ def _table(text: str) -> tuple[list[str], Array]:
         ValueError: the text is no table of samples.
     """
     lines = text.splitlines()
-    head = [name.strip() for name in (lines[0] if lines else "").split(",")]
+    first = lines[0] if lines else ""
+    head = [name.strip() for name in first.split(",")]
     names = head[1:]
     if head[0] != _TIME or not names:
         raise ValueError(f"the first line must be {_TIME},NAME_deg,... with a unit (deg or mm) after each joint's name")
-    joints = [n.rpartition("_")[0] for n in names]
-    if bad := [n for n, j in zip(names, joints, strict=True) if not j or not n.endswith(("_deg", "_mm"))]:
-        raise ValueError(f"column '{bad[0]}' is no joint with its unit: write NAME_deg or NAME_mm")
-    if twice := [j for j in joints if joints.count(j) > 1]:
-        raise ValueError(f"joint '{twice[0]}' has two columns")
+    joints = []
+    for name in names:
+        joint, _, unit = name.rpartition("_")
+        if not joint or unit not in ("deg", "mm"):
+            raise ValueError(f"column '{name}' is no joint with its unit: write NAME_deg or NAME_mm")
+        joints.append(joint)
+    for joint in joints:
+        if joints.count(joint) > 1:
+            raise ValueError(f"joint '{joint}' has two columns")
     rows = [[float(x) for x in line] for line in csv.reader(lines[1:]) if line]
     for k, row in enumerate(rows):
         if len(row) != len(head) or not np.isfinite(row).all():
