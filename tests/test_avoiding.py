@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 import twin
 from twin.api.standing import standing
 from twin.core.errors import ProtocolError, TwinError
-from twin.planning.protocol import Free, Home, Joints, Positioning, avoiding
+from twin.planning.protocol import Auxiliary, Free, Home, Insertion, Joints, Positioning, Samples, Waypoint, avoiding
 
 
 @pytest.mark.parametrize("name", ["sils", "pa10", "davinci_psm"])
@@ -50,3 +53,33 @@ def test_the_other_arms_of_a_scene_are_obstacles(name):
 def test_a_robot_that_is_not_in_the_scene_is_named():
     with pytest.raises(TwinError, match=r"has no robot 'sher'; it has: .*psm1"):
         standing("davinci", "sher", twin.load)
+
+
+@pytest.mark.parametrize(
+    ("approach", "position"),
+    [
+        (Positioning("approach", "port"), (0.1, 0.2, 0.3)),
+        (Free("approach", "port", 0.005), (0.1, 0.2, 0.3)),
+        (Joints("approach", "by_joints"), None),
+        (Samples("approach", np.zeros(2), np.zeros((2, 1)), ("q",), frozenset()), None),
+        (Samples("approach", np.zeros(2), np.zeros((2, 1)), ("q",), frozenset(), "by_joints"), None),
+        (Auxiliary("approach", {"jaw": 0.1}, frozenset()), (0.0, 0.0, 0.0)),
+    ],
+)
+def test_the_first_rcm_is_where_the_phase_before_the_insertion_ends(approach, position):
+    """Whatever type this phase has: only positionings counted, and the RCM after others was said to be at the start."""
+
+    def waypoint(name: str, place: tuple[float, float, float] | None) -> Waypoint:
+        return Waypoint(name, np.zeros(3), None if place is None else np.array(place), None, name, "ASSUMED", "")
+
+    places = {"start": (0.0, 0.0, 0.0), "port": (0.1, 0.2, 0.3), "by_joints": None}
+    protocol = replace(
+        twin.load("sils").protocol(None),
+        start="start",
+        waypoints={name: waypoint(name, place) for name, place in places.items()},
+        phases=(approach, Insertion("insertion", 0.05)),
+        trocars={},
+        rcm=None,
+    )
+    found = protocol.first_rcm
+    assert (None if found is None else tuple(found)) == position

@@ -127,13 +127,15 @@ class Protocol:
         """
         if "" in self.trocars or self.rcm is not None:
             return self.trocars.get("", self.rcm)
-        here = self.start
-        for p in self.phases:
-            if trocar := trocar_of(p):
+        name = self.start  # of the waypoint at which a phase begins; "" if it begins at none
+        for phase in self.phases:
+            trocar = trocar_of(phase)
+            if trocar:
                 return self.trocars[trocar]
-            if p.registers:
-                return self.waypoints[here].position
-            here = getattr(p, "to", here) if p.places else here
+            if phase.registers:
+                waypoint = self.waypoints.get(name)
+                return None if waypoint is None else waypoint.position
+            name = getattr(phase, "to", name)
         return None
 
     def places_of(self, trocars: Sequence[str]) -> dict[str, Array]:
