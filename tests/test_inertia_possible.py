@@ -17,7 +17,7 @@ from twin.model.body import Mesh
 from twin.model.inertia import Inertia
 from twin.validation.masses import audit, collect, possible
 from twin.validation.masses.guess import guesses, misfit
-from twin.validation.masses.possible import Stated, judged, stated
+from twin.validation.masses.possible import StatedInertia, judged, stated
 
 SLOW = settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
 
@@ -71,8 +71,8 @@ def test_moments_of_point_masses_are_possible_and_the_least_mass_is_the_edge(see
     least = possible.least_mass(tensor, first)
     assert 0 < least <= m.sum() * (1 + 1e-9)
     assert least == pytest.approx(float(first @ np.linalg.solve(S, first)), rel=1e-6)
-    assert codes(judged(Stated("b", "t", 0.99 * least, first, tensor)).findings) == ["inertia.impossible"]
-    assert judged(Stated("b", "t", 1.5 * least, first, tensor)).findings == ()
+    assert codes(judged(StatedInertia("b", "t", 0.99 * least, first, tensor)).findings) == ["inertia.impossible"]
+    assert judged(StatedInertia("b", "t", 1.5 * least, first, tensor)).findings == ()
 
 
 @SLOW
@@ -195,10 +195,10 @@ def test_the_printed_tables_of_the_pa10():
 
 def test_moments_about_the_mass_centre_need_no_mass():
     """Without a first moment, any mass is possible, also a small one."""
-    out = judged(Stated("b", "t", None, np.zeros(3), np.diag([2.0, 3.0, 4.0])))
+    out = judged(StatedInertia("b", "t", None, np.zeros(3), np.diag([2.0, 3.0, 4.0])))
     assert (out.least, out.findings) == (0.0, ())
     assert 0 < out.definite < 1
-    thin = judged(Stated("b", "t", None, np.zeros(3), np.diag([1.0, 1.0, 4.0])))
+    thin = judged(StatedInertia("b", "t", None, np.zeros(3), np.diag([1.0, 1.0, 4.0])))
     assert codes(thin.findings) == ["inertia.impossible"]
 
 

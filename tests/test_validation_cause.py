@@ -268,10 +268,10 @@ def test_commands_name_robots_of_ones_own_by_their_folder(tmp_path, monkeypatch)
 @pytest.mark.slow
 def test_a_length_that_differs_is_the_cause_of_what_reads_it(short):
     from twin.validation.lengths import lengths, put_down
-    from twin.validation.rows import Clock
+    from twin.validation.rows import SampleClock
 
     robot = twin.load("sils", parameters={"l_p": 135.4 * MM})
-    _, found = lengths(robot.kinematics(), robot.cad, Clock(short[1].t, ()), Tolerances())
+    _, found = lengths(robot.kinematics(), robot.cad, SampleClock(short[1].t, ()), Tolerances())
     others = [off("point.differs", "s1", 0.2, "eq1 (corrected)"), off("driven.differs", "q1", 0.2, "eq2 (corrected)")]
     judged = report(*found, *put_down(robot.kinematics(), found, others))
     assert [c.name for c in judged.causes] == ["length l_p", "eq2 (corrected)"], "equation (2) does not read it"

@@ -13,7 +13,7 @@ from twin.core.units import DEG, MM
 from twin.planning.plan import plan
 from twin.validation import consistent, margins, shaft, timing
 from twin.validation.compare import Comparison
-from twin.validation.rows import Clock
+from twin.validation.rows import SampleClock
 
 
 @pytest.fixture(scope="module")
@@ -177,7 +177,7 @@ def test_samples_that_are_right_can_hide_a_path_that_is_not(sils, planned):
     """Half a second between samples: each keeps the RCM exactly, the joints on their cubics do not."""
     _, trajectory = planned
     coarse = thinned(trajectory, 100)
-    clock = Clock(coarse.t, ())
+    clock = SampleClock(coarse.t, ())
     out = Comparison()
     shaft.between_samples(sils.reference(), coarse, 0.01 * MM, out, clock)
     at = {r.name.split(",")[0]: r.worst for r in out.residuals}
@@ -186,7 +186,7 @@ def test_samples_that_are_right_can_hide_a_path_that_is_not(sils, planned):
     sampled = {p.phase: p.at_samples for p in shaft.passages(sils.reference(), coarse)}
     assert max(sampled["sweep"], sampled["straighten"]) < 1e-9
     finer = thinned(trajectory, 10)
-    shaft.between_samples(sils.reference(), finer, 0.01 * MM, out := Comparison(), Clock(finer.t, ()))
+    shaft.between_samples(sils.reference(), finer, 0.01 * MM, out := Comparison(), SampleClock(finer.t, ()))
     assert out.findings == []
 
 
@@ -276,7 +276,7 @@ def test_the_nearest_pose_keeps_the_rcm_and_none_beside_it_is_nearer(seed):
 
 def test_margins_name_each_joint_and_when(sils, planned):
     _, trajectory = planned
-    clock = Clock(trajectory.t, ())
+    clock = SampleClock(trajectory.t, ())
     left = margins.margins(trajectory, sils.mechanism, sils.path_kinematics(), clock)
     assert left["joint q4"].startswith("5.16 mm to its lower limit")
     assert left["joint q2"].startswith("3.51 mm to its upper limit")
@@ -289,7 +289,7 @@ def test_the_mechanism_tells_its_own_singularity_and_a_jump(sils, planned):
     model = sils.reference()
     rows = np.arange(0, len(trajectory.t), 40)
     posed = model.run_poses(trajectory.Ts_base_tool[rows])
-    clock = Clock(trajectory.t, ())
+    clock = SampleClock(trajectory.t, ())
     facts, found, curves = margins.of_mechanism(model, posed, rows, clock)
     assert found == []
     assert curves["conditioning.type1"].min() > 0.05

@@ -17,9 +17,9 @@ from twin.core.result import Part, Result, Table
 
 if TYPE_CHECKING:
     from twin.validation.clauses import Contract
-    from twin.validation.closed_form import Judged
+    from twin.validation.closed_form import JudgedForm
     from twin.validation.groups import GroupTables, Recomputed
-    from twin.validation.masses.collect import Source
+    from twin.validation.masses.collect import MassSource
 
 _NEXT = "compare the numbers above with the document; if the document prints them, also cite the recomputed numbers"
 
@@ -174,7 +174,7 @@ class Masses(Result):
     """
 
     robot: str
-    sources: tuple[Source, ...]
+    sources: tuple[MassSource, ...]
 
     kind = "inertia"
 
@@ -274,7 +274,7 @@ class PublishedMotion(Result):
     robot: str
     source: str
     states: int
-    judged: Judged
+    judged: JudgedForm
 
     kind = "motion"
 

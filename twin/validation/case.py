@@ -14,9 +14,9 @@ from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PathKinematics, Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.compare import Comparison
-from twin.validation.motion import Measured
+from twin.validation.motion import MeasuredMotion
 from twin.validation.result import PhaseSummary
-from twin.validation.rows import Clock, Tolerances
+from twin.validation.rows import SampleClock, Tolerances
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class Case:
         return ReferenceModel(self.cad.mechanism)
 
     @cached_property
-    def clock(self) -> Clock:
+    def clock(self) -> SampleClock:
         """Times and phases of the samples of the trajectory."""
-        return Clock(self.trajectory.t, summaries(self.trajectory))
+        return SampleClock(self.trajectory.t, summaries(self.trajectory))
 
     @property
     def written(self) -> Path | None:
@@ -80,7 +80,7 @@ class Known:
     """Results of earlier checks of the same equations, mechanism and trajectory, to be reused; None: not available."""
 
     comparison: Comparison | None = None
-    measured: Measured | None = None
+    measured: MeasuredMotion | None = None
 
 
 def summaries(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:

@@ -41,7 +41,7 @@ _BROKEN = Kind("motion.inconsistent", "disagreement", "derive C from M, by the C
 
 
 @dataclass(frozen=True)
-class Row:
+class TermRow:
     """Comparison of one term: name, largest difference `worst` and its tolerance, both in the SI unit `unit`."""
 
     term: str
@@ -56,7 +56,7 @@ class Row:
 
 
 @dataclass
-class Judged:
+class JudgedForm:
     """Result of comparing published equations of motion with a mechanism.
 
     Attributes:
@@ -67,14 +67,14 @@ class Judged:
         findings: terms that differ.
     """
 
-    rows: list[Row] = field(default_factory=list)
+    rows: list[TermRow] = field(default_factory=list)
     cause: str = ""
     balance: float = 0.0
     least: float = np.inf
     findings: list[Finding] = field(default_factory=list)
 
 
-def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0) -> Judged:
+def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0) -> JudgedForm:
     """Compare published equations of motion with the dynamics of a mechanism at `count` random states.
 
     Raises:
@@ -97,7 +97,7 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         qd[at] = rng.uniform(-1, 1, len(at)) * np.where(angle, *_RATES)
         M = (dynamics.mass_matrix(q) - dynamics.rotor)[np.ix_(at, at)]
         states.append(_State(qd[at], evaluate(q[at], qd[at]), M, dynamics.coriolis(q, qd)[at], dynamics.gravity(q)[at]))
-    out = Judged()
+    out = JudgedForm()
     _consistent(states, out)
     _compare(form, angle, states, out)
     wrong = [r for r in out.rows if not r.agrees]
@@ -125,7 +125,7 @@ class _State:
     g: Array
 
 
-def _consistent(states: list[_State], out: Judged) -> None:
+def _consistent(states: list[_State], out: JudgedForm) -> None:
     """Check the published equations alone: smallest eigenvalue of the mass matrix, and power balance."""
     for s in states:
         out.least = min(out.least, float(np.linalg.eigvalsh(s.A.M)[0]))
@@ -147,7 +147,7 @@ def _consistent(states: list[_State], out: Judged) -> None:
         )
 
 
-def _compare(form: ClosedForm, angle: list[bool], states: list[_State], out: Judged) -> None:
+def _compare(form: ClosedForm, angle: list[bool], states: list[_State], out: JudgedForm) -> None:
     joints, tol = form.joints, form.tolerance
     inertia = {2: "kg m2", 1: "kg m", 0: "kg"}
     for i, a in enumerate(joints):
@@ -155,13 +155,13 @@ def _compare(form: ClosedForm, angle: list[bool], states: list[_State], out: Jud
             worst = max(abs(s.A.M[i, j] - s.M[i, j]) for s in states)
             asked = max(worst, *(abs(s.A.M[j, i] - s.M[j, i]) for s in states))
             name = f"inertia {a}" if i == j else f"inertia {b}-{a}"
-            out.rows.append(Row(name, asked, inertia[angle[i] + angle[j]], tol))
+            out.rows.append(TermRow(name, asked, inertia[angle[i] + angle[j]], tol))
     for i, a in enumerate(joints):
         unit = "N m" if angle[i] else "N"
-        out.rows.append(Row(f"Coriolis {a}", max(abs((s.A.C @ s.qd - s.c)[i]) for s in states), unit, tol))
+        out.rows.append(TermRow(f"Coriolis {a}", max(abs((s.A.C @ s.qd - s.c)[i]) for s in states), unit, tol))
     for i, a in enumerate(joints):
         unit = "N m" if angle[i] else "N"
-        out.rows.append(Row(f"gravity {a}", max(abs((s.A.g - s.g)[i]) for s in states), unit, tol))
+        out.rows.append(TermRow(f"gravity {a}", max(abs((s.A.g - s.g)[i]) for s in states), unit, tol))
 
 
 def _cause(form: ClosedForm, states: list[_State]) -> str:

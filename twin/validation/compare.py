@@ -25,7 +25,7 @@ from twin.kinematics import Kinematics
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, Run
 from twin.validation.result import Residual, RowKind, headline
-from twin.validation.rows import Clock, Tolerances, pose_rows, rotation_vectors, row, text
+from twin.validation.rows import SampleClock, Tolerances, pose_rows, rotation_vectors, row, text
 
 COARSE = 10
 """Joints, points, speeds and stage are compared at every tenth sample (coarse samples), tool and loops at all."""
@@ -79,7 +79,7 @@ def compare(
     kin: Kinematics | None,
     model: ReferenceModel,
     trajectory: Trajectory,
-    clock: Clock,
+    clock: SampleClock,
     tolerances: Tolerances,
     progress: Progress,
 ) -> Comparison:
@@ -136,7 +136,7 @@ def _coarse_rows(trajectory: Trajectory) -> Index:
     return np.unique(np.array([*every_tenth, *ends, count - 1], np.intp))
 
 
-def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: Clock) -> None:
+def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: SampleClock) -> None:
     """Add a finding if the equations give no joint values at some of the tool poses."""
     solved = np.isfinite(q).all(axis=1)
     if solved.all():
@@ -224,14 +224,14 @@ class _Check:
 
     model: ReferenceModel
     trajectory: Trajectory
-    clock: Clock
+    clock: SampleClock
     tolerances: Tolerances
     progress: Progress
     out: Comparison
     posed: Run
 
     @property
-    def coarse(self) -> Clock:
+    def coarse(self) -> SampleClock:
         """Times and phases of the coarse samples."""
         return self.clock.at(self.out.coarse)
 

@@ -28,6 +28,12 @@ from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 STEP = 0.02
 """Time step in s of a planned fix."""
 
+_DRIFT = 1e-5
+"""RCM error in m of a straight path above which it is reported."""
+
+_NO_CHANGE = 1e-9
+"""Translation in m or rotation in rad up to which a fix does not move or turn the waypoint."""
+
 Planner = Callable[[Protocol], Trajectory]
 
 
@@ -57,16 +63,24 @@ class Fix:
     @property
     def text(self) -> str:
         """The fix, its size and reachability in one sentence."""
-        size = [str(mm(self.moved))] if self.moved > 0 else []
-        size += [str(deg(self.turned))] if self.turned > 0 else []
-        by = f", by {' and '.join(size)}" if size else ""
-        reach = f"the robot can do the protocol ({self.why})" if self.reachable else f"out of reach: {self.why}"
-        drift = (
-            f"; on the straight path, the shaft would still miss the RCM by {self.straight / MM:.2f} mm at a point "
-            "between the ends of the path"
-        )
-        drifts = drift if self.straight > 1e-5 else ""
-        return f"{self.name}{by}: {self.value}; {reach}{drifts}"
+        sizes = []
+        if self.moved > 0:
+            sizes.append(str(mm(self.moved)))
+        if self.turned > 0:
+            sizes.append(str(deg(self.turned)))
+        change = self.name
+        if sizes:
+            change += f", by {' and '.join(sizes)}"
+        reach = f"out of reach: {self.why}"
+        if self.reachable:
+            reach = f"the robot can do the protocol ({self.why})"
+        text = f"{change}: {self.value}; {reach}"
+        if self.straight > _DRIFT:
+            text += (
+                f"; on the straight path, the shaft would still miss the RCM by {self.straight / MM:.2f} mm at a point "
+                "between the ends of the path"
+            )
+        return text
 
 
 def fixes(
@@ -91,17 +105,21 @@ def fixes(
             continue
         for fix in [*_poses(protocol, trajectory, span, planner), *_rcm(trajectory, span)]:
             facts[f"{span.name}: {fix.name}"] = fix.text
-            if fix.reachable:
-                findings.append(
-                    info(
-                        "rcm.fix",
-                        f"waypoint '{span.waypoint}'",
-                        f"with this change, the shaft passes through the RCM at '{span.waypoint}': {fix.text}",
-                        mm(fix.moved) if fix.moved > 0 else deg(fix.turned),
-                        when=f"phase '{span.name}'",
-                        word="",
-                    )
+            if not fix.reachable:
+                continue
+            size = deg(fix.turned)
+            if fix.moved > 0:
+                size = mm(fix.moved)
+            findings.append(
+                info(
+                    "rcm.fix",
+                    f"waypoint '{span.waypoint}'",
+                    f"with this change, the shaft passes through the RCM at '{span.waypoint}': {fix.text}",
+                    size,
+                    when=f"phase '{span.name}'",
+                    word="",
                 )
+            )
         facts[f"{span.name}: other interpretations of the angles"] = _readings(protocol, trajectory, span)
     return facts, findings
 
@@ -114,81 +132,111 @@ def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
     """
     from scipy.optimize import minimize
 
-    u = T[:3, :3] @ (axis / np.linalg.norm(axis))
-    side = np.linalg.svd(np.eye(3) - np.outer(u, u))[0][:, :2]
+    R0 = T[:3, :3]
+    unit_axis = axis / np.linalg.norm(axis)
+    shaft0 = R0 @ unit_axis
+    to_rcm = rcm - T[:3, 3]
+    # two directions across the shaft: a turn about the shaft changes nothing
+    across = np.linalg.svd(np.eye(3) - np.outer(shaft0, shaft0))[0][:, :2]
 
-    def turned(w: Array) -> tuple[Array, Array]:
-        R = spatial.exp_so3(side @ w) @ T[:3, :3]
-        shaft = R @ (axis / np.linalg.norm(axis))
-        e = rcm - T[:3, 3]
-        return R, e - (e @ shaft) * shaft
+    def moved(turn: Array) -> tuple[Array, Array]:
+        """Return (rotation, translation (3,) that then takes the shaft to the RCM) for a turn (2,) in rad."""
+        R = spatial.exp_so3(across @ turn) @ R0
+        shaft = R @ unit_axis
+        return R, to_rcm - (to_rcm @ shaft) * shaft
 
-    def cost(w: Array) -> float:
-        e = turned(w)[1]
-        return float((e @ e + lever**2 * (w @ w)) / lever**2)
+    def cost(turn: Array) -> float:
+        _, translation = moved(turn)
+        return float((translation @ translation + lever**2 * (turn @ turn)) / lever**2)
 
-    R, e = turned(minimize(cost, np.zeros(2), method="BFGS", options={"gtol": 1e-12}).x)
-    return spatial.pose(R, T[:3, 3] + e)
+    best = minimize(cost, np.zeros(2), method="BFGS", options={"gtol": 1e-12})
+    R, translation = moved(best.x)
+    return spatial.pose(R, T[:3, 3] + translation)
 
 
 def _poses(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, planner: Planner) -> list[Fix]:
+    """Return the fixes that change the pose of the waypoint: its position, its angles, or both."""
     assert span.rcm is not None
     assert span.waypoint is not None
-    T, axis = trajectory.Ts_base_frame[span.stop], trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
-    u, w = T[:3, :3] @ axis, span.rcm - T[:3, 3]
-    beside = spatial.pose(T[:3, :3], T[:3, 3] + w - (w @ u) * u)
-    out = [("move the tip, keep the angles", beside)]
-    length = float(np.linalg.norm(w))
-    if length > 1e-6:
-        goal = -w / length if w @ u <= 0 else w / length
-        turn = np.cross(u, goal)
-        angle = np.arctan2(np.linalg.norm(turn), u @ goal)
+    T = trajectory.Ts_base_frame[span.stop]
+    R = T[:3, :3]
+    tip = T[:3, 3]
+    axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
+    shaft = R @ axis
+    to_rcm = span.rcm - tip
+    poses = {"move the tip, keep the angles": spatial.pose(R, tip + to_rcm - (to_rcm @ shaft) * shaft)}
+    length = float(np.linalg.norm(to_rcm))
+    if length > 1e-6:  # m; at the RCM, the shaft has no direction towards it
+        direction = to_rcm / length
+        if to_rcm @ shaft <= 0:  # the tip is beyond the RCM
+            direction = -to_rcm / length
+        turn = np.cross(shaft, direction)
+        angle = np.arctan2(np.linalg.norm(turn), shaft @ direction)
         if 1e-12 < angle < np.pi - 1e-6:
-            R = spatial.exp_so3(turn / np.linalg.norm(turn) * angle) @ T[:3, :3]
-            out.append(("turn the shaft, keep the tip", spatial.pose(R, T[:3, 3])))
-        out.append(("the smallest move and turn of the tool", nearest(T, axis, span.rcm, max(length, 10 * MM))))
-    return [_tried(protocol, trajectory, span, name, new, planner) for name, new in out]
+            turned = spatial.exp_so3(turn / np.linalg.norm(turn) * angle) @ R
+            poses["turn the shaft, keep the tip"] = spatial.pose(turned, tip)
+        smallest = nearest(T, axis, span.rcm, max(length, 10 * MM))
+        poses["the smallest move and turn of the tool"] = smallest
+    return [_planned_fix(protocol, trajectory, span, name, T_new, planner) for name, T_new in poses.items()]
 
 
-def _tried(
+def _planned_fix(
     protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, name: str, T_new: Array, planner: Planner
 ) -> Fix:
+    """Return the fix that gives the waypoint at the end of a phase the pose T_new (4, 4), planned both ways."""
     assert span.rcm is not None
     assert span.waypoint is not None
-    T, axis = trajectory.Ts_base_frame[span.stop], trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
-    moved = float(np.linalg.norm(T_new[:3, 3] - T[:3, 3]))
-    turned = float(spatial.rotation_angle(T[:3, :3].T @ T_new[:3, :3]))
-    depth = float((T_new[:3, 3] - span.rcm) @ T_new[:3, :3] @ axis)
-    old = protocol.waypoints[span.waypoint]
-    angles = angles_of(T_new[:3, :3], protocol.rotation, old.angles)
-    about = replace(old, angles=angles, position=None, depth=depth)
-    straight = replace(old, angles=angles, position=T_new[:3, 3], depth=None)
-    at, turn = (", ".join(f"{x:.3f}" for x in v) for v in (T_new[:3, 3] / MM, angles / DEG))
-    value = f"({at}) mm, ({turn}) deg, depth {depth / MM:.3f} mm"
-    tell = {"waypoint": old.name, "moved": moved if moved > 1e-9 else 0.0, "turned": turned if turned > 1e-9 else 0.0}
-    drift = float("nan")
+    T = trajectory.Ts_base_frame[span.stop]
+    axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
+    R_new = T_new[:3, :3]
+    tip = T_new[:3, 3]
+    moved = float(np.linalg.norm(tip - T[:3, 3]))
+    turned = float(spatial.rotation_angle(T[:3, :3].T @ R_new))
+    depth = float((tip - span.rcm) @ R_new @ axis)
+    waypoint = protocol.waypoints[span.waypoint]
+    angles = angles_of(R_new, protocol.rotation, waypoint.angles)
+    position_text = ", ".join(f"{x:.3f}" for x in tip / MM)
+    angles_text = ", ".join(f"{x:.3f}" for x in angles / DEG)
+    fix = Fix(
+        name,
+        waypoint=waypoint.name,
+        moved=moved if moved > _NO_CHANGE else 0.0,
+        turned=turned if turned > _NO_CHANGE else 0.0,
+        value=f"({position_text}) mm, ({angles_text}) deg, depth {depth / MM:.3f} mm",
+        reachable=False,
+        why="",
+    )
+    straight = replace(waypoint, angles=angles, position=tip, depth=None)
+    enforced = replace(waypoint, angles=angles, position=None, depth=depth)
     try:
-        drift = _missed(planner(_with(protocol, span, straight, None)), span.name)
-        done = planner(_with(protocol, span, about, "enforced"))
+        fix = replace(fix, straight=_largest_error(planner(_with(protocol, span, straight)), span.name))
+        planned = planner(_with(protocol, span, enforced, enforce=True))
     except (ProtocolError, TimingError) as error:
-        return Fix(name, value=value, reachable=False, why=str(error), straight=drift, **tell)
-    worst = next((f for f in done.findings if f.severity in ("error", "disagreement")), None)
-    left = next((f.message for f in done.findings if f.code == "margin.limit"), "no joint has limits")
-    why = left if worst is None else worst.message
-    return Fix(name, value=value, reachable=worst is None, why=why, straight=drift, **tell)
+        return replace(fix, why=str(error))
+    margin = "no joint has limits"
+    for finding in planned.findings:
+        if finding.severity in ("error", "disagreement"):
+            return replace(fix, why=finding.message)
+    for finding in planned.findings:
+        if finding.code == "margin.limit":
+            margin = finding.message
+            break
+    return replace(fix, reachable=True, why=margin)
 
 
-def _with(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, mode: str | None) -> Protocol:
-    """Return the protocol with a changed waypoint and, if `mode` is given, an enforced pivot to this waypoint."""
-    phases = protocol.phases
-    if mode is not None:
-        phases = tuple(
-            replace(p, rcm="enforced") if isinstance(p, Pivot) and p.name == span.name else p for p in phases
-        )
-    return replace(protocol, waypoints={**protocol.waypoints, waypoint.name: waypoint}, phases=phases, findings=())
+def _with(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, enforce: bool = False) -> Protocol:
+    """Return the protocol with a changed waypoint and, if `enforce` is true, an enforced pivot to this waypoint."""
+    phases = []
+    for phase in protocol.phases:
+        if enforce and isinstance(phase, Pivot) and phase.name == span.name:
+            phase = replace(phase, rcm="enforced")
+        phases.append(phase)
+    waypoints = {**protocol.waypoints, waypoint.name: waypoint}
+    return replace(protocol, waypoints=waypoints, phases=tuple(phases), findings=())
 
 
-def _missed(trajectory: Trajectory, phase: str) -> float:
+def _largest_error(trajectory: Trajectory, phase: str) -> float:
+    """Return the largest RCM error in m in a phase."""
     span = trajectory.phase(phase)
     return float(np.nanmax(trajectory.rcm_error[span.start : span.stop + 1]))
 
@@ -199,27 +247,27 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     One axis is the shaft axis at the first use of the RCM, the other is the shaft axis at the end of the phase.
     """
     assert span.rcm is not None
-    first = min(s.start for s in trajectory.phases if s.rcm is not None and np.array_equal(s.rcm, span.rcm))
-    Ts, axis = (
-        trajectory.Ts_base_frame[[first, span.stop]],
-        trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis),
-    )
-    u = Ts[:, :3, :3] @ axis
-    P = np.eye(3) - u[:, :, None] * u[:, None, :]
+    starts = []
+    for phase in trajectory.phases:
+        if phase.rcm is not None and np.array_equal(phase.rcm, span.rcm):
+            starts.append(phase.start)
+    Ts = trajectory.Ts_base_frame[[min(starts), span.stop]]
+    axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
+    shafts = Ts[:, :3, :3] @ axis
+    # the sum of squared distances from both axes is smallest where (P1 + P2) x = P1 p1 + P2 p2
+    P = np.eye(3) - shafts[:, :, None] * shafts[:, None, :]  # projections across the axes
     A = P.sum(axis=0)
-    if np.linalg.eigvalsh(A)[0] < 1e-9:
+    if np.linalg.eigvalsh(A)[0] < 1e-9:  # parallel axes
         return []
-    best = np.linalg.solve(A, np.einsum("kij,kj->i", P, Ts[:, :3, 3]))
-    left = float(spatial.point_to_line(best, Ts[:, :3, 3], u).max())
-    at = ", ".join(f"{x / MM:.2f}" for x in best)
-    moved = float(np.linalg.norm(best - span.rcm))
-    enough = left <= 1e-4
-    why = (
-        "both shafts pass through the new RCM"
-        if enough
-        else f"no RCM fits both shafts (skew axes); the largest distance from the new RCM is {left / MM:.2f} mm"
-    )
-    return [Fix("move the RCM", "", moved, 0.0, f"({at}) mm", enough, why)]
+    nearest_point = np.linalg.solve(A, np.einsum("kij,kj->i", P, Ts[:, :3, 3]))
+    distance = float(spatial.point_to_line(nearest_point, Ts[:, :3, 3], shafts).max())
+    position = ", ".join(f"{x / MM:.2f}" for x in nearest_point)
+    moved = float(np.linalg.norm(nearest_point - span.rcm))
+    meets = distance <= 1e-4  # m
+    why = "both shafts pass through the new RCM"
+    if not meets:
+        why = f"no RCM fits both shafts (skew axes); the largest distance from the new RCM is {distance / MM:.2f} mm"
+    return [Fix("move the RCM", "", moved, 0.0, f"({position}) mm", meets, why)]
 
 
 def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
@@ -229,15 +277,16 @@ def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> st
     w = protocol.waypoints[span.waypoint]
     if w.position is None:
         return "not needed: the waypoint is given by its depth, so the shaft passes through the RCM"
-    found: list[tuple[float, str]] = []
+    readings: list[tuple[float, str]] = []  # (RCM error in m, text)
     for order in ("zyx", "xyz"):
         for signs in product((1, -1), repeat=3):
             if order == protocol.rotation and signs == (1, 1, 1):
                 continue
             R = rotation(w.angles * np.array(signs), order)
             missed = float(spatial.point_to_line(span.rcm, w.position, R @ trajectory.shaft_axis))
-            found.append((missed, f"order {order}, signs {', '.join('+' if s > 0 else '-' for s in signs)}"))
-    missed, words = min(found)
+            marks = ["+" if sign > 0 else "-" for sign in signs]
+            readings.append((missed, f"order {order}, signs {', '.join(marks)}"))
+    missed, words = min(readings)
     if missed <= protocol.tolerances.rcm:
         return f"{words}: the shaft passes through the RCM ({missed / MM:.3g} mm); these may be the intended angles"
     return f"none: every order and sign misses the RCM, by at least {missed / MM:.2f} mm ({words})"

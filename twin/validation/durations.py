@@ -28,7 +28,7 @@ from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Auxiliary, Free, Limits, Protocol, Solver
 from twin.planning.trajectory import PhaseCurve, PhaseSpan, Trajectory
 from twin.validation.result import PhaseSummary, Residual
-from twin.validation.rows import Clock, row
+from twin.validation.rows import SampleClock, row
 
 DURATION = 1e-5
 """Accepted relative deviation of a duration: of the optimum that the plan states from that of the other solver, and of
@@ -428,7 +428,7 @@ def _rows(
         if span.solver is not None and others[span.solver][0] not in judges:
             judges.append(others[span.solver][0])
     ends = np.array([phase.t1 for phase in phases])
-    clock = Clock(ends, tuple(phases))
+    clock = SampleClock(ends, tuple(phases))
 
     deviations = np.array([timed.duration for _, timed in judged])
     solvers = " and ".join(judges)

@@ -38,14 +38,14 @@ class Group(Table):
     users: int = Field(ge=2)
 
 
-class Pair(Table):
+class ComparedPair(Table):
     """Two compared groups and the printed p-value (None if the paper only states "not significant")."""
 
     between: tuple[str, str]
     printed_p: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
-class Outcome(Table):
+class GroupOutcome(Table):
     """Printed mean and standard deviation of one measure, per group.
 
     The value of a user is the mean of `items` integers; `items` is 0 if values do not come from integers.
@@ -57,10 +57,10 @@ class Outcome(Table):
     items: int = Field(default=0, ge=0)
     mean: _ByGroup
     std: _StdByGroup
-    compared: list[Pair] = Field(default_factory=list)
+    compared: list[ComparedPair] = Field(default_factory=list)
 
 
-class Span(Table):
+class PrintedRange(Table):
     """Printed mean and standard deviation of one measure per group, and its printed range (minimum, maximum)."""
 
     name: str
@@ -82,7 +82,7 @@ class Accuracy(Table):
     decimals: int = Field(ge=0, le=9)
 
 
-class Chain(Table):
+class AccuracyChain(Table):
     """Accuracy test of the paper's console.
 
     `displacements` is the number of displacements per axis, `resolution_mm` is the resolution of the haptic pen,
@@ -119,10 +119,10 @@ class GroupTables(Table):
     significance: float = Field(default=0.05, gt=0, lt=1)
     printed_test: str
     group: list[Group] = Field(min_length=1)
-    outcome: list[Outcome] = Field(default_factory=list)
-    range: list[Span] = Field(default_factory=list)
+    outcome: list[GroupOutcome] = Field(default_factory=list)
+    range: list[PrintedRange] = Field(default_factory=list)
     accuracy: list[Accuracy] = Field(default_factory=list)
-    chain: Chain | None = None
+    chain: AccuracyChain | None = None
     claim: list[Above] = Field(default_factory=list)
     twice: list[Twice] = Field(default_factory=list)
 
@@ -172,7 +172,7 @@ class Recomputed:
     findings: Sequence[Finding]
 
 
-Measured = Callable[[Chain], tuple[Mapping[str, Any], Sequence[float]]]
+SimulatedChain = Callable[[AccuracyChain], tuple[Mapping[str, Any], Sequence[float]]]
 """Function that simulates an accuracy test; returns (plain data, standard deviation of the x, y and z error in mm)."""
 
 
@@ -185,7 +185,7 @@ def load(path: Path) -> GroupTables:
     return load_toml(path, GroupTables)
 
 
-def recompute(tables: GroupTables, run: Measured) -> Recomputed:
+def recompute(tables: GroupTables, run: SimulatedChain) -> Recomputed:
     """Check the printed numbers of a user study with groups; return tables, data and findings."""
     users = {g.name: g.users for g in tables.group}
     outcomes, rows = [], []
@@ -231,7 +231,7 @@ def _flat(measured: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
         yield from ((key if len(values) == 1 else f"{key} {'xyz'[i]}", x) for i, x in enumerate(values))
 
 
-def _welch(o: Outcome, between: tuple[str, str], users: Mapping[str, int]) -> float:
+def _welch(o: GroupOutcome, between: tuple[str, str], users: Mapping[str, int]) -> float:
     from scipy import stats
 
     a, b = between
@@ -240,7 +240,7 @@ def _welch(o: Outcome, between: tuple[str, str], users: Mapping[str, int]) -> fl
     )
 
 
-def _integers(o: Outcome, users: Mapping[str, int]) -> Iterator[Finding]:
+def _integers(o: GroupOutcome, users: Mapping[str, int]) -> Iterator[Finding]:
     """Yield a finding for each printed mean that is not the rounded mean of any set of integers."""
     if not o.items:
         return
@@ -302,7 +302,7 @@ def _corrected(tables: GroupTables) -> Iterator[Finding]:
     )
 
 
-def _spans(s: Span, users: Mapping[str, int]) -> Iterator[Finding]:
+def _spans(s: PrintedRange, users: Mapping[str, int]) -> Iterator[Finding]:
     """Yield a finding for each standard deviation below the minimum that is possible for the printed range and mean."""
     for group, n in users.items():
         mean, low, high = s.mean[group], s.lower[group], s.upper[group]
@@ -396,7 +396,7 @@ def _shown_errors(rows: Sequence[Accuracy]) -> Shown:
     return Shown(("", "printed RMSE", *names, "agrees with"), lines)
 
 
-def _claim(claim: Above, outcomes: Sequence[Outcome]) -> Iterator[Finding]:
+def _claim(claim: Above, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
     cells = [(o, g, m) for o in outcomes if o.name in claim.outcomes for g, m in o.mean.items() if m <= claim.above]
     if cells:
         against = ", ".join(f"{g} {o.name} {m:.{o.decimals}f}" for o, g, m in cells)
@@ -422,7 +422,9 @@ def _twice(t: Twice) -> Iterator[Finding]:
         )
 
 
-def _chain(c: Chain, printed: Accuracy, measured: Mapping[str, Any], stds: Sequence[float]) -> Iterator[Finding]:
+def _chain(
+    c: AccuracyChain, printed: Accuracy, measured: Mapping[str, Any], stds: Sequence[float]
+) -> Iterator[Finding]:
     from scipy import stats
 
     exact = measured["largest_error_unquantised_mm"]

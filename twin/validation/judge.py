@@ -25,7 +25,15 @@ from twin.validation.fulcrum import fulcrum
 from twin.validation.joint_range import whole_range
 from twin.validation.lengths import lengths, put_down
 from twin.validation.measures import measures
-from twin.validation.motion import Measured, Samples, baked_rows, clearance_facts, measure, samples, written_rows
+from twin.validation.motion import (
+    MeasuredMotion,
+    MotionSamples,
+    baked_rows,
+    clearance_facts,
+    measure,
+    samples,
+    written_rows,
+)
 from twin.validation.passage import about_rcm, of_protocol, passage, passive_limits
 from twin.validation.plausible import apart
 from twin.validation.result import Report
@@ -217,7 +225,7 @@ def _stage(case: Case, out: Comparison, progress: Progress) -> None:
         out.residuals.append(row("C", "loop", loop, "m", back.gaps[:, i, 0], t.stage_position, at))
 
 
-def _motion(measured: Measured, looked: Samples, case: Case, out: Comparison) -> None:
+def _motion(measured: MeasuredMotion, looked: MotionSamples, case: Case, out: Comparison) -> None:
     """Add the findings and curves of the baked motion and of the clearances to `out`."""
     phases = case.clock.phases
     rows, findings = baked_rows(measured, looked, phases, case.tolerances)

@@ -16,7 +16,7 @@ from twin.core.units import MM
 from twin.formula.contract import arguments
 from twin.kinematics import Kinematics
 from twin.validation.result import Residual
-from twin.validation.rows import Clock, Tolerances, row
+from twin.validation.rows import SampleClock, Tolerances, row
 
 
 def check_parameters(kin: Kinematics, description: Description) -> None:
@@ -34,7 +34,7 @@ def check_parameters(kin: Kinematics, description: Description) -> None:
 
 
 def lengths(
-    kin: Kinematics, cad: CadModel, clock: Clock, tolerances: Tolerances
+    kin: Kinematics, cad: CadModel, clock: SampleClock, tolerances: Tolerances
 ) -> tuple[list[Residual], list[Finding]]:
     """Return a row for each length declared in the description, and a finding for each length that differs.
 

@@ -13,7 +13,7 @@ from twin.planning.trajectory import MotorLimits, PathKinematics, Trajectory
 from twin.reference import ReferenceModel, Run
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
-from twin.validation.rows import Clock
+from twin.validation.rows import SampleClock
 
 SINGULAR = 1e-6
 """Conditioning (0: singular, 1: best) below which a Jacobian of the mechanism counts as singular."""
@@ -28,7 +28,7 @@ _JUMP = Kind(
 )
 
 
-def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: Clock) -> dict[str, str]:
+def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: SampleClock) -> dict[str, str]:
     """Return texts with minimum margin and time, by name of the joint, motor, gap, reach or singularity measure.
 
     The joint limits are from the mechanism, all other quantities from `paths`.
@@ -62,7 +62,7 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
     return out
 
 
-def _joint_margin(q: Array, limits: tuple[float, float], is_angle: bool, clock: Clock) -> str:
+def _joint_margin(q: Array, limits: tuple[float, float], is_angle: bool, clock: SampleClock) -> str:
     """Return a text with the smallest distance of joint values q (k,) from the limits."""
     low, high = limits
     to_low = q - low
@@ -81,7 +81,7 @@ def _joint_margin(q: Array, limits: tuple[float, float], is_angle: bool, clock: 
     return f"{distance / scale:.2f} {unit} to its {end} limit ({share:.0f} % of its range), {clock.when(k)}"
 
 
-def _motor_margin(trajectory: Trajectory, motors: MotorLimits, i: int, clock: Clock) -> str:
+def _motor_margin(trajectory: Trajectory, motors: MotorLimits, i: int, clock: SampleClock) -> str:
     """Return a text with the smallest distance of motor i from its limits, if it has any, and its largest speed."""
     unit, scale = motors.unit(i)
     m = trajectory.q @ motors.rows[i]
@@ -100,7 +100,7 @@ def _motor_margin(trajectory: Trajectory, motors: MotorLimits, i: int, clock: Cl
 
 
 def of_mechanism(
-    model: ReferenceModel, posed: Run, rows: Index, clock: Clock
+    model: ReferenceModel, posed: Run, rows: Index, clock: SampleClock
 ) -> tuple[dict[str, str], list[Finding], dict[str, Array]]:
     """Return (facts as text, findings, curves) on the mechanism's distance from singularities, without the equations.
 
@@ -127,7 +127,7 @@ def of_mechanism(
     return facts, findings, {"conditioning.type1": found.stands, "conditioning.type2": found.moves}
 
 
-def _jumps(model: ReferenceModel, posed: Run, at: Clock) -> list[Finding]:
+def _jumps(model: ReferenceModel, posed: Run, at: SampleClock) -> list[Finding]:
     """Return a finding for each passive joint with an unusually large step between neighbouring samples.
 
     Steps in which a driven joint also jumps (samples far apart) are skipped.

@@ -26,7 +26,7 @@ from twin.reference.mating import Mate, mates
 from twin.usd.read import read_motion
 from twin.usd.write import Motion, write_motion, write_stage
 from twin.validation.result import PhaseSummary, Residual
-from twin.validation.rows import Clock, Tolerances, rotation_vectors, row
+from twin.validation.rows import SampleClock, Tolerances, rotation_vectors, row
 
 KEY_RATE = 60.0
 """Rate in Hz of the keys of the baked motion."""
@@ -45,7 +45,7 @@ _CONTACT = Kind("clearance.contact", "disagreement", "change the parts, or the p
 
 
 @dataclass(frozen=True)
-class Samples:
+class MotionSamples:
     """Tool poses and joint values of a motion at the times that are checked.
 
     Attributes:
@@ -74,12 +74,15 @@ class Samples:
 
     def reference_links(self, model: ReferenceModel, Ts: Array, q: Array) -> dict[str, Array]:
         """Return T_base_body (k, 4, 4) of every body at tool poses Ts or, if `followed`, at joint values q."""
-        run = model.run(q) if self.followed else model.run_poses(Ts, near=q)
+        if self.followed:
+            run = model.run(q)
+        else:
+            run = model.run_poses(Ts, near=q)
         return model.link_poses(run.x)
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredMotion:
     """Result of `measure`.
 
     Attributes:
@@ -87,7 +90,7 @@ class Measured:
         position, rotation: (k,) in m and rad, largest error of any baked link at each time code.
         between: (j,) in m, largest error of any link in the middle between keys, where the keys are interpolated
             linearly.
-        clearance: clearances at the times `Samples.sparse`; None if no body has a mesh.
+        clearance: clearances at the times `MotionSamples.sparse`; None if no body has a mesh.
         written: errors of an existing baked motion; None if no baked motion exists.
         mates: for each joint, the distance in the CAD between the two parts that it connects.
     """
@@ -116,7 +119,7 @@ class Written:
     missing: tuple[str, ...] = ()
 
 
-def samples(trajectory: Trajectory, motion: LinkMotion | None = None) -> Samples:
+def samples(trajectory: Trajectory, motion: LinkMotion | None = None) -> MotionSamples:
     """Return the checked times of a trajectory, with poses and joint values, for `measure`.
 
     `motion` at `key_times(trajectory.duration, KEY_RATE)` is baked and then judged by the reference model; None: the
@@ -125,18 +128,26 @@ def samples(trajectory: Trajectory, motion: LinkMotion | None = None) -> Samples
     keys = key_times(trajectory.duration, KEY_RATE)
     middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE]
     sparse = np.linspace(0.0, trajectory.duration, max(2, int(trajectory.duration * CLEARANCE_RATE) + 1))
-
-    def at(times: Array) -> tuple[Array, Array, Array]:
-        return times, trajectory.poses(times), trajectory.joints(times)
-
+    planned = MotionSamples(
+        name=trajectory.protocol,
+        keys=keys,
+        Ts_keys=trajectory.poses(keys),
+        q_keys=trajectory.joints(keys),
+        middle=middle,
+        Ts_middle=trajectory.poses(middle),
+        q_middle=trajectory.joints(middle),
+        sparse=sparse,
+        Ts_sparse=trajectory.poses(sparse),
+        q_sparse=trajectory.joints(sparse),
+        followed=trajectory.followed,
+    )
     if motion is None:
-        return Samples(trajectory.protocol, *at(keys), *at(middle), *at(sparse), trajectory.followed)
+        return planned
     followed = trajectory.followed or motion.by_plan
-    at_keys = keys, trajectory.poses(keys), motion.q
-    return Samples(trajectory.protocol, *at_keys, *at(middle), *at(sparse), followed, motion.links, motion.driver)
+    return replace(planned, q_keys=motion.q, followed=followed, links=motion.links, driver=motion.driver)
 
 
-def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None) -> Measured:
+def measure(mechanism: Mechanism, samples: MotionSamples, written: Path | None = None) -> MeasuredMotion:
     """Bake a motion, read it back, compare it with the mechanism, and measure clearances between parts.
 
     `written` is a stage with an existing baked motion, which is also compared with the mechanism; or None.
@@ -148,24 +159,34 @@ def measure(mechanism: Mechanism, samples: Samples, written: Path | None = None)
     links = samples.reference_links(model, samples.Ts_keys, samples.q_keys)
     with Scratch() as folder:
         home = model.home()
-        bare = replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
+        # meshes have no influence on the motion
+        bodies = tuple(replace(body, meshes=()) for body in mechanism.bodies)
+        bare = replace(mechanism, bodies=bodies)
         write_stage(bare, Path(folder), home.link_poses, home.q_full)
         baked = links if samples.links is None else samples.links
         files = write_motion(bare, Path(folder), Motion(samples.name, samples.keys, baked))
         times, back = read_motion(files.root)
-    between = samples.reference_links(model, samples.Ts_middle, samples.q_middle)
-    position = rotation = np.zeros(len(samples.keys))
-    apart = np.zeros(len(samples.middle))
+    position = np.zeros(len(samples.keys))
+    rotation = np.zeros(len(samples.keys))
+    between = np.zeros(len(samples.middle))
     if len(times) == len(samples.keys):
         position, rotation = _errors(links, back, len(times))
-        for name, Ts in between.items():
-            blend = 0.5 * (back[name][1:, :3, 3] + back[name][:-1, :3, 3])[::MIDDLE]
-            apart = np.maximum(apart, np.linalg.norm(blend - Ts[:, :3, 3], axis=1))
-    found = None
-    if any(b.meshes for b in mechanism.bodies):
-        found = clearance(mechanism, samples.reference_links(model, samples.Ts_sparse, samples.q_sparse))
-    return Measured(
-        times, position, rotation, apart, found, written_motion(written, samples.keys, links), tuple(mates(mechanism))
+        in_middle = samples.reference_links(model, samples.Ts_middle, samples.q_middle)
+        for name, Ts in in_middle.items():
+            p = back[name][:, :3, 3]
+            interpolated = 0.5 * (p[1:] + p[:-1])[::MIDDLE]
+            between = np.maximum(between, np.linalg.norm(interpolated - Ts[:, :3, 3], axis=1))
+    distances = None
+    if any(body.meshes for body in mechanism.bodies):
+        distances = clearance(mechanism, samples.reference_links(model, samples.Ts_sparse, samples.q_sparse))
+    return MeasuredMotion(
+        times=times,
+        position=position,
+        rotation=rotation,
+        between=between,
+        clearance=distances,
+        written=written_motion(written, samples.keys, links),
+        mates=tuple(mates(mechanism)),
     )
 
 
@@ -177,7 +198,7 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
         times, back = read_motion(root)
     except StageError as error:
         return Written(f"{root.name}: {error}", np.zeros(0), np.zeros(0), np.zeros(0))
-    missing = tuple(n for n in links if n not in back)
+    missing = tuple(name for name in links if name not in back)
     if len(times) != len(keys) or np.abs(times - keys).max() > TIME:
         return Written(root.name, times, np.zeros(0), np.zeros(0), missing)
     return Written(root.name, times, *_errors(links, back, len(keys)), missing)
@@ -185,74 +206,82 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
 
 def _errors(links: Mapping[str, Array], back: Mapping[str, Array], count: int) -> tuple[Array, Array]:
     """Return the largest errors (count,) in m and rad of the poses `back` of any link; missing links are skipped."""
-    position, rotation = np.zeros(count), np.zeros(count)
+    position = np.zeros(count)
+    rotation = np.zeros(count)
     for name, Ts in links.items():
-        if name in back:
-            position = np.maximum(position, np.linalg.norm(back[name][:, :3, 3] - Ts[:, :3, 3], axis=1))
-            rotation = np.maximum(rotation, np.linalg.norm(rotation_vectors(Ts, back[name]), axis=1))
+        if name not in back:
+            continue
+        offset = back[name][:, :3, 3] - Ts[:, :3, 3]
+        turn = rotation_vectors(Ts, back[name])
+        position = np.maximum(position, np.linalg.norm(offset, axis=1))
+        rotation = np.maximum(rotation, np.linalg.norm(turn, axis=1))
     return position, rotation
 
 
 def written_rows(
-    written: Written, samples: Samples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances, due: bool
+    written: Written, samples: MotionSamples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances, due: bool
 ) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings on an existing baked motion.
 
     `due` states whether the motion was baked from this trajectory. If false, the motion may be older than the protocol,
     and a difference is only a warning.
     """
-    keys = Clock(samples.keys, phases)
+    keys = SampleClock(samples.keys, phases)
     severity: Severity = "disagreement" if due else "warning"
     kind = Kind("baked.written", severity, "bake the motion again with `twin build`")
     if len(written.position) != len(samples.keys) or written.missing:
         t = written.times
-        has = f"{len(t)} time codes from {t[0]:.4g} to {t[-1]:.4g} s" if len(t) else "no time codes"
-        lacks = f"; {', '.join(written.missing)} have no time codes" if written.missing else ""
-        said = f"the motion on the stage has {has}{lacks}; the protocol lasts {samples.keys[-1]:.4g} s"
-        said += f" and needs {len(samples.keys)} time codes: the motion belongs to another protocol, or was changed"
-        return [], [kind(written.file, said)]
-    rows = [
-        row("B-D", "baked", "links, existing motion", unit, values, tolerance if due else None, keys, note=written.file)
-        for unit, values, tolerance in (
-            ("m", written.position, tolerances.baked_position),
-            ("rad", written.rotation, tolerances.baked_rotation),
-        )
-    ]
-    findings = [
-        r.finding(kind, "a link pose of the motion on the stage differs from the motion of the protocol", written.file)
-        for r, limit in zip(rows, (tolerances.baked_position, tolerances.baked_rotation), strict=True)
-        if r.worst > limit
-    ]
+        text = "the motion on the stage has no time codes"
+        if len(t):
+            text = f"the motion on the stage has {len(t)} time codes from {t[0]:.4g} to {t[-1]:.4g} s"
+        if written.missing:
+            text += f"; {', '.join(written.missing)} have no time codes"
+        text += f"; the protocol lasts {samples.keys[-1]:.4g} s"
+        text += f" and needs {len(samples.keys)} time codes: the motion belongs to another protocol, or was changed"
+        return [], [kind(written.file, text)]
+    rows = []
+    findings = []
+    text = "a link pose of the motion on the stage differs from the motion of the protocol"
+    for unit, errors, tolerance in (
+        ("m", written.position, tolerances.baked_position),
+        ("rad", written.rotation, tolerances.baked_rotation),
+    ):
+        limit = tolerance if due else None
+        residual = row("B-D", "baked", "links, existing motion", unit, errors, limit, keys, note=written.file)
+        rows.append(residual)
+        if residual.worst > tolerance:
+            findings.append(residual.finding(kind, text, written.file))
     return rows, findings
 
 
 def baked_rows(
-    measured: Measured, samples: Samples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances
+    measured: MeasuredMotion, samples: MotionSamples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances
 ) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings on the baked motion (D), compared with the mechanism (B)."""
-    keys, middle = Clock(samples.keys, phases), Clock(samples.middle, phases)
+    keys = SampleClock(samples.keys, phases)
+    middle = SampleClock(samples.middle, phases)
     if len(measured.times) != len(samples.keys) or np.abs(measured.times - samples.keys).max() > 1e-9:
         return [], [disagreement("baked.times", "", "the baked time codes differ from the requested time codes")]
     name = "links at their time codes"
-    by = samples.driver
     rows = [
-        row("B-D", "baked", name, "m", measured.position, tolerances.baked_position, keys, note=by),
-        row("B-D", "baked", name, "rad", measured.rotation, tolerances.baked_rotation, keys, note=by),
+        row("B-D", "baked", name, "m", measured.position, tolerances.baked_position, keys, note=samples.driver),
+        row("B-D", "baked", name, "rad", measured.rotation, tolerances.baked_rotation, keys, note=samples.driver),
     ]
-    findings = [
-        r.finding(_DIFFERS, "a baked link pose differs from the mechanism", "motion layer", when=f"t = {r.t:.2f} s")
-        for r in rows
-        if not r.agrees
-    ]
+    findings = []
+    for r in rows:
+        if not r.agrees:
+            text = "a baked link pose differs from the mechanism"
+            findings.append(r.finding(_DIFFERS, text, "motion layer", when=f"t = {r.t:.2f} s"))
     note = f"error of a player that interpolates {KEY_RATE:g} Hz keys"
-    return [*rows, row("B-D", "baked", "links between keys", "m", measured.between, None, middle, note=note)], findings
+    rows.append(row("B-D", "baked", "links between keys", "m", measured.between, None, middle, note=note))
+    return rows, findings
 
 
 def clearance_facts(
     found: Clearance, times: Array, phases: tuple[PhaseSummary, ...]
 ) -> tuple[dict[str, str], list[Finding]]:
     """Return the minimum clearance as text, and a finding for each contact."""
-    clock = Clock(times, phases)
+    clock = SampleClock(times, phases)
     k = int(np.argmin(found.distance))
     a, b = found.pair[k]
     facts = {
@@ -260,8 +289,11 @@ def clearance_facts(
         "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz; pairs of "
         "bodies without a common joint, and parts of jointed bodies that do not form the joint",
     }
-    contacts = [(k, a, b)] if found.distance[k] <= 0 else []
-    return facts, [
-        _CONTACT(f"{p}, {q}", f"{p} and {q} collide", mm(0.0), when=clock.when(i))
-        for i, p, q in [*contacts, *found.contacts]
-    ]
+    contacts = list(found.contacts)
+    if found.distance[k] <= 0:
+        contacts.insert(0, (k, a, b))
+    findings = []
+    for sample, first, second in contacts:
+        text = f"{first} and {second} collide"
+        findings.append(_CONTACT(f"{first}, {second}", text, mm(0.0), when=clock.when(sample)))
+    return facts, findings

@@ -126,7 +126,7 @@ class Users:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RankTest:
     """Rank test of two groups in one measure.
 
     Attributes:
@@ -164,7 +164,7 @@ class Ranks(Result):
     """
 
     users: Users
-    comparisons: Sequence[Comparison]
+    comparisons: Sequence[RankTest]
     findings: Sequence[Finding]
 
     kind = "study"
@@ -238,7 +238,7 @@ def compare_users(users: Users, source: str = "") -> Ranks:
     """
     from scipy import stats
 
-    found: list[Comparison] = []
+    found: list[RankTest] = []
     for measure in users.measures:
         samples = users.samples(measure)
         for a, b in users.pairs(measure):
@@ -251,7 +251,7 @@ def compare_users(users: Users, source: str = "") -> Ranks:
             p = 1.0 if math.isnan(test.pvalue) else float(test.pvalue)
             part = u / (len(x) * len(y))
             counts = (len(x), len(y))
-            found.append(Comparison(measure, (a, b), counts, medians, u, not ties, p, p, 2 * part - 1, part))
+            found.append(RankTest(measure, (a, b), counts, medians, u, not ties, p, p, 2 * part - 1, part))
     source = source or users.file
     if not found:
         raise DescriptionError(
@@ -275,7 +275,7 @@ def _repeated(users: Users) -> Iterator[Finding]:
         )
 
 
-def _holm(found: Sequence[Comparison]) -> list[Comparison]:
+def _holm(found: Sequence[RankTest]) -> list[RankTest]:
     order, most, out = sorted(range(len(found)), key=lambda i: found[i].p), 0.0, list(found)
     for rank, i in enumerate(order):
         most = max(most, min(1.0, found[i].p * (len(found) - rank)))
@@ -283,7 +283,7 @@ def _holm(found: Sequence[Comparison]) -> list[Comparison]:
     return out
 
 
-def _small(found: Sequence[Comparison], counted: str) -> Iterator[Finding]:
+def _small(found: Sequence[RankTest], counted: str) -> Iterator[Finding]:
     for pair in dict.fromkeys(c.groups for c in found):
         n, m = next(c.counts for c in found if c.groups == pair)
         smallest = 2 / math.comb(n + m, n)

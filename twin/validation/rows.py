@@ -62,7 +62,7 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
-class Clock:
+class SampleClock:
     """Times (k,) in s of the compared samples, and the phases of the protocol."""
 
     t: Array
@@ -77,9 +77,9 @@ class Clock:
         t = float(self.t[k])
         return f"{self.phase(t)}, t = {t:.2f} s"
 
-    def at(self, rows: Index) -> Clock:
+    def at(self, rows: Index) -> SampleClock:
         """Return the times and the phases of the samples with the indices `rows`."""
-        return Clock(self.t[rows], self.phases)
+        return SampleClock(self.t[rows], self.phases)
 
 
 def row(
@@ -89,7 +89,7 @@ def row(
     unit: str,
     differences: Array,
     tolerance: float | None,
-    clock: Clock,
+    clock: SampleClock,
     **more: str,
 ) -> Residual:
     """Return a row of the residual matrix from differences: scalars (k,), or vectors (k, 3), whose norms are used."""
@@ -121,7 +121,7 @@ def pose_rows(
     Ts: Array,
     others: Array,
     limits: tuple[float, float],
-    clock: Clock,
+    clock: SampleClock,
     **more: str,
 ) -> tuple[Residual, Residual]:
     """Return two rows, position and rotation, from the differences between poses `others` and Ts, both (k, 4, 4).

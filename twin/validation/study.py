@@ -23,7 +23,7 @@ _HALF_DIGIT = 0.005
 """Half a unit of the last printed digit, for table cells and p-values."""
 
 
-class Measure(Table):
+class StudyMeasure(Table):
     """One measure: a value of each user in both environments, and the printed means and p-value over all users."""
 
     name: str
@@ -34,7 +34,7 @@ class Measure(Table):
     printed_p: _P
 
     @model_validator(mode="after")
-    def _paired(self) -> Measure:
+    def _paired(self) -> StudyMeasure:
         if len(self.physical) != len(self.simulation):
             raise at(
                 "simulation",
@@ -65,13 +65,13 @@ class Tables(Table):
     title: str
     source: str
     users: int = Field(ge=2)
-    measure: list[Measure] = Field(default_factory=list)
+    measure: list[StudyMeasure] = Field(default_factory=list)
     rating: list[Rating] = Field(default_factory=list)
     claim: list[Claim] = Field(default_factory=list)
 
 
 @dataclass(frozen=True)
-class Row:
+class StudyRow:
     """One table row: printed p-value, recomputed p-values by test, and (physical, simulation) means."""
 
     name: str
@@ -109,11 +109,11 @@ def _p_value(result: Any) -> float:
     return float(result.pvalue)
 
 
-def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
+def recompute(tables: Tables) -> tuple[list[StudyRow], list[Finding]]:
     """Return (recomputed rows, findings on the printed values)."""
     from scipy import stats
 
-    rows: list[Row] = []
+    rows: list[StudyRow] = []
     found: list[Finding] = []
     for m in tables.measure:
         a, b = np.array(m.physical), np.array(m.simulation)
@@ -126,7 +126,7 @@ def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
         if (a != b).all():  # the exact test requires differences other than zero
             tests["Wilcoxon"] = _p_value(stats.wilcoxon(a, b, method="exact"))
         means = (float(a.mean()), float(b.mean()))
-        row = Row(m.name, m.printed_p, tests, {"printed": m.printed_mean, "of the rows": means})
+        row = StudyRow(m.name, m.printed_p, tests, {"printed": m.printed_mean, "of the rows": means})
         rows.append(row)
         for where, printed, mean in zip(("physical", "simulation"), m.printed_mean, means, strict=True):
             if abs(printed - mean) > 2 * _HALF_DIGIT:  # both the cells and their mean are rounded
@@ -151,14 +151,14 @@ def recompute(tables: Tables) -> tuple[list[Row], list[Finding]]:
                     m1, s1 * inflate, tables.users, m2, s2 * inflate, tables.users, equal_var=equal
                 ).pvalue
                 tests[f"{name}, +- as {reading} std"] = float(value)
-        rows.append(Row(r.name, r.printed_p, tests, {"printed": (r.physical[0], r.simulation[0])}))
+        rows.append(StudyRow(r.name, r.printed_p, tests, {"printed": (r.physical[0], r.simulation[0])}))
         found += _unreproduced(rows[-1])
     for claim in tables.claim:
         found += _claim(claim, tables)
     return rows, found
 
 
-def _unreproduced(row: Row) -> list[Finding]:
+def _unreproduced(row: StudyRow) -> list[Finding]:
     if row.test():
         return []
     made = ", ".join(f"{n} {p:.3f}" for n, p in row.tests.items())

@@ -73,7 +73,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class StrokeSweep:
     """Comparison over the stroke of one joint.
 
     Attributes:
@@ -125,7 +125,7 @@ def sweep(
     home: Array,
     standins: tuple[str, ...] = (),
     samples: int = 501,
-) -> Sweep:
+) -> StrokeSweep:
     """Compare equations and mechanism while one active joint moves from limit to limit.
 
     `home` (n,) contains the values of the other joints; `standins` names the simplified models to compute.
@@ -150,7 +150,7 @@ def sweep(
         Ts[:, :3, 3] - run.Ts_base_tool[:, :3, 3], np.linalg.norm(rotation_vectors(run.Ts_base_tool, Ts), axis=1)
     )
     makers = {"mimic": lambda: _mimic(model, run, q[:, i]), "serial": lambda: _serial(run.Ts_base_tool, q[:, i])}
-    return Sweep(
+    return StrokeSweep(
         joint,
         bool(kin.revolute[i]),
         q[:, i],
@@ -300,7 +300,7 @@ class Strokes(Result):
     """
 
     robot: str
-    sweeps: tuple[Sweep, ...]
+    sweeps: tuple[StrokeSweep, ...]
     requirement: tuple[float, str, str] | None = None
 
     kind = "stroke"
@@ -329,7 +329,7 @@ class Strokes(Result):
             yield f"\n  requirement: {required / UM:g} µm at the tool ({provenance}: {note})"
         yield ""
 
-    def _rows(self, s: Sweep) -> Iterator[tuple[str, ...]]:
+    def _rows(self, s: StrokeSweep) -> Iterator[tuple[str, ...]]:
         unit, scale = display_unit(s.angle)
         stroke = f"{s.q[0] / scale:g} .. {s.q[-1] / scale:g} {unit}"
         for name, curve in {"equations": s.formula, **s.standins}.items():
@@ -356,7 +356,7 @@ class Strokes(Result):
             np.savetxt(folder / f"{s.joint}.csv", body, "%.9g", ",", header=",".join(head), comments="")
 
 
-def _disagreement(s: Sweep) -> Finding:
+def _disagreement(s: StrokeSweep) -> Finding:
     worst, limit = s.formula.as_dict()["position_max"], s.tolerance[0]
     return _TOOL(
         s.joint,

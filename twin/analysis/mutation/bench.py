@@ -36,9 +36,9 @@ from twin.reference import ReferenceModel
 from twin.validation.case import PARTS, Case, Known, Part, summaries
 from twin.validation.compare import Comparison, compare
 from twin.validation.judge import judge
-from twin.validation.motion import Measured, measure, samples, written_motion
+from twin.validation.motion import MeasuredMotion, measure, samples, written_motion
 from twin.validation.result import Report
-from twin.validation.rows import Clock, Tolerances
+from twin.validation.rows import SampleClock, Tolerances
 
 STEP = 0.04
 """Time in s between samples of the motion: small enough for all checks, large enough for many runs."""
@@ -119,14 +119,14 @@ class Bench:
         return judge(self.case(), known=Known(measured=self.measured), parts=PARTS)
 
     @cached_property
-    def measured(self) -> Measured:
+    def measured(self) -> MeasuredMotion:
         """Measurements of the correct mechanism along the motion."""
         return measure(self.robot.mechanism, samples(self.trajectory), self.case().written)
 
     @cached_property
     def compared(self) -> Comparison:
         """Comparison of the equations with the correct mechanism."""
-        clock = Clock(self.trajectory.t, summaries(self.trajectory))
+        clock = SampleClock(self.trajectory.t, summaries(self.trajectory))
         model = ReferenceModel(self.robot.mechanism)
         return compare(self.kin, model, self.trajectory, clock, self.tolerances, lambda label, fraction: None)
 

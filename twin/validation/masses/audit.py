@@ -85,7 +85,7 @@ class Exhibit(Table):
 
 
 @dataclass(frozen=True)
-class Row:
+class MassRow:
     """Physical limits that follow from one row of the tables.
 
     Attributes:
@@ -141,7 +141,7 @@ def negated(tensor: Array) -> Array:
     return 2 * np.diag(np.diag(tensor)) - tensor
 
 
-def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
+def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
     """Return (rows with their physical limits, findings)."""
     rows = []
     for body in exhibit.body:
@@ -149,7 +149,7 @@ def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
         principal = [np.linalg.eigvalsh(x) for x in (J, negated(J))]
         definite, slack = all(m[0] > 0 for m in principal), min(float(m[0] + m[1] - m[2]) for m in principal)
         repaired = tuple(r.cell for r in body.repaired)
-        rows.append(Row(body.name, definite, slack, least_mass(J, h), least_mass(negated(J), h), repaired))
+        rows.append(MassRow(body.name, definite, slack, least_mass(J, h), least_mass(negated(J), h), repaired))
     found = [*_repairs(exhibit), *_impossible(rows), *_products(rows)]
     if falling(rows, convention(rows)):
         found.append(
@@ -164,13 +164,13 @@ def recompute(exhibit: Exhibit) -> tuple[list[Row], list[Finding]]:
     return rows, found
 
 
-def convention(rows: list[Row]) -> Products:
+def convention(rows: list[MassRow]) -> Products:
     """Return the sign of the products, "as printed" or "negated", for which the sum of minimum masses is smaller."""
     plain, negated = (sum(getattr(r, m) for r in rows) for m in ("mass_printed", "mass_negated"))
     return "negated" if negated < plain else "as printed"
 
 
-def falling(rows: list[Row], products: Products) -> bool:
+def falling(rows: list[MassRow], products: Products) -> bool:
     """Return whether the minimum masses decrease from row to row, as they do if each link includes all later links."""
     masses = [r.mass_negated if products == "negated" else r.mass_printed for r in rows]
     return len(masses) > 1 and all(a > b for a, b in pairwise(masses))
@@ -191,7 +191,7 @@ def _repairs(exhibit: Exhibit) -> list[Finding]:
     return out
 
 
-def _impossible(rows: list[Row]) -> list[Finding]:
+def _impossible(rows: list[MassRow]) -> list[Finding]:
     out = []
     for r in rows:
         why = [] if r.definite else ["is not positive definite"]
@@ -205,7 +205,7 @@ def _impossible(rows: list[Row]) -> list[Finding]:
     return out
 
 
-def _products(rows: list[Row]) -> list[Finding]:
+def _products(rows: list[MassRow]) -> list[Finding]:
     if convention(rows) == "as printed":
         return []
     plain, negated = sum(r.mass_printed for r in rows), sum(r.mass_negated for r in rows)

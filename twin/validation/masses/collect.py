@@ -13,14 +13,14 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.reference import inertia
 from twin.validation.masses import audit
-from twin.validation.masses.possible import Judged, Stated, judged, least_mass, stated
+from twin.validation.masses.possible import JudgedInertia, StatedInertia, judged, least_mass, stated
 
 PLAIN = 1.02
 """The sign of the products counts as determined if the minimum masses for both signs differ by at least this factor."""
 
 
 @dataclass(frozen=True)
-class Source:
+class MassSource:
     """One source of masses.
 
     Attributes:
@@ -30,7 +30,7 @@ class Source:
     """
 
     title: str
-    bodies: tuple[Judged, ...]
+    bodies: tuple[JudgedInertia, ...]
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -39,7 +39,7 @@ class Source:
         return [*(f for b in self.bodies for f in b.findings), *self.findings]
 
 
-def of_mechanism(mechanism: Mechanism, title: str) -> Source:
+def of_mechanism(mechanism: Mechanism, title: str) -> MassSource:
     """Judge all bodies with a mass in a mechanism; the masses come from the CAD or from a file."""
     bodies, without = [], []
     for body in mechanism.bodies:
@@ -54,10 +54,10 @@ def of_mechanism(mechanism: Mechanism, title: str) -> Source:
                 "inertia.missing", without[0], f"these bodies have shapes but no mass: {', '.join(without)}", when=title
             )
         )
-    return Source(title, tuple(bodies), tuple(found))
+    return MassSource(title, tuple(bodies), tuple(found))
 
 
-def of_table(folder: Path, mechanism: Mechanism) -> Source:
+def of_table(folder: Path, mechanism: Mechanism) -> MassSource:
     """Judge the links in `inertia.toml` of a CAD folder, each with the shapes of its body.
 
     Raises:
@@ -73,10 +73,10 @@ def of_table(folder: Path, mechanism: Mechanism) -> Source:
         for name, body in links
         if body.inertia is not None
     )
-    return Source(f"{table.title} (inertia.toml)", bodies)
+    return MassSource(f"{table.title} (inertia.toml)", bodies)
 
 
-def of_exhibit(path: Path) -> Source:
+def of_exhibit(path: Path) -> MassSource:
     """Judge the rows of published tables without masses; the sign of the products is chosen as in `of_moments`.
 
     Raises:
@@ -86,7 +86,7 @@ def of_exhibit(path: Path) -> Source:
     return of_moments(exhibit.title, [(f"row {b.name}", *audit.moments(b)) for b in exhibit.body])
 
 
-def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> Source:
+def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
     """Judge rows of tables without masses.
 
     Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The
@@ -96,7 +96,7 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> Source:
     least = {sign: [least_mass(J, h) for _, h, J in some] for sign, some in read.items()}
     total = {sign: sum(values) for sign, values in least.items()}
     sign = -1 if total[-1] * PLAIN < total[1] else 1
-    bodies = tuple(judged(Stated(name, title, None, h, J)) for name, h, J in read[sign])
+    bodies = tuple(judged(StatedInertia(name, title, None, h, J)) for name, h, J in read[sign])
     found = []
     if sign < 0:
         worst = int(np.argmax([a / b if b else 0.0 for a, b in zip(least[1], least[-1], strict=True)]))
@@ -126,4 +126,4 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> Source:
                 word="negated",
             )
         )
-    return Source(title, bodies, tuple(found))
+    return MassSource(title, bodies, tuple(found))

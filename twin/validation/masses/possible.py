@@ -34,7 +34,7 @@ DEFINITE = 1e-9
 
 
 @dataclass(frozen=True)
-class Stated:
+class StatedInertia:
     """Stated mass data of one body, in one frame of the body.
 
     Attributes:
@@ -57,7 +57,7 @@ class Stated:
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedInertia:
     """Quantities and findings derived from the stated mass data of a body.
 
     Attributes:
@@ -87,11 +87,13 @@ class Judged:
         return {**vars(self), "findings": [f.as_dict() for f in self.findings]}
 
 
-def stated(name: str, source: str, inertia: Inertia, meshes: tuple[Mesh, ...] = (), own_shapes: bool = True) -> Stated:
-    """Return `Stated` data about the origin of the body frame, from an inertia about the mass centre."""
+def stated(
+    name: str, source: str, inertia: Inertia, meshes: tuple[Mesh, ...] = (), own_shapes: bool = True
+) -> StatedInertia:
+    """Return `StatedInertia` data about the origin of the body frame, from an inertia about the mass centre."""
     p = np.asarray(inertia.p_body_com, float)
     far = inertia.mass * ((p @ p) * np.eye(3) - np.outer(p, p))
-    return Stated(
+    return StatedInertia(
         name, source, float(inertia.mass), inertia.mass * p, np.asarray(inertia.I_com, float) + far, meshes, own_shapes
     )
 
@@ -117,7 +119,7 @@ def least_mass(tensor: Array, first: Array) -> float:
     return float(first @ np.linalg.solve(S, first))
 
 
-def judged(body: Stated) -> Judged:
+def judged(body: StatedInertia) -> JudgedInertia:
     """Check a body's stated mass data; return derived quantities and findings."""
     found: list[Finding] = []
     mass, first = body.mass, np.asarray(body.first, float)
@@ -130,13 +132,13 @@ def judged(body: Stated) -> Judged:
     numbers = np.concatenate([first, body.tensor.ravel(), [] if mass is None else [mass]])
     if not np.all(np.isfinite(numbers)):
         say("number", "a mass or moment is not a finite number")
-        return Judged(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
+        return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
     skew = float(np.abs(body.tensor - body.tensor.T).max())
     if skew > 1e-9 * float(np.abs(tensor).max()):
         say("symmetry", "the tensor is not symmetric", Quantity(skew, "kg m2"), 0.0)
     if mass is not None and mass <= 0:
         say("mass", "the mass is not positive", Quantity(mass, "kg"), 0.0)
-        return Judged(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
+        return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
     least = least_mass(tensor, first)
     about = tensor if mass is None else _about_centre(tensor, first, mass)
     moments: Array = np.asarray(np.linalg.eigvalsh(about), float)
@@ -157,7 +159,7 @@ def judged(body: Stated) -> Judged:
     density, outside = _against_shapes(body, first, mass, say)
     if mass is not None and body.meshes:
         found += guesses(body.name, body.source, about, first / mass, mass, _shape_tensor(body))
-    return Judged(body.name, body.source, mass, least, slack, definite, density, outside, tuple(found))
+    return JudgedInertia(body.name, body.source, mass, least, slack, definite, density, outside, tuple(found))
 
 
 def _three(values: Array) -> str:
@@ -169,7 +171,7 @@ def _about_centre(tensor: Array, first: Array, mass: float) -> Array:
     return tensor - mass * ((p @ p) * np.eye(3) - np.outer(p, p))
 
 
-def _shape_tensor(body: Stated) -> Array | None:
+def _shape_tensor(body: StatedInertia) -> Array | None:
     """Return the tensor per mass (3, 3) in m2 of the filled shapes about their centre; None if a mesh is open."""
     m = solid.of_meshes(body.meshes)
     if m is None:
@@ -177,7 +179,7 @@ def _shape_tensor(body: Stated) -> Array | None:
     return np.asarray(solid.tensor(m.second - np.outer(m.first, m.first) / m.volume) / m.volume, float)
 
 
-def _against_shapes(body: Stated, first: Array, mass: float | None, say) -> tuple[float, float]:
+def _against_shapes(body: StatedInertia, first: Array, mass: float | None, say) -> tuple[float, float]:
     if mass is None or not body.meshes:
         return float("nan"), float("nan")
     severity = "disagreement" if body.own_shapes else "warning"
