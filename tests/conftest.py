@@ -202,7 +202,8 @@ class _Here:
 def judged_in_one_process():
     """Compute what the validator lets another process compute in this one: a worker has one processor.
 
-    Commands that tests start as processes of their own (the wheel, sweeps, the documentation) use the other process.
+    The other process is used by commands that tests start as programs: in tests/test_wheel.py and, where the validator
+    stands alone, in tests/test_architecture.py.
     """
     from twin.validation import judge
 
