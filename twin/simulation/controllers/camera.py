@@ -55,7 +55,8 @@ class Dragging:
 
     def __init__(self, at: Array, dt: float, drag: Drag | None = None) -> None:
         """Start at pan, tilt, depth and roll `at` (4,) in rad and m; `dt` is the duration of a tick in s."""
-        self.at, self.drag = np.array(at, float), drag or Drag()
+        self.at = np.array(at, float)
+        self.drag = drag or Drag()
         self._z, self._step = _compile(self.drag, dt).bind()
         self._hands, self._hands_0, self._at_0, self._at = np.split(self._z, (6, 12, 16))
         self._held = False
@@ -71,9 +72,13 @@ class Dragging:
             right: (3,) position of the right hand in m in the axes of the picture, from any fixed origin.
             left: (3,) position of the left hand in m, in the same axes.
         """
-        self._hands[:3], self._hands[3:], self._at[:] = right, left, self.at
+        self._hands[:3] = right
+        self._hands[3:] = left
+        self._at[:] = self.at
         if not self._held:
-            self._hands_0[:], self._at_0[:], self._held = self._hands, self.at, True
+            self._hands_0[:] = self._hands
+            self._at_0[:] = self.at
+            self._held = True
         self.at = self._step()
         return self.at
 
@@ -96,8 +101,9 @@ def _compile(drag: Drag, dt: float) -> Evaluator:
     reach = at_0[2] + drag.lever
     wanted = at_0 + ca.vertcat(along / reach, -across / reach, d[2], -turn)
     wanted = ca.fmin(ca.fmax(wanted, ca.DM(drag.lower)), ca.DM(drag.upper))
-    most = ca.DM(drag.rate) * dt
-    return Evaluator("drag_camera", z, at + ca.fmin(ca.fmax(wanted - at, -most), most))
+    limit = ca.DM(drag.rate) * dt
+    change = ca.fmin(ca.fmax(wanted - at, -limit), limit)
+    return Evaluator("drag_camera", z, at + change)
 
 
 def view(at: Array) -> Array:
@@ -116,14 +122,16 @@ def looking(T: Array) -> Array:
     Raises:
         WorldError: the line of sight does not pass through the remote centre.
     """
-    R, z = T[:3, :3], T[:3, 2]
-    pan, tilt, depth = np.arctan2(z[0], z[2]), -np.arcsin(np.clip(z[1], -1, 1)), -float(T[:3, 3] @ z)
-    R_roll = (spatial.exp_so3(pan * Y) @ spatial.exp_so3(tilt * X)).T @ R
+    z = T[:3, 2]  # opposite to the line of sight
+    pan = np.arctan2(z[0], z[2])
+    tilt = -np.arcsin(np.clip(z[1], -1, 1))
+    depth = -float(T[:3, 3] @ z)
+    R_roll = (spatial.exp_so3(pan * Y) @ spatial.exp_so3(tilt * X)).T @ T[:3, :3]
     at = np.array([pan, tilt, depth, spatial.angle_about_z(R_roll)])
     if not np.allclose(view(at), T, atol=1e-6):
-        off = float(np.linalg.norm(view(at)[:3, 3] - T[:3, 3]))
+        distance = float(np.linalg.norm(view(at)[:3, 3] - T[:3, 3]))
         raise WorldError(
-            f"the camera's line of sight passes {off / MM:.3g} mm from its remote centre; correct its pose"
+            f"the camera's line of sight passes {distance / MM:.3g} mm from its remote centre; correct its pose"
         )
     return at
 
@@ -140,17 +148,16 @@ def hands(at: Array, wanted: Array, right: Array, left: Array, drag: Drag) -> tu
         left: (3,) position of the left hand when it was coupled, in m in the same axes.
         drag: parameters of the camera motion.
     """
-    reach, rho = at[2] + drag.lever, wanted[3]
-    along, across = (wanted[0] - at[0]) * reach, (at[1] - wanted[1]) * reach
-    way = np.array(
-        [
-            along * np.cos(rho) + across * np.sin(rho),
-            across * np.cos(rho) - along * np.sin(rho),
-            wanted[2] - at[2],
-        ]
-    )
-    middle, half = (right + left) / 2 + way / drag.scale, spatial.exp_so3((at[3] - rho) * Z) @ (right - left) / 2
-    return middle + half, middle - half
+    reach = at[2] + drag.lever
+    rho = wanted[3]
+    along = (wanted[0] - at[0]) * reach
+    across = (at[1] - wanted[1]) * reach
+    x = along * np.cos(rho) + across * np.sin(rho)
+    y = across * np.cos(rho) - along * np.sin(rho)
+    scene_motion = np.array([x, y, wanted[2] - at[2]])
+    middle = (right + left) / 2 + scene_motion / drag.scale
+    half_line = spatial.exp_so3((at[3] - rho) * Z) @ (right - left) / 2
+    return middle + half_line, middle - half_line
 
 
 class HandsToCamera(Block):
@@ -183,15 +190,22 @@ class HandsToCamera(Block):
             T_world_base: (4, 4) pose of the base of the camera's arm; None: the World's origin.
             T_view_tool: (4, 4) tool pose of the camera's arm in the frame of the picture; None: identity.
         """
-        self.camera, self.right, self.left, self.law = camera, right, left, law
-        self._R = T_view_hand[:3, :3]
+        self.camera = camera
+        self.law = law
+        self._right = f"{right}.pose"
+        self._left = f"{left}.pose"
+        self._R_view_hand = T_view_hand[:3, :3]
         T_base_world = spatial.inverse(np.eye(4) if T_world_base is None else T_world_base)
+        if T_view_tool is None:
+            T_view_tool = np.eye(4)
         at = ca.SX.sym("at", 4)
-        T = ca.DM(T_world_centre) @ _view(at)
-        goal = ca.DM(T_base_world) @ T @ ca.DM(np.eye(4) if T_view_tool is None else T_view_tool)
-        poses = ca.vertcat(symbolic.flat(T), symbolic.flat(goal))
+        T_world_view = ca.DM(T_world_centre) @ _view(at)
+        T_base_tool = ca.DM(T_base_world) @ T_world_view @ ca.DM(T_view_tool)
+        poses = ca.vertcat(symbolic.flat(T_world_view), symbolic.flat(T_base_tool))
         self._z, self._poses = Evaluator("camera_poses", at, poses).bind()
-        self._at, self._view, self._goal = (f"{camera}.{n}" for n in ("at", "view", "goal"))
+        self._at = f"{camera}.at"
+        self._view = f"{camera}.view"
+        self._goal = f"{camera}.goal"
         self.outputs = self._signals()
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
@@ -203,7 +217,8 @@ class HandsToCamera(Block):
         if self._mode() != CAMERA:
             self.law.release()
             return {}
-        right, left = (self._R @ signals[f"{n}.pose"].reshape(4, 4)[:3, 3] for n in (self.right, self.left))
+        right = self._R_view_hand @ signals[self._right].reshape(4, 4)[:3, 3]
+        left = self._R_view_hand @ signals[self._left].reshape(4, 4)[:3, 3]
         self.law.step(right, left)
         return self._signals()
 

@@ -10,8 +10,11 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.simulation.controllers.teleoperation import Teleoperation
 
-_DISTANCE, _HOLD = 0.03, 4.0
-"""Displacement of the handle in the test, in the unit of the handle's coordinates; duration of each step in s."""
+_DISTANCE = 0.03
+"""Displacement of the handle in the test, in the unit of the handle's coordinates."""
+
+_HOLD = 4.0
+"""Duration of each step of the test in s."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +34,13 @@ class ClutchReport:
 
 def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) -> Array:
     """Return the positions (k + 1, n) of an ideal tool, first `tool` (n,), for handles (k, n) and pedals (k,)."""
-    out = [np.asarray(tool, float)]
+    position = np.asarray(tool, float)
+    positions = [position]
     for x, pressed in zip(handle, pedal, strict=True):
-        out.append(out[-1] + controller.dt * controller.step(x, out[-1], bool(pressed)))
-    return np.array(out)
+        rate = controller.step(x, position, bool(pressed))
+        position = position + controller.dt * rate
+        positions.append(position)
+    return np.array(positions)
 
 
 def clutch(make: Callable[[], Teleoperation]) -> ClutchReport:
@@ -43,12 +49,13 @@ def clutch(make: Callable[[], Teleoperation]) -> ClutchReport:
     The controller passes if the tool does not move after the second press.
     """
     controller = make()
-    n, ticks = len(controller.offset), round(_HOLD / controller.dt)
-    away = np.zeros(n)
-    away[0] = _DISTANCE
-    phases = ((np.zeros(n), True), (np.zeros(n), False), (away, False), (away, True))
-    handle = np.concatenate([np.tile(x, (ticks, 1)) for x, _ in phases])
-    pedal = np.concatenate([np.full(ticks, p) for _, p in phases])
-    tool = play(controller, handle, pedal, np.zeros(n))
+    n = len(controller.offset)
+    ticks = round(_HOLD / controller.dt)
+    start = np.zeros(n)
+    displaced = np.zeros(n)
+    displaced[0] = _DISTANCE
+    handle = np.repeat([start, start, displaced, displaced], ticks, axis=0)
+    pedal = np.repeat([True, False, False, True], ticks)
+    tool = play(controller, handle, pedal, start)
     jump = float(np.linalg.norm(tool[-1] - tool[3 * ticks]))
     return ClutchReport(_DISTANCE, jump, jump <= 1e-9 * _DISTANCE)

@@ -58,15 +58,17 @@ class Cue:
             dp: (3,) tip of the model minus tip of the machine, m.
             dv: (3,) linear velocity of the model's tip minus that of the machine's tip, m/s.
         """
-        far, fast = _MM * float(np.linalg.norm(dp)), _MM * float(np.linalg.norm(dv))
-        if far == 0:
-            return np.zeros(3)
-        size = self.kp * far + self.kd * fast
+        distance = _MM * float(np.linalg.norm(dp))
+        speed = _MM * float(np.linalg.norm(dv))
+        if distance == 0:
+            return np.zeros(3)  # the force has no direction
+        size = self.kp * distance + self.kd * speed
         if self.reading == "printed":
-            size = _PRINTED if far > self.tol else size
-        elif far <= self.tol:
+            if distance > self.tol:
+                size = _PRINTED
+        elif distance <= self.tol:
             size = 0.0
         elif self.blend:
-            s = min((far - self.tol) / self.blend, 1.0)
+            s = min((distance - self.tol) / self.blend, 1.0)
             size *= s * s * (3 - 2 * s)
-        return min(size, self.most) * _MM / far * np.asarray(dp, float)
+        return min(size, self.most) * _MM / distance * np.asarray(dp, float)

@@ -84,14 +84,16 @@ class Following:
             pace: maximum speeds and thresholds of jumps; None: the defaults.
             laws: equations of the console; None: the correct reading.
         """
-        self.goal, self.aligns = np.array(tool, float), aligns
+        self.goal = np.array(tool, float)
+        self.aligns = aligns
         self.start = start or Start()
-        self.started = self.follows = False
+        self.started = False
+        self.follows = False
         self.jumps = 0
         self._tick = HandStep(laws or console(), pace or Pace(), dt)
         self._wanted = self.goal
         self._coupled: tuple[Array, float] = np.eye(4), 1.0  # pose of {H} and scale since the hand was coupled
-        self._seen: tuple[Array, float, float, float, float] | None = None
+        self._travel: _Travel | None = None
 
     def release(self) -> None:
         """Stop following the hand; the goal remains."""
@@ -118,13 +120,15 @@ class Following:
                 return self.goal
             self.goal = np.array(tool, float)
             self._couple(hand, self.goal, T, scale, hand)
-            self.started = self.follows = True
+            self.started = True
+            self.follows = True
         elif tick.jumped:
             self.jumps += 1
             self._couple(hand, self._wanted, *self._coupled, hand)
         elif scale != self._coupled[1] or (T is not self._coupled[0] and (self._coupled[0] != T).any()):
             self._couple(tick.last.copy(), self._wanted, T, scale, hand)
-        self._wanted, self.goal = tick.wanted, tick.goal
+        self._wanted = tick.wanted
+        self.goal = tick.goal
         tick.last[...] = hand
         return self.goal
 
@@ -135,17 +139,42 @@ class Following:
         self._tick(hand, self.goal)
 
     def _may_begin(self, hand: Array, grip: float, tool: Array, T: Array) -> bool:
-        apart = float(spatial.rotation_angle(T[:3, :3] @ hand[:3, :3] @ tool[:3, :3].T)) if self.aligns else 0.0
+        angle = 0.0  # without motors, handle and tool need not be aligned
+        if self.aligns:
+            angle = float(spatial.rotation_angle(T[:3, :3] @ hand[:3, :3] @ tool[:3, :3].T))
         if self.started:
-            return apart < self.start.again
-        roll = 0.0
-        if self._seen is not None:
-            turn = self._seen[0][:3, :3].T @ hand[:3, :3]
-            roll = float(spatial.angle_about_z(turn))
-        first, low, high, least, most = self._seen or (hand.copy(), grip, grip, roll, roll)
-        self._seen = first, min(low, grip), max(high, grip), min(least, roll), max(most, roll)
-        _, low, high, least, most = self._seen
-        return apart < self.start.attitude and self.start.shown(high - low, most - least)
+            return angle < self.start.again
+        if self._travel is None:
+            self._travel = _Travel(hand[:3, :3].copy(), grip)
+        else:
+            self._travel.add(hand[:3, :3], grip)
+        return angle < self.start.attitude and self.start.shown(self._travel.grip, self._travel.roll)
+
+
+class _Travel:
+    """Ranges of the gripper angle and of the roll of the handle since the first pose, both in rad."""
+
+    def __init__(self, R: Array, grip: float) -> None:
+        """Start at the orientation R (3, 3) of the handle and an angle of the gripper in rad."""
+        self._R = R
+        self._grips = [grip, grip]
+        self._rolls = [0.0, 0.0]
+
+    def add(self, R: Array, grip: float) -> None:
+        """Add an orientation R (3, 3) of the handle and an angle of the gripper in rad."""
+        roll = float(spatial.angle_about_z(self._R.T @ R))
+        self._grips = [min(self._grips[0], grip), max(self._grips[1], grip)]
+        self._rolls = [min(self._rolls[0], roll), max(self._rolls[1], roll)]
+
+    @property
+    def grip(self) -> float:
+        """Travel of the gripper in rad."""
+        return self._grips[1] - self._grips[0]
+
+    @property
+    def roll(self) -> float:
+        """Range of the roll in rad."""
+        return self._rolls[1] - self._rolls[0]
 
 
 @dataclass(frozen=True)
@@ -209,33 +238,50 @@ class HandToPose(Block):
         """
         if not arms:
             raise WorldError(f"hand '{hand}' has no arm to control; give at least one")
-        self.hand, self.device, self.arms, self.view = hand, device, tuple(arms), view
-        self._T_view_hand, self._T_base_world = T_view_hand, [spatial.inverse(a.T_world_base) for a in arms]
+        self.hand = hand
+        self.device = device
+        self.arms = tuple(arms)
+        self.view = view
+        self._T_view_hand = T_view_hand
+        self._T_base_world = [spatial.inverse(a.T_world_base) for a in arms]
         self._tools = [a.kin.forward(x) for a, x in zip(arms, q, strict=True)]
         self._laws = [Following(T, dt) for T in self._tools]
         self._view: tuple[bytes, list[Array]] = b"", []
-        self._direct, self._plans, self._states = False, plans, [OFF] * len(self.arms)
-        self.outputs = {f"{a.robot}.goal": T.ravel() for a, T in zip(arms, self._tools, strict=True)}
-        self.outputs |= {f"{a.robot}.{n}": 0.0 for a in arms for n in ("follows", "jumps")}
-        if plans:
-            self.outputs |= {f"{a.robot}.target": [0, *T.ravel()] for a, T in zip(arms, self._tools, strict=True)}
+        self._direct = False
+        self._plans = plans
+        self._states = [OFF] * len(self.arms)
+        self.outputs = {}
+        for arm, T_base_tool in zip(arms, self._tools, strict=True):
+            self.outputs[f"{arm.robot}.goal"] = T_base_tool.ravel()
+            self.outputs[f"{arm.robot}.follows"] = 0.0
+            self.outputs[f"{arm.robot}.jumps"] = 0.0
+            if plans:
+                self.outputs[f"{arm.robot}.target"] = [0, *T_base_tool.ravel()]
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
         now = signals.now
         self._pose = now[f"{self.hand}.pose"].reshape(4, 4)
-        self._grip, self._scale = now[f"{self.hand}.grip"].item, now[f"{self.device}.scale"].item
-        self._mode, self._taps = now["console.mode"].item, now["console.taps"].item
-        self._fulcrum = now[f"{self.device}.fulcrum"].item if f"{self.device}.fulcrum" in signals else None
-        self._camera = now[f"{self.view}.view"] if isinstance(self.view, str) else self.view
-        self._out = [
-            (memory[f"{a.robot}.goal"].reshape(4, 4), memory[f"{a.robot}.follows"], memory[f"{a.robot}.jumps"])
-            for a in self.arms
-        ]
+        self._grip = now[f"{self.hand}.grip"].item
+        self._scale = now[f"{self.device}.scale"].item
+        self._mode = now["console.mode"].item
+        self._taps = now["console.taps"].item
+        self._fulcrum = None
+        if f"{self.device}.fulcrum" in signals:
+            self._fulcrum = now[f"{self.device}.fulcrum"].item
+        if isinstance(self.view, str):
+            self._camera = now[f"{self.view}.view"]
+        else:
+            self._camera = self.view
+        self._out = []
+        for arm in self.arms:
+            goal = memory[f"{arm.robot}.goal"].reshape(4, 4)
+            self._out.append((goal, memory[f"{arm.robot}.follows"], memory[f"{arm.robot}.jumps"]))
         if self._plans:
             self._planned = [now[f"{a.robot}.planned"] for a in self.arms]
             targets = [memory[f"{a.robot}.target"] for a in self.arms]
-            self._aims, self._targets = [x[:1] for x in targets], [x[1:].reshape(4, 4) for x in targets]
+            self._aims = [target[:1] for target in targets]
+            self._targets = [target[1:].reshape(4, 4) for target in targets]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the selected arm; the other arms remain at rest."""
@@ -244,7 +290,9 @@ class HandToPose(Block):
             self._direct = direct
             for law in self._laws:
                 law.release()  # the hand is coupled again, with the other end of the instrument
-        active = int(self._taps()) % len(self._laws) if self._mode() == TOOLS else -1
+        active = -1  # no arm
+        if self._mode() == TOOLS:
+            active = int(self._taps()) % len(self._laws)
         for i, (law, (goal, follows, jumps)) in enumerate(zip(self._laws, self._out, strict=True)):
             state = self._state(i, signals) if self._plans else OFF
             if i == active and state == OFF:
@@ -259,7 +307,8 @@ class HandToPose(Block):
                 law.release()
             if state == RUN:
                 goal[...] = self._planned[i][1:].reshape(4, 4)
-            follows[0], jumps[0] = law.follows and state == OFF, law.jumps
+            follows[0] = law.follows and state == OFF
+            jumps[0] = law.jumps
             if self._plans:
                 self._aims[i][0] = law.follows and state == AIM
 
@@ -269,26 +318,33 @@ class HandToPose(Block):
 
     def _state(self, i: int, signals: Signals) -> float:
         """Return the state of an arm's plan (`controllers.planned`); if it has changed, couple the hand again."""
-        state, before = self._planned[i].item(0), self._states[i]
-        if state != before:
+        state = self._planned[i].item(0)
+        previous = self._states[i]
+        if state != previous:
             self._states[i] = state
             law = self._laws[i]
             law.release()
-            if state == AIM and before == OFF:
+            if state == AIM and previous == OFF:
                 self._targets[i][...] = self._at(i, signals)
-            law.goal = (self._targets[i] if state == AIM else self._out[i][0]).copy()
+            if state == AIM:
+                law.goal = self._targets[i].copy()
+            else:
+                law.goal = self._out[i][0].copy()
         return state
 
     def _lead(self, i: int, law: Following, goal: Array) -> None:
         """Write the goal (4, 4) of an arm that the hand moves."""
-        T, pivot = self._poses_of_hand()[i], self.arms[i].pivot
+        T_base_hand = self._poses_of_hand()[i]
+        pivot = self.arms[i].pivot
+        controlled = self._tools[i]  # pose that the hand controls: of the tool, or of the instrument's outer end
         if pivot is None:
-            goal[...] = law.step(self._pose, self._grip(), self._tools[i], T, self._scale())
+            goal[...] = law.step(self._pose, self._grip(), controlled, T_base_hand, self._scale())
             return
-        led = pivot.outer(self._tools[i]) if self._direct and not law.follows else self._tools[i]
-        led = law.step(self._pose, self._grip(), led, T, self._scale())
+        if self._direct and not law.follows:
+            controlled = pivot.outer(controlled)
+        controlled = law.step(self._pose, self._grip(), controlled, T_base_hand, self._scale())
         if law.follows:
-            goal[...] = pivot.tool(led, self._direct)
+            goal[...] = pivot.tool(controlled, self._direct)
 
     def _poses_of_hand(self) -> list[Array]:
         """Return the pose (4, 4) of {H} in the base of each arm; recompute the poses only if the view has moved."""

@@ -54,17 +54,26 @@ class HandStep:
     def __init__(self, laws: Console, pace: Pace, dt: float) -> None:
         """Compile the control law for ticks of dt in s."""
         law, slow = _compile(laws.laws["eq2"], laws.laws["eq1"], pace, dt)
-        z, (pair, self._slow) = np.zeros(_SCALE + 1), slow.bind()
+        # The attributes below are views into the inputs and outputs of the compiled functions.
+        z = np.zeros(_SCALE + 1)
         out, self._law = attach(law.function, z)
-        self._tests, self._out = out[:3], out[3:].reshape(4, 4)
+        self._tests = out[:3]
+        self._out = out[3:].reshape(4, 4)
         self._hand, self.last, self._goal, self._W_0, self._P_0, self._T = z[:_SCALE].reshape(6, 4, 4)
-        self._scale, (self._from, self._to) = z[_SCALE:], pair.reshape(2, 4, 4)
-        self.rigid = self.jumped = False
-        self.goal = self.wanted = self._goal.copy()
+        self._scale = z[_SCALE:]
+        pair, self._slow = slow.bind()
+        self._from, self._to = pair.reshape(2, 4, 4)
+        self.rigid = False
+        self.jumped = False
+        self.wanted = self._goal.copy()
+        self.goal = self.wanted
 
     def couple(self, W_0: Array, P_0: Array, T: Array, scale: float) -> None:
         """Couple the hand at W_0 with the tool at P_0, for the pose T of {H} in {RB}, each (4, 4), and a scale."""
-        self._W_0[...], self._P_0[...], self._T[...], self._scale[...] = W_0, P_0, T, scale
+        self._W_0[...] = W_0
+        self._P_0[...] = P_0
+        self._T[...] = T
+        self._scale[...] = scale
 
     def __call__(self, hand: Array, goal: Array) -> None:
         """Compute one tick; all poses are (4, 4).
@@ -73,14 +82,18 @@ class HandStep:
             hand: pose of the handle in {H}.
             goal: goal of the tool in {RB} one tick earlier.
         """
-        self._hand[...], self._goal[...] = hand, goal
+        self._hand[...] = hand
+        self._goal[...] = goal
         self._law()
         rigid, jumped, near = self._tests.tolist()
-        self.rigid, self.jumped, self.wanted = rigid > 0, jumped > 0, self._out.copy()
+        self.rigid = rigid > 0
+        self.jumped = jumped > 0
+        self.wanted = self._out.copy()
         if near:
             self.goal = self.wanted
         else:
-            self._from[...], self._to[...] = goal, self.wanted
+            self._from[...] = goal
+            self._to[...] = self.wanted
             self.goal = self._slow().reshape(4, 4)
 
 

@@ -53,12 +53,15 @@ class HapticSwitch(Block):
 
     def __init__(self, device: str, on: bool = True) -> None:
         """Connect to a device."""
-        self._name, self._on = f"{device}.haptics", float(on)
+        self._name = f"{device}.haptics"
+        self._on = float(on)
         self.outputs = {"haptics.on": self._on}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, float]:
         """Read the switch."""
-        return {"haptics.on": signals.now[self._name].item() if self._name in signals else self._on}
+        if self._name in signals:
+            return {"haptics.on": signals.now[self._name].item()}
+        return {"haptics.on": self._on}
 
 
 class HapticHand(Block):
@@ -100,23 +103,33 @@ class HapticHand(Block):
         self.surface = surface or Surface()
         s = self.surface
         require_passive(s.stiffness, s.damping, s.largest, s.device_damping, dt)
-        self._arms, self._objects, self._sources = tuple(arms), tuple(objects), tuple(sources)
-        self._hand, self._device, self._camera = hand, device, camera
+        self._arms = tuple(arms)
+        self._objects = tuple(objects)
+        self._sources = tuple(sources)
+        self._hand = hand
+        self._device = device
+        self._camera = camera
         law = console()
         self._laws = [hand_force(law, s, a.limits, ~a.kin.auxiliary, len(sources), dt, True) for a in arms]
-        self._state, self._pulse = np.zeros(STATE), np.zeros(3)
-        self._tools = [np.zeros(16) for _ in arms]
-        self._seen = [b""] * len(arms)
-        self._held, self._ended, self._until = False, -np.inf, -np.inf
-        self._force, self._energy = f"{hand}.force", f"{hand}.energy"
+        self._state = np.zeros(STATE)
+        self._pulse = np.zeros(3)
+        self._tools = [np.zeros(16) for _ in arms]  # T_world_tool of each arm
+        self._seen = [b""] * len(arms)  # joint values of `_tools`
+        self._held = False
+        self._ended = -np.inf  # end of the last grasp in s
+        self._until = -np.inf  # end of the last pulse in s
+        self._force = f"{hand}.force"
+        self._energy = f"{hand}.energy"
         self.outputs = {self._force: np.zeros(3), self._energy: 0.0}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Compile the force of each arm; the compiled function reads its signals directly from their memory."""
         now = signals.now
-        self._taps, self._encoders = now["console.taps"].item, [now[f"{a.robot}.encoder"] for a in self._arms]
+        self._taps = now["console.taps"].item
+        self._encoders = [now[f"{a.robot}.encoder"] for a in self._arms]
         self._holders = [now[f"{name}.holder"] for name in self._objects]
-        self._pose, self._fresh = now[f"{self._hand}.pose"].reshape(4, 4), True
+        self._pose = now[f"{self._hand}.pose"].reshape(4, 4)
+        self._fresh = True
         self._out = memory[self._force], memory[self._energy]
         self._calls = []
         for arm, law, tool in zip(self._arms, self._laws, self._tools, strict=True):
@@ -129,20 +142,25 @@ class HapticHand(Block):
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Compute the force of this tick; the device applies this force until the next tick."""
         if self._fresh:  # before the first tick, the device has written no pose
-            self._state[LAST], self._fresh = self._pose[:3, 3], False
+            self._state[LAST] = self._pose[:3, 3]
+            self._fresh = False
         i = int(self._taps()) % len(self._arms)
-        arm, q = self._arms[i], self._encoders[i]
-        if (seen := q.tobytes()) != self._seen[i]:
-            self._seen[i] = seen
+        arm = self._arms[i]
+        q = self._encoders[i]
+        joints = q.tobytes()
+        if joints != self._seen[i]:
+            self._seen[i] = joints
             tool = self._tools[i]
-            T = arm.kin.forward(q, tool.reshape(4, 4).copy() if tool.any() else None)
-            tool[...] = (arm.T_world_base @ T).ravel()
+            seed = tool.reshape(4, 4).copy() if tool.any() else None
+            T_base_tool = arm.kin.forward(q, seed)
+            tool[...] = (arm.T_world_base @ T_base_tool).ravel()
         self._pulse[0] = PULSE * self._pulses(arm, t)
         out, compute = self._calls[i]
         compute()
         self._state[...] = out
         force, energy = self._out
-        force[...], energy[0] = out[FORCE], out[ENERGY]
+        force[...] = out[FORCE]
+        energy[0] = out[ENERGY]
 
     def _pulses(self, arm: FeltArm, t: float) -> bool:
         """Return whether the pulse of a grasp acts in this tick."""

@@ -42,24 +42,33 @@ class Jaw:
 
     def __init__(self, lower: float, upper: float, angle: float, dt: float, grip: Grip | None = None) -> None:
         """Start at the jaw angle `angle`; the lower limit is `lower`, and an open gripper means `upper`, all in rad."""
-        self.lower, self.upper, self.angle, self.dt, self.grip = lower, upper, angle, dt, grip or Grip()
+        self.lower = lower
+        self.upper = upper
+        self.angle = angle
+        self.dt = dt
+        self.grip = grip or Grip()
         self.closed = math.inf
-        self._slow, self._led = True, False
+        self._slow = True
+        self._has_followed = False
 
     def step(self, grip: float, follows: bool) -> float:
         """Return the jaw angle in rad after one tick; while the arm does not follow the hand, the jaw is at rest."""
-        if not self._led:
+        if not self._has_followed:
             self.closed = min(self.closed, grip)
         if not follows:
             self._slow = True
             return self.angle
-        self._led = True
-        g = self.grip
-        wanted = max(self.lower, self.lower + (grip - self.closed) * (self.upper - self.lower) / g.travel)
-        off = wanted - self.angle
-        self._slow = self._slow and abs(off) >= g.near
-        most = (g.slow if self._slow else g.fast) * self.dt
-        self.angle = wanted if abs(off) <= most else self.angle + math.copysign(most, off)
+        self._has_followed = True
+        wanted = max(self.lower, self.lower + (grip - self.closed) * (self.upper - self.lower) / self.grip.travel)
+        difference = wanted - self.angle
+        if abs(difference) < self.grip.near:
+            self._slow = False
+        rate = self.grip.slow if self._slow else self.grip.fast
+        largest_step = rate * self.dt
+        if abs(difference) <= largest_step:
+            self.angle = wanted
+        else:
+            self.angle += math.copysign(largest_step, difference)
         return self.angle
 
 
@@ -69,12 +78,15 @@ class GripToJaw(Block):
     def __init__(self, hand: str, robot: str, jaw: Jaw) -> None:
         """Connect a gripper to a jaw."""
         self.jaw = jaw
-        self._grip, self._follows, self._jaw = f"{hand}.grip", f"{robot}.follows", f"{robot}.jaw"
+        self._grip = f"{hand}.grip"
+        self._follows = f"{robot}.follows"
+        self._jaw = f"{robot}.jaw"
         self.outputs = {self._jaw: jaw.angle}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
-        self._gripped, self._followed = signals.now[self._grip].item, signals.now[self._follows].item
+        self._gripped = signals.now[self._grip].item
+        self._followed = signals.now[self._follows].item
         self._angle = memory[self._jaw]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:

@@ -29,7 +29,9 @@ class Pedals(Block):
     def __init__(self, device: str, planned: Sequence[str] = ()) -> None:
         """Connect to the pedals of a device; both pedals start released."""
         self._planned = tuple(planned)
-        self._clutch, self._camera, self._silent = (f"{device}.{n}" for n in ("clutch", "camera", "silent"))
+        self._clutch = f"{device}.clutch"
+        self._camera = f"{device}.camera"
+        self._silent = f"{device}.silent"
         self._taps = 0
         self._since: float | None = None  # time in s at which the clutch was pressed; infinity: unknown
         self.outputs = {"console.mode": TOOLS, "console.taps": 0.0}
@@ -37,23 +39,34 @@ class Pedals(Block):
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
         now = signals.now
-        self._clutched, self._camera_down = now[self._clutch].item, now[self._camera].item
+        self._clutched = now[self._clutch].item
+        self._camera_down = now[self._camera].item
         self._is_silent = now[self._silent].item if self._silent in now else None
         self._states = [now[f"{n}.planned"] for n in self._planned]
-        self._mode, self._count = memory["console.mode"], memory["console.taps"]
+        self._mode = memory["console.mode"]
+        self._count = memory["console.taps"]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Read both pedals."""
-        clutch, camera = self._clutched() > 0.5, self._camera_down() > 0.5
+        clutch = self._clutched() > 0.5
+        camera = self._camera_down() > 0.5
         silent = self._is_silent is not None and self._is_silent() > 0.5
         if silent:
             self._since = math.inf if clutch else None
         elif clutch:
-            self._since = t if self._since is None else self._since
+            if self._since is None:
+                self._since = t
         elif self._since is not None:
-            self._taps += 0 <= t - self._since <= TAP + 1e-9
+            # With an unknown start, the difference is minus infinity: no tap.
+            if 0 <= t - self._since <= TAP + 1e-9:
+                self._taps += 1
             self._since = None
-        self._mode[0] = FREE if clutch or silent else CAMERA if camera and not self._rests() else TOOLS
+        if clutch or silent:
+            self._mode[0] = FREE
+        elif camera and not self._rests():
+            self._mode[0] = CAMERA
+        else:
+            self._mode[0] = TOOLS
         self._count[0] = self._taps
 
     def _rests(self) -> bool:

@@ -47,9 +47,9 @@ class Pivot:
 
     def outer(self, T: Array) -> Array:
         """Return the pose (4, 4) of the outer end for a tool pose T (4, 4), both in base, with the same orientation."""
-        way = T[:3, 3] - self.p_port
-        depth = max(float(np.linalg.norm(way)), 1e-9)
-        return spatial.pose(T[:3, :3], self.p_port - way * ((self.length - depth) / depth))
+        inner = T[:3, 3] - self.p_port  # from the port to the tip
+        depth = max(float(np.linalg.norm(inner)), 1e-9)
+        return spatial.pose(T[:3, :3], self.p_port - inner * ((self.length - depth) / depth))
 
     def tool(self, T: Array, direct: bool) -> Array:
         """Return the tool pose (4, 4) in base for the pose that the hand controls, limited by `SHALLOW` and `CONE`.
@@ -58,20 +58,29 @@ class Pivot:
             T: (4, 4) pose in base that the hand controls: of the outer end if `direct`, else of the tool.
             direct: whether the hand controls the outer end.
         """
-        way = self.p_port - T[:3, 3] if direct else T[:3, 3] - self.p_port
-        away = float(np.linalg.norm(way))
-        depth = min(max(self.length - away if direct else away, SHALLOW), self.length - SHALLOW)
-        a = self._in_cone(way / away) if away > 1e-9 else self.axis
+        line = T[:3, 3] - self.p_port
+        if direct:
+            line = self.p_port - T[:3, 3]  # the outer end is on the other side of the port
+        distance = float(np.linalg.norm(line))
+        depth = self.length - distance if direct else distance
+        depth = min(max(depth, SHALLOW), self.length - SHALLOW)
+        a = self.axis  # a pose in the port gives no direction
+        if distance > 1e-9:
+            a = self._in_cone(line / distance)
         R = T[:3, :3]
-        return spatial.pose(turned(R[:, 2], a) @ R if self.guided else R, self.p_port + depth * a)
+        if self.guided:
+            R = turned(R[:, 2], a) @ R
+        return spatial.pose(R, self.p_port + depth * a)
 
     def _in_cone(self, a: Array) -> Array:
         along = float(a @ self.axis)
         if along >= np.cos(CONE):
             return a
-        aside = a - along * self.axis
-        size = float(np.linalg.norm(aside))
-        return self.axis if size < 1e-9 else np.cos(CONE) * self.axis + np.sin(CONE) * aside / size
+        across = a - along * self.axis
+        size = float(np.linalg.norm(across))
+        if size < 1e-9:
+            return self.axis  # opposite to the axis: no edge of the cone is nearest
+        return np.cos(CONE) * self.axis + np.sin(CONE) * across / size
 
 
 def turned(a: Array, b: Array) -> Array:
@@ -79,6 +88,10 @@ def turned(a: Array, b: Array) -> Array:
     # Two reflections: exact also near half a turn, where the usual formula divides two differences that cancel.
     middle = a + b
     size = float(np.linalg.norm(middle))
-    if size < 1e-8:
-        return spatial.exp_so3(np.pi * spatial.frame_from_axes(a, np.eye(3)[int(np.argmin(np.abs(a)))])[:, 0])
-    return (np.eye(3) - np.outer(middle, 2 / size**2 * middle)) @ (np.eye(3) - np.outer(a, 2 * a))
+    if size < 1e-8:  # half a turn about any axis across a
+        least = np.eye(3)[int(np.argmin(np.abs(a)))]
+        across = spatial.frame_from_axes(a, least)[:, 0]
+        return spatial.exp_so3(np.pi * across)
+    across_a = np.eye(3) - np.outer(a, 2 * a)
+    across_middle = np.eye(3) - np.outer(middle, 2 / size**2 * middle)
+    return across_middle @ across_a

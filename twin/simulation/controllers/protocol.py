@@ -14,7 +14,8 @@ class ProtocolPlayer(Block):
 
     def __init__(self, robot: str, trajectory: Trajectory) -> None:
         """Start at t = 0."""
-        self.command, self.trajectory = f"{robot}.command", trajectory
+        self.command = f"{robot}.command"
+        self.trajectory = trajectory
         self.outputs = {self.command: trajectory.q[0]}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:

@@ -33,24 +33,38 @@ class PoseToJoints(Block):
 
     def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits) -> None:
         """Start at joint values q (n,)."""
-        self.robot, self.kin, self.limits = robot, kin, limits
+        self.robot = robot
+        self.kin = kin
+        self.limits = limits
         self._T = kin.forward(q)
-        self._command, self._auxiliary = f"{robot}.command", np.flatnonzero(kin.auxiliary)
-        self._near = _near_inverse(kin, limits) if kin.closed_inverse else None
+        self._command = f"{robot}.command"
+        self._auxiliary = np.flatnonzero(kin.auxiliary)
+        self._near = None
+        if kin.closed_inverse:
+            self._near = _near_inverse(kin, limits)
         self.outputs = {self._command: q}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Compile the step, which reads its signals directly from their memory."""
-        self._out, self._given, self._inverse = memory[self._command], (b"", b"", b""), None
-        self._goal, self._encoder = (signals.now[f"{self.robot}.{name}"] for name in ("goal", "encoder"))
-        self._rests, self._tick = f"{self.robot}.jaw" not in signals, np.zeros(1)
-        self._jaw = np.zeros(len(self._auxiliary)) if self._rests else signals.now[f"{self.robot}.jaw"]
+        self._out = memory[self._command]
+        self._goal = signals.now[f"{self.robot}.goal"]
+        self._encoder = signals.now[f"{self.robot}.encoder"]
+        self._rests = f"{self.robot}.jaw" not in signals
+        if self._rests:
+            self._jaw = np.zeros(len(self._auxiliary))
+        else:
+            self._jaw = signals.now[f"{self.robot}.jaw"]
+        self._tick = np.zeros(1)  # duration of a tick in s
+        self._given = (b"", b"", b"")
+        self._inverse = None
         if self._near:
             self._found, self._inverse = attach(self._near, self._tick, self._goal, self._encoder, self._jaw)
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Make one step towards the goal."""
-        goal, q, auxiliary = self._goal, self._encoder, self._jaw
+        goal = self._goal
+        q = self._encoder
+        auxiliary = self._jaw
         if self._rests:
             auxiliary[...] = q[self._auxiliary]
         given = goal.tobytes(), q.tobytes(), auxiliary.tobytes()
@@ -66,7 +80,7 @@ class PoseToJoints(Block):
         if not self.kin.closed_forward:
             self._T = self.kin.forward(q, self._T)
         command = step(self.kin, q, goal.reshape(4, 4), dt, self.limits, seed=self._T).q
-        command[self._auxiliary] = auxiliary
+        command[self._auxiliary] = auxiliary  # the inverse leaves these joints at rest
         self._out[...] = command
 
 
@@ -77,17 +91,24 @@ def _near_inverse(kin: Kinematics, limits: Limits) -> ca.Function:
     that differ by full turns, the nearest to q is used. All results are NaN in these cases: the pose is not rigid, the
     pose is out of reach, or a joint that moves the tool would exceed a limit or the step `_NEAR`.
     """
-    n, auxiliary = len(kin.joints), np.flatnonzero(kin.auxiliary).tolist()
-    dt, goal, q, rest = (ca.SX.sym(*x) for x in (("dt", 1), ("goal", 16), ("q", n), ("rest", len(auxiliary))))
+    n = len(kin.joints)
+    auxiliary = np.flatnonzero(kin.auxiliary).tolist()
+    dt = ca.SX.sym("dt", 1)
+    goal = ca.SX.sym("goal", 16)
+    q = ca.SX.sym("q", n)
+    rest = ca.SX.sym("rest", len(auxiliary))
     inverse = kin.program.inverse.function(goal)
-    found, misfit = inverse[:n], inverse[n]
-    turns = ca.DM(np.where(kin.revolute, 1 / (2 * np.pi), 0.0))
-    found -= 2 * np.pi * ca.floor((found - q) * turns + 0.5)
-    found = ca.if_else(ca.DM(kin.auxiliary.astype(float)), q, found)
+    next_q = inverse[:n]
+    misfit = inverse[n]
+    turns_per_rad = ca.DM(np.where(kin.revolute, 1 / (2 * np.pi), 0.0))
+    next_q -= 2 * np.pi * ca.floor((next_q - q) * turns_per_rad + 0.5)
+    next_q = ca.if_else(ca.DM(kin.auxiliary.astype(float)), q, next_q)
     lower, upper = limits.steps_of(q, dt)
-    step = found - q
+    step = next_q - q
     # Comparisons with NaN (no inverse) are false.
-    above, below = step >= ca.fmax(lower, -_NEAR), step <= ca.fmin(upper, _NEAR)
+    above = step >= ca.fmax(lower, -_NEAR)
+    below = step <= ca.fmin(upper, _NEAR)
     near = ca.logic_and(ca.mmin(ca.vertcat(above, below)), misfit <= POSE_TOL)
-    found[auxiliary] = rest
-    return ca.Function("near_inverse", [dt, goal, q, rest], [ca.densify(ca.if_else(near, found, np.nan))])
+    next_q[auxiliary] = rest
+    result = ca.densify(ca.if_else(near, next_q, np.nan))
+    return ca.Function("near_inverse", [dt, goal, q, rest], [result])

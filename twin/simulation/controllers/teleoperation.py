@@ -63,9 +63,12 @@ class Teleoperation:
             raise KinematicsError(f"dt is {dt} s; it must be above 0")
         if clutch not in ("printed", "corrected"):
             raise KinematicsError(f"there is no clutch '{clutch}'; give 'printed' or 'corrected'")
-        self.gains, self.dt, self.clutch = gains, dt, clutch
+        self.gains = gains
+        self.dt = dt
+        self.clutch: Clutch = clutch
         self.offset = np.zeros(coordinates)
-        self._sum, self._last = np.zeros(coordinates), np.zeros(coordinates)
+        self._sum = np.zeros(coordinates)
+        self._last = np.zeros(coordinates)
         self._pressed = False
 
     def step(self, handle: Array, tool: Array, pedal: bool) -> Array:
@@ -77,18 +80,19 @@ class Teleoperation:
             pedal: Mp, whether the pedal is pressed.
         """
         g = self.gains
-        apart = g.scale * np.asarray(handle, float) - np.asarray(tool, float)
+        difference = g.scale * np.asarray(handle, float) - np.asarray(tool, float)
         rising = pedal and not self._pressed
         if rising:
-            self.offset = apart  # eq. (7)
+            self.offset = difference  # eq. (7)
         elif self.clutch == "printed":
-            self.offset = np.zeros_like(apart)
+            self.offset = np.zeros_like(difference)
         self._pressed = bool(pedal)
         if not pedal:  # stated in the paper's text only: the output is zero while the pedal is up
-            return np.zeros_like(apart)
-        e = apart - self.offset  # eq. (6)
+            return np.zeros_like(difference)
+        e = difference - self.offset  # eq. (6)
         if rising:  # without this reset, integral and derivative would cause a jump
-            self._sum, self._last = np.zeros_like(e), e
+            self._sum = np.zeros_like(e)
+            self._last = e
         total = self._sum + e * self.dt
         u = g.kp * e + g.ki * total + g.kd * (e - self._last) / self.dt  # eq. (5)
         bounded = np.clip(u, -np.asarray(g.limit), g.limit)
@@ -102,12 +106,18 @@ class HandToTool(Block):
 
     def __init__(self, robot: str, device: str, kin: Kinematics, q: Array, law: Teleoperation) -> None:
         """Start at joint values q (n,); the period of this block is `law.dt`."""
-        self.robot, self.device, self.kin, self.law, self.period = robot, device, kin, law, law.dt
-        self._T, self.outputs = kin.forward(q), {f"{robot}.rate": np.zeros_like(law.offset)}
+        self.robot = robot
+        self.device = device
+        self.kin = kin
+        self.law = law
+        self.period = law.dt
+        self._T = kin.forward(q)
+        self.outputs = {f"{robot}.rate": np.zeros_like(law.offset)}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Evaluate the control law."""
         self._T = self.kin.forward(signals[f"{self.robot}.encoder"], self._T)
         tool = self.kin.program.coordinates_of_pose.one(self._T.ravel())
-        handle, pedal = signals[f"{self.device}.handle"], signals[f"{self.device}.pedal"][0] > 0.5
-        return {f"{self.robot}.rate": self.law.step(handle, tool, bool(pedal))}
+        handle = signals[f"{self.device}.handle"]
+        pedal = bool(signals[f"{self.device}.pedal"][0] > 0.5)
+        return {f"{self.robot}.rate": self.law.step(handle, tool, pedal)}

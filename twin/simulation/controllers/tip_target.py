@@ -27,28 +27,35 @@ class TipTarget(Block):
         Raises:
             WorldError: the tip is too near to the port at the start.
         """
-        self._target, self._goal, self._port = f"{robot}.target", f"{robot}.goal", np.array(port, float)
-        self._T_base_world, self._x = spatial.inverse(T_world_base), T_world_tool[:3, 0].copy()
-        if (far := float(np.linalg.norm(T_world_tool[:3, 3] - port))) < _INSIDE:
+        self._target = f"{robot}.target"
+        self._goal = f"{robot}.goal"
+        self._port = np.array(port, float)
+        self._T_base_world = spatial.inverse(T_world_base)
+        self._x = T_world_tool[:3, 0].copy()
+        distance = float(np.linalg.norm(T_world_tool[:3, 3] - port))
+        if distance < _INSIDE:
             raise WorldError(
-                f"{robot}: its tip is {far / MM:.1f} mm from its port at the start; start it at least "
+                f"{robot}: its tip is {distance / MM:.1f} mm from its port at the start; start it at least "
                 f"{_INSIDE / MM:g} mm inside"
             )
-        self._last, self._given = self._pose(T_world_tool[:3, 3]), b""
+        self._last = self._pose(T_world_tool[:3, 3])
+        self._last_target = b""
         self.outputs = {self._goal: self._last.ravel()}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Compute the tool pose for the target; ignore a target that is too near to the port or not below the port."""
         p = signals.now[self._target]
-        if p.tobytes() != self._given:
-            self._given = p.tobytes()
-            way = p - self._port
-            if way[2] < 0 and np.linalg.norm(way) >= _INSIDE:
+        if p.tobytes() != self._last_target:  # a new target; comparing bytes is faster than comparing arrays
+            self._last_target = p.tobytes()
+            from_port = p - self._port
+            if from_port[2] < 0 and np.linalg.norm(from_port) >= _INSIDE:
                 self._last = self._pose(p)
         return {self._goal: self._last.ravel()}
 
     def _pose(self, p: Array) -> Array:
-        z = (p - self._port) / np.linalg.norm(p - self._port)
-        x = self._x - z * (z @ self._x)
+        from_port = p - self._port
+        z = from_port / np.linalg.norm(from_port)
+        x = self._x - z * (z @ self._x)  # the part of the first x axis across the shaft
         x /= np.linalg.norm(x)
-        return self._T_base_world @ spatial.pose(np.column_stack([x, np.cross(z, x), z]), p)
+        R_world_tool = np.column_stack([x, np.cross(z, x), z])
+        return self._T_base_world @ spatial.pose(R_world_tool, p)

@@ -23,22 +23,28 @@ class GripToTool(Block):
 
     def __init__(self, hand: str, robot: str) -> None:
         """Connect a gripper to a tool."""
-        self._grip, self._follows = f"{hand}.grip", f"{robot}.follows"
-        self._opening, self._pedal = f"{robot}.opening", f"{robot}.pedal"
-        self._open, self._led = True, False
+        self._grip = f"{hand}.grip"
+        self._follows = f"{robot}.follows"
+        self._opening = f"{robot}.opening"
+        self._pedal = f"{robot}.pedal"
+        self._open = True
+        self._controlled = False  # whether the gripper controls the jaws
         self.outputs = {self._opening: 1.0, self._pedal: 0.0}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
-        self._gripped, self._followed = signals.now[self._grip].item, signals.now[self._follows].item
-        self._out = memory[self._opening], memory[self._pedal]
+        self._gripped = signals.now[self._grip].item
+        self._followed = signals.now[self._follows].item
+        self._opening_value = memory[self._opening]
+        self._pedal_value = memory[self._pedal]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Let the gripper control the jaws."""
         wanted = self._gripped() > HALF
         if self._followed() <= 0.5:
-            self._led = False
-        elif self._led or wanted is self._open:
-            self._led, self._open = True, wanted
-        opening, pedal = self._out
-        opening[0], pedal[0] = float(self._open), float(self._led and self._open)
+            self._controlled = False
+        elif self._controlled or wanted is self._open:
+            self._controlled = True
+            self._open = wanted
+        self._opening_value[0] = float(self._open)
+        self._pedal_value[0] = float(self._controlled and self._open)

@@ -46,10 +46,16 @@ _FOLLOW = 40.0
 _JAW = 2.0
 """Largest increment of the jaws in one packet, in steps of the machine (ASSUMED)."""
 
-_UM, _STILL = 1e-6, np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.0])
+_UM = 1e-6
 
-_READY, _SETTLE = 1.0, 0.5
-"""Maximum time in s until machine and model reach PEDAL_DN; time in s from the last packet until both are at rest."""
+_STILL = np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.0])
+"""Values of a packet without increments, with the pedal up."""
+
+_READY = 1.0
+"""Maximum time in s until machine and model reach PEDAL_DN."""
+
+_SETTLE = 0.5
+"""Time in s from the last packet of a replay until machine and model are at rest."""
 
 _SILENCE = 1.0
 """Maximum time in s for which the hands may be silent in a replay (ASSUMED).
@@ -159,14 +165,17 @@ class ViewSwitch(Block):
 
     def __init__(self, device: str, tap: float) -> None:
         """Connect to a device; `tap`: longest duration of a quick tap in s."""
-        self._camera, self._tap, self._view = f"{device}.camera", tap, 0.0
-        self._since: float | None = None
+        self._camera = f"{device}.camera"
+        self._tap = tap
+        self._view = 0.0
+        self._since: float | None = None  # time in s at which the pedal was pressed
         self.outputs = {VIEW: 0.0}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, float]:
         """Read the pedal."""
         if signals.now[self._camera].item() > 0.5:
-            self._since = t if self._since is None else self._since
+            if self._since is None:
+                self._since = t
         elif self._since is not None:
             if t - self._since <= self._tap + 1e-9:
                 self._view = 1.0 - self._view
@@ -183,40 +192,52 @@ class Smooth:
 
     def __init__(self, bounds: Bounds, step: float, dt: float) -> None:
         """Prepare for packets every dt s, in which one unit of jaw motion opens the jaws by `step` in rad."""
-        self._bounds, self._step, self._dt = bounds, step, dt
+        self._bounds = bounds
+        self._step = step
+        self._dt = dt
         self.begin(np.eye(4), 0.0)
 
     def begin(self, T: Array, jaw: float) -> None:
         """Start at rest at a pose (4, 4) of the tool and an opening of the jaws in rad."""
-        self.sent, self._p, self._v, self._w = T.copy(), T[:3, 3].copy(), np.zeros(3), np.zeros(3)
+        self.sent = T.copy()
+        self._p = T[:3, 3].copy()
+        self._v = np.zeros(3)
+        self._w = np.zeros(3)
         self._jaw = jaw
 
     def values(self, goal: Array, jaw: float) -> Array:
         """Return the values (9,) of the next packet, with the pedal down, to a goal (4, 4) and a jaw opening in rad."""
-        dt, b = self._dt, self._bounds
-        self._v = _chased(self._v, goal[:3, 3] - self._p, b.speed, dt)
+        dt = self._dt
+        self._v = _chased(self._v, goal[:3, 3] - self._p, self._bounds.speed, dt)
         self._p = self._p + dt * self._v
+        # The rounded rest is sent with later packets, because `sent` has only what was sent.
         steps = np.round((self._p - self.sent[:3, 3]) / _UM)
-        self._w = _chased(self._w, _turn(goal[:3, :3] @ self.sent[:3, :3].T), b.turn, dt)
-        w = (dt * self._w).tolist()
-        half = 0.5 * math.hypot(*w)
-        share = 0.5 * math.sin(half) / half if half > 0 else 0.5
-        turn = [math.cos(half), *(share * x for x in w)]
+        rotation = _rotation_vector(goal[:3, :3] @ self.sent[:3, :3].T)
+        self._w = _chased(self._w, rotation, self._bounds.turn, dt)
+        wx, wy, wz = (dt * self._w).tolist()
+        half = 0.5 * math.hypot(wx, wy, wz)
+        share = 0.5  # limit of sin(half) / (2 half)
+        if half > 0:
+            share = 0.5 * math.sin(half) / half
+        quat_wxyz = [math.cos(half), share * wx, share * wy, share * wz]
         self.sent[:3, 3] += _UM * steps
         if half > 0:
-            self.sent[:3, :3] = spatial.matrix_from_quat_wxyz(turn) @ self.sent[:3, :3]
-        opened = min(max(round((jaw - self._jaw) / self._step), -_JAW), _JAW)
-        self._jaw += self._step * opened
-        return np.array([*steps, *turn, opened, 1.0])
+            self.sent[:3, :3] = spatial.matrix_from_quat_wxyz(quat_wxyz) @ self.sent[:3, :3]
+        jaw_steps = min(max(round((jaw - self._jaw) / self._step), -_JAW), _JAW)
+        self._jaw += self._step * jaw_steps
+        return np.array([*steps, *quat_wxyz, jaw_steps, 1.0])
 
 
-def _turn(R: Array) -> Array:
+def _rotation_vector(R: Array) -> Array:
     """Return the rotation vector (3,) of a rotation; faster than `spatial.log_so3` for angles below 30 deg."""
     v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    s = math.hypot(*v.tolist())
-    if s > 0.5 or R[0, 0] + R[1, 1] + R[2, 2] < 1:
+    sine = math.hypot(*v.tolist())
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    if sine > 0.5 or trace < 1:
         return spatial.log_so3(R)
-    return v * (math.asin(s) / s) if s > 0 else v
+    if sine == 0:
+        return v
+    return v * (math.asin(sine) / sine)
 
 
 def _chased(v: Array, way: Array, most: float, dt: float) -> Array:
@@ -226,7 +247,8 @@ def _chased(v: Array, way: Array, most: float, dt: float) -> Array:
     larger acceleration to stop at a goal from the rate `most`. Without the limit, a jump of the goal would start the
     arm so suddenly that the speed of its tip exceeds `most`.
     """
-    change = _limited((v + dt * _FOLLOW**2 * way) / (1 + dt * _FOLLOW) ** 2 - v, dt * _FOLLOW * most / math.e)
+    next_v = (v + dt * _FOLLOW**2 * way) / (1 + dt * _FOLLOW) ** 2  # implicit Euler method
+    change = _limited(next_v - v, dt * _FOLLOW * most / math.e)
     return _limited(v + change, most)
 
 
@@ -241,7 +263,8 @@ class Tips:
 
     def __init__(self, kin: Kinematics, angles: Array) -> None:
         """Prepare for an arm with the equations `kin`; `angles` (n,): whether each joint value is an angle."""
-        self._kin, self._turns = kin, np.asarray(angles, bool) & ~kin.auxiliary
+        self._kin = kin
+        self._turns = np.asarray(angles, bool) & ~kin.auxiliary
         self._auxiliary = np.flatnonzero(kin.auxiliary)[:1]
 
     def apart(self, q: Array, other: Array) -> float:
@@ -284,17 +307,29 @@ class Trainer(Block):
             tips: compares joint configurations by the positions of the tip.
             dt: duration of a tick in s.
         """
-        self.robot, self.bounds, self._tips, self._dt = robot, bounds, tips, dt
+        self.robot = robot
+        self.bounds = bounds
+        self._tips = tips
+        self._dt = dt
         self._names = {n: f"{robot}.{n}" for n in ("goal", "follows", "run", "measured", "model", "deviation")}
         self._names["ghost"] = f"{robot}{MODEL}.q"
-        self._jaw, self._silent, self._planned = f"{robot}.jaw", f"{device}.silent", f"{robot}.planned"
-        self._smooth, self._wanted, self._phase = Smooth(bounds, grasp_step, dt), 0.0, Phase.TELEOPERATE
-        self._why, self._value = Why.NOTHING, 0.0
+        self._jaw = f"{robot}.jaw"
+        self._silent = f"{device}.silent"
+        self._planned = f"{robot}.planned"
+        self._smooth = Smooth(bounds, grasp_step, dt)
+        self._setting = 0.0  # of the device, see `asked`
+        self._phase = Phase.TELEOPERATE
+        self._why = Why.NOTHING
+        self._value = 0.0
         self._record: list[Array] = []
-        self._start: Array | None = None
-        self._good = self._led = False
-        self._fastest, self._held = 0.0, 0.0
-        self._k, self._since, self._heard = 0, 0.0, 0.0
+        self._start: Array | None = None  # joint values of the machine at the start of the record
+        self._passed = False  # whether the record has passed its check
+        self._moving = False  # whether a hand or a plan moves the goal
+        self._fastest = 0.0  # largest speed of the model's tip in the rehearsal, m/s
+        self._held = 0.0  # targets out of reach before the rehearsal
+        self._k = 0  # next packet of the replay
+        self._since = 0.0  # time in s at which machine and model last were in PEDAL_DN in the replay
+        self._heard = 0.0  # time in s at which the hands last were not silent
         self.outputs = {
             f"{robot}.packet": _STILL,
             f"{robot}.given": np.append(_STILL, 0.0),
@@ -307,28 +342,22 @@ class Trainer(Block):
         s = {n: now[name] for n, name in self._names.items()}
         ready = s["run"][ANSWERS] > 0.5 and s["run"][LEVEL] >= Level.PEDAL_UP
         self._sync = False
-        if (wanted := now[MODE].item()) != self._wanted:
-            self._wanted = wanted
-            self._change(mode_of(wanted), s, ready, t)
-        machine = model = _STILL
+        setting = now[MODE].item()
+        if setting != self._setting:
+            self._setting = setting
+            self._change(mode_of(setting), s, ready, t)
+        machine = _STILL
+        model = _STILL
         if self._phase == Phase.REPLAY:
-            silent = self._is_silent(signals)
-            self._heard = self._heard if silent else t
-            clutched = not silent and now["console.mode"].item() not in (TOOLS, CAMERA)
-            held = clutched or t - self._heard > _SILENCE
-            waits = self._k == 0 and silent and not held
-            machine = model = _STILL if self._sync or waits else self._replayed(s, held, t)
-        elif self._phase in (Phase.TELEOPERATE, Phase.REHEARSE):
-            alone = self._phase == Phase.REHEARSE
-            full = alone and len(self._record) * dt >= LONGEST
-            if full:
-                self._why, self._value, self._led = Why.FULL, LONGEST, False
-            values = _STILL if full else self._led_by_hand(signals, s, ready, alone)
-            machine, model = (_STILL, values) if alone else (values, values)
-            if alone and not full:
-                self._rehearsed(values, s)
+            machine = self._replay(signals, s, t)
+            model = machine
+        elif self._phase == Phase.REHEARSE:
+            model = self._rehearse(signals, s, ready, dt)
+        elif self._phase == Phase.TELEOPERATE:
+            machine = self._from_goal(signals, s, ready, alone=False)
+            model = machine
         else:
-            self._led = False
+            self._moving = False
         given = np.append(model, float(self._sync))
         return {
             f"{self.robot}.packet": machine,
@@ -346,15 +375,22 @@ class Trainer(Block):
     # -- requested modes -----------------------------------------------------------------------------
 
     def _change(self, wanted: Mode, s: Mapping[str, Array], ready: bool, t: float) -> None:
-        self._why, self._value = Why.NOTHING, 0.0
+        self._why = Why.NOTHING
+        self._value = 0.0
         if wanted == Mode.TELEOPERATE:
-            self._phase, self._led = Phase.TELEOPERATE, False
+            self._phase = Phase.TELEOPERATE
+            self._moving = False
         elif wanted == Mode.REHEARSE:
             if not ready:
                 return self._stop(Why.NOT_READY, s["run"][LEVEL])
-            self._phase, self._sync, self._led = Phase.REHEARSE, True, False
-            self._record, self._start, self._good = [], s["measured"].copy(), False
-            self._fastest, self._held = 0.0, float(s["model"][2])
+            self._phase = Phase.REHEARSE
+            self._sync = True
+            self._moving = False
+            self._record = []
+            self._start = s["measured"].copy()
+            self._passed = False
+            self._fastest = 0.0
+            self._held = float(s["model"][2])
         elif wanted == Mode.JUDGE:
             self._judge(s)
         else:
@@ -362,82 +398,124 @@ class Trainer(Block):
         return None
 
     def _judge(self, s: Mapping[str, Array]) -> None:
-        held, stopped = float(s["model"][2]) - self._held, s["model"][0] < Level.PEDAL_UP
         if self._phase != Phase.REHEARSE or not self._record:
             return self._stop(Why.NO_RECORD, 0.0)
         self._phase = Phase.JUDGED
-        for bad, why, value in (
-            (stopped, Why.MODEL_STOPPED, s["model"][0]),
-            (held > 0, Why.OUT_OF_REACH, held),
-            (self._fastest > self.bounds.rehearsed, Why.TOO_FAST, self._fastest),
-        ):
-            if bad:
-                self._why, self._value = why, float(value)
-                return None
-        self._good = True
+        level = float(s["model"][0])
+        held = float(s["model"][2]) - self._held
+        if level < Level.PEDAL_UP:
+            self._why = Why.MODEL_STOPPED
+            self._value = level
+        elif held > 0:
+            self._why = Why.OUT_OF_REACH
+            self._value = held
+        elif self._fastest > self.bounds.rehearsed:
+            self._why = Why.TOO_FAST
+            self._value = self._fastest
+        else:
+            self._passed = True
         return None
 
     def _begin_replay(self, s: Mapping[str, Array], ready: bool, t: float) -> None:
         if self._start is None or not self._record:
             return self._stop(Why.NO_RECORD, 0.0)
-        if not self._good:
+        if not self._passed:
             return self._stop(Why.NOT_JUDGED, 0.0)
         if not ready:
             return self._stop(Why.NOT_READY, s["run"][LEVEL])
-        far = self._tips.apart(s["measured"], self._start)
-        turned = self._tips.turned(s["measured"], self._start)
-        if far > self.bounds.start:
-            return self._stop(Why.START, far)
-        if turned > self.bounds.start_angle:
-            return self._stop(Why.START_ANGLE, turned)
-        self._phase, self._sync, self._k, self._since, self._heard = Phase.REPLAY, True, 0, t, t
+        distance = self._tips.apart(s["measured"], self._start)
+        if distance > self.bounds.start:
+            return self._stop(Why.START, distance)
+        angle = self._tips.turned(s["measured"], self._start)
+        if angle > self.bounds.start_angle:
+            return self._stop(Why.START_ANGLE, angle)
+        self._phase = Phase.REPLAY
+        self._sync = True
+        self._k = 0
+        self._since = t
+        self._heard = t
         return None
 
     def _stop(self, why: Why, value: float) -> None:
-        self._phase, self._why, self._value = Phase.STOPPED, why, float(value)
+        self._phase = Phase.STOPPED
+        self._why = why
+        self._value = float(value)
 
     # -- packets --------------------------------------------------------------------------------------
 
-    def _led_by_hand(self, signals: Signals, s: Mapping[str, Array], ready: bool, alone: bool) -> Array:
-        """Return the values (9,) of this tick's packet; its increments are 0 until PEDAL_DN is reached."""
-        led = (s["follows"].item() > 0.5 or self._is_planned(signals)) and (ready or alone)
-        jaw = signals.now[self._jaw].item() if self._jaw in signals else 0.0
+    def _from_goal(self, signals: Signals, s: Mapping[str, Array], ready: bool, *, alone: bool) -> Array:
+        """Return the values (9,) of this tick's packet; its increments are 0 until PEDAL_DN is reached.
+
+        If the model moves `alone`, the machine need not be ready.
+        """
+        moving = (s["follows"].item() > 0.5 or self._is_planned(signals)) and (ready or alone)
         goal = s["goal"].reshape(4, 4)
-        if led and not self._led:
-            self._smooth.begin(goal, self._tips.opening(s["ghost" if alone else "measured"]))
-            self._sync = self._sync or not alone  # the model starts at the joint values of the machine
-        self._led = led
-        if not led:
+        if moving and not self._moving:
+            q = s["ghost"] if alone else s["measured"]
+            self._smooth.begin(goal, self._tips.opening(q))
+            if not alone:
+                self._sync = True  # the model starts at the joint values of the machine
+        self._moving = moving
+        if not moving:
             return _STILL
-        levels = [s["model"][0]] if alone else [s["model"][0], s["run"][LEVEL]]
-        if min(levels) < Level.PEDAL_DN:
+        level = s["model"][0]
+        if not alone:
+            level = min(level, s["run"][LEVEL])
+        if level < Level.PEDAL_DN:
             return np.append(_STILL[:8], 1.0)
+        jaw = 0.0
+        if self._jaw in signals:
+            jaw = signals.now[self._jaw].item()
         return self._smooth.values(goal, jaw)
 
-    def _rehearsed(self, values: Array, s: Mapping[str, Array]) -> None:
-        if values[8] < 0.5 and not self._record:
-            return  # the record begins with the motion
-        self._record.append(values)
-        self._fastest = max(self._fastest, float(s["model"][1]))
+    def _rehearse(self, signals: Signals, s: Mapping[str, Array], ready: bool, dt: float) -> Array:
+        """Return the values (9,) of the model's packet, and record them; the record begins with the motion."""
+        if len(self._record) * dt >= LONGEST:
+            self._why = Why.FULL
+            self._value = LONGEST
+            self._moving = False
+            return _STILL
+        values = self._from_goal(signals, s, ready, alone=True)
+        if self._record or values[8] > 0.5:
+            self._record.append(values)
+            self._fastest = max(self._fastest, float(s["model"][1]))
+        return values
 
-    def _replayed(self, s: Mapping[str, Array], held: bool, t: float) -> Array:
+    def _replay(self, signals: Signals, s: Mapping[str, Array], t: float) -> Array:
+        """Return the values (9,) of the packet of this tick, while the operator does not stop the replay."""
+        silent = self._is_silent(signals)
+        if not silent:
+            self._heard = t
+        clutched = not silent and signals.now["console.mode"].item() not in (TOOLS, CAMERA)
+        stopped = clutched or t - self._heard > _SILENCE
+        # A replay does not begin while the clutch cannot be read.
+        waits = self._k == 0 and silent and not stopped
+        if self._sync or waits:
+            return _STILL
+        return self._recorded(s, stopped, t)
+
+    def _recorded(self, s: Mapping[str, Array], stopped: bool, t: float) -> Array:
         """Return the values (9,) of the next packet; the replay pauses while machine or model is not in PEDAL_DN."""
-        level, record, down = s["run"][LEVEL], self._record, np.append(_STILL[:8], 1.0)
-        values = record[self._k] if self._k < len(record) else down
-        if min(s["model"][0], level) >= Level.PEDAL_DN or values[8] < 0.5:
-            self._since, waits = t, False
-        else:
-            waits = True
-        far, speed = s["deviation"]
-        for bad, why, value in (
-            (held, Why.OPERATOR, 0.0),
+        level = s["run"][LEVEL]
+        record = self._record
+        down = np.append(_STILL[:8], 1.0)
+        values = down  # after the record, until both are at rest
+        if self._k < len(record):
+            values = record[self._k]
+        waits = min(s["model"][0], level) < Level.PEDAL_DN and values[8] > 0.5
+        if not waits:
+            self._since = t
+        distance, speed = s["deviation"]
+        # The first reason that applies counts.
+        for applies, why, value in (
+            (stopped, Why.OPERATOR, 0.0),
             (s["run"][ANSWERS] < 0.5, Why.MACHINE_SILENT, 0.0),
             (level < Level.PEDAL_UP, Why.MACHINE_STOPPED, level),
             (t - self._since > _READY, Why.NOT_READY, level),
             (speed > self.bounds.replayed, Why.MACHINE_FAST, speed),
-            (far > self.bounds.deviation, Why.DEVIATES, far),
+            (distance > self.bounds.deviation, Why.DEVIATES, distance),
         ):
-            if bad:
+            if applies:
                 self._stop(why, value)
                 return _STILL
         if waits:

@@ -91,7 +91,11 @@ def step(
         raise KinematicsError(f"joints, desired pose and dt = {dt} must be finite numbers, and dt above 0")
     weight = np.array([1.0, 1.0, 1.0, *3 * [kin.characteristic_length]])
     T = kin.forward(q, seed)
-    J = weight[:, None] * (kin.jacobian(q=q) if kin.closed_forward else kin.jacobian(T))
+    if kin.closed_forward:
+        J = kin.jacobian(q=q)
+    else:
+        J = kin.jacobian(T)
+    J = weight[:, None] * J
     e = weight * pose_error(T, T_desired)
     lower, upper = limits.steps(q, dt)
     # Columns in m of tool motion, so that lengths and angles are damped equally.
@@ -114,9 +118,14 @@ class ToolToJoints(Block):
         self, robot: str, kin: Kinematics, q: Array, limits: Limits, ticks: int, solver: Solver = "damped"
     ) -> None:
         """Start at joint values q (n,); a new rate arrives every `ticks` steps."""
-        self.robot, self.kin, self.limits, self.ticks = robot, kin, limits, ticks
+        self.robot = robot
+        self.kin = kin
+        self.limits = limits
+        self.ticks = ticks
         self.solver: Solver = solver
-        self._T, self._start, self._count = kin.forward(q), np.zeros(0), 0
+        self._T = kin.forward(q)
+        self._start = np.zeros(0)  # coordinates of the tool when the rate arrived
+        self._count = 0
         self.outputs = {f"{robot}.command": q}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
@@ -126,20 +135,23 @@ class ToolToJoints(Block):
         rate = signals[f"{self.robot}.rate"]
         if not rate.any():
             return {}
-        q, kin = signals[f"{self.robot}.encoder"], self.kin
+        q = signals[f"{self.robot}.encoder"]
+        kin = self.kin
         if done == 0:
             self._T = kin.forward(q, self._T)
             self._start = kin.program.coordinates_of_pose.one(self._T.ravel())
-        way = rate * (self.ticks * dt) * (done + 1) / self.ticks
-        T = kin.program.pose_of_coordinates.one(self._start + way)
-        return {f"{self.robot}.command": step(kin, q, T, dt, self.limits, self.solver, seed=self._T).q}
+        displacement = rate * (self.ticks * dt) * (done + 1) / self.ticks
+        T = kin.program.pose_of_coordinates.one(self._start + displacement)
+        result = step(kin, q, T, dt, self.limits, self.solver, seed=self._T)
+        return {f"{self.robot}.command": result.q}
 
 
 def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:
     """Return the x that minimises |J x - e|^2 + damping^2 |x|^2 within bounds."""
     n = J.shape[1]
     mu = _DAMPING * np.linalg.norm(J) / np.sqrt(n)
-    A, b = J.T @ J + mu**2 * np.eye(n), J.T @ e
+    A = J.T @ J + mu**2 * np.eye(n)
+    b = J.T @ e
     x = np.linalg.solve(A, b)
     if (x >= lower).all() and (x <= upper).all():
         return x
@@ -155,7 +167,8 @@ def _bounded(n: int) -> Evaluator:
     DAQP, an active-set solver that comes with CasADi, takes about 15 µs; SciPy's `lsq_linear` takes 300 µs.
     """
     z = ca.MX.sym("z", n * (n + 3))
-    A, (b, lower, upper) = ca.reshape(z[: n * n], n, n), ca.vertsplit(z[n * n :], n)
+    A = ca.reshape(z[: n * n], n, n)
+    b, lower, upper = ca.vertsplit(z[n * n :], n)
     options = {"daqp": {"primal_tol": 1e-10, "dual_tol": 1e-14}}
     solver = ca.conic("bounded", "daqp", {"h": ca.Sparsity.dense(n, n)}, options)
     return Evaluator("bounded", z, solver(h=A, g=-b, lbx=lower, ubx=upper)["x"])
