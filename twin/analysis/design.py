@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from twin.analysis.workspace import Grid, centre, shared_bounds, volume_error
 from twin.api.robot import Robot, load
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, UM
 from twin.kinematics import Kinematics
@@ -303,7 +303,7 @@ def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
     return out
 
 
-def row(work: Job, number: int, design: Sequence[float], judged: dict[str, float]) -> dict[str, Any]:
+def row(work: Job, number: int, design: Sequence[float], judged: dict[str, float]) -> JsonObject:
     """Return one row of the table of designs, with the factors in their display units."""
     names = [f"{f.name} [{f.unit}]" if f.unit else f.name for f in work.factors]
     shown = {n: v / f.scale for n, f, v in zip(names, work.factors, design, strict=True)}

@@ -8,7 +8,6 @@ condition number, and the margin of the loops to a singularity replaces the sing
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,6 +17,7 @@ from twin.analysis import measure
 from twin.analysis.workspace import CHUNK, Grid, Workspace, limit_facts, passive_check, shared_bounds
 from twin.api.robot import Robot
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 
@@ -96,7 +96,7 @@ def by_joints(
     out[:, 2] = np.where(hits > 0, margins, 0)
     out[:, 3] = np.where(np.isfinite(singular), singular, np.nan)
     open_ended = [j.name for j in robot.mechanism.active if j.limits is None or not np.isfinite(j.limits).all()]
-    facts: dict[str, Any] = {"sampled": "joints", "samples": count, "assembled": reached / count}
+    facts: JsonObject = {"sampled": "joints", "samples": count, "assembled": reached / count}
     facts |= {"outside_of_box": outside, "without_limits": open_ended, **limit_facts(robot, passive)}
     return Workspace(robot.name, grid, out, facts, _dimension(robot, ranges, int((~flat).sum())))
 

@@ -15,6 +15,7 @@ from twin.analysis.cluster import HERE, cluster, each
 from twin.api.robot import Progress, Robot, silent
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
+from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -54,7 +55,7 @@ class Sweep(Result):
         return ()
 
     @property
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[JsonObject]:
         """A row for each design: factors, objectives, and whether it is Pareto-optimal."""
         names = self.work.objectives
         return [
@@ -62,7 +63,7 @@ class Sweep(Result):
             for i, (d, j, b) in enumerate(zip(self.designs, self.judged.tolist(), self.best, strict=True))
         ]
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the results as plain data."""
         known = {n: design.OBJECTIVES[n] for n in self.work.objectives}
         grid = None  # only volumes are computed by counting cells

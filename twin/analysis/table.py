@@ -14,6 +14,7 @@ from typing import Any
 from twin.analysis.design import Job
 from twin.core.errors import TwinError
 from twin.core.extras import require
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 
 
@@ -91,7 +92,7 @@ class Table:
             self._file.close()
 
 
-def write(rows: list[dict[str, Any]], folder: Path, *, parquet: bool = False) -> list[Path]:
+def write(rows: list[JsonObject], folder: Path, *, parquet: bool = False) -> list[Path]:
     """Write sweep.csv, and sweep.parquet if requested; return their paths.
 
     Raises:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,6 +21,7 @@ from twin.codegen import Kernel, Stage
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, Verdict, disagreement
+from twin.core.json_types import JsonObject
 from twin.core.quantity import um
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
@@ -237,10 +237,10 @@ def _within(covariance: Array) -> tuple[float, float]:
     return out[0], out[1]
 
 
-def as_dict(budget: Budget) -> dict[str, Any]:
+def as_dict(budget: Budget) -> JsonObject:
     """Return a budget as plain data in SI units."""
     sd = np.sqrt(np.diag(budget.covariance))
-    out: dict[str, Any] = {
+    out: JsonObject = {
         "state": budget.name,
         "q": budget.q.tolist(),
         "sigma_position": sd[:3].tolist(),
@@ -322,7 +322,7 @@ class ToleranceBudget(Result):
         """Exit code: 1 if a requirement is not met, else 0."""
         return 1 if self.verdict == "disagree" else 0
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return all budgets as plain data; keys of values that are not in SI units end with the unit."""
         s = self.spread
         return {

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -23,6 +23,7 @@ from twin.analysis.cluster import each
 from twin.api.robot import Robot, load
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.findings import Finding
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Part, Result
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -166,7 +167,7 @@ class Workspace(Result):
     robot: str
     grid: Grid
     values: np.ndarray
-    facts: dict[str, Any] = field(default_factory=dict)
+    facts: JsonObject = field(default_factory=dict)
     dimension: int = 3
 
     kind = "workspace"
@@ -193,7 +194,7 @@ class Workspace(Result):
         """The measured quantity; None for a point, and for a curve or surface that is not parallel to the axes."""
         return _MEASURES.get(self.dimension) if self.dimension == len(self.grid.axes) else None
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the size, fractions, condition numbers and limits of the workspace as plain data.
 
         The size is a volume in dm3, an area in cm2 if all positions are in one plane parallel to two axes of base, or a
@@ -282,7 +283,7 @@ class Workspace(Result):
         yield ""
 
 
-def _what(s: Mapping[str, Any]) -> str:
+def _what(s: JsonMapping) -> str:
     if s.get("sampled") == "joints":
         return f"{s['samples']} joint positions, {100 * s['assembled']:.1f} % can be assembled"
     if s["orientations"] == 1:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 
 Severity = Literal["info", "warning", "disagreement", "error"]
@@ -43,7 +44,7 @@ class Finding:
     suggestion: str = ""
     cause: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the finding as plain data for JSON."""
         return asdict(self)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from twin.core.findings import EXIT_CODES, Finding, Verdict, by_severity, verdict
+from twin.core.json_types import JsonMapping, JsonObject
 
 
 @dataclass(frozen=True)
@@ -73,14 +74,14 @@ class Result(ABC):
         return EXIT_CODES[self.verdict]
 
     @abstractmethod
-    def content(self) -> Mapping[str, Any]:
+    def content(self) -> JsonMapping:
         """Return the result as plain data for JSON, without schema, verdict and findings."""
 
     @abstractmethod
     def text(self) -> Iterator[Part]:
         """Yield the parts of the result's text, in order."""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the result as plain data for JSON, with the most severe findings first."""
         return record(self.kind, self.content(), self.findings, self.verdict)
 
@@ -93,8 +94,8 @@ class Result(ABC):
 
 
 def record(
-    kind: str, content: Mapping[str, Any], findings: Sequence[Finding] = (), judged: Verdict | None = None
-) -> dict[str, Any]:
+    kind: str, content: JsonMapping, findings: Sequence[Finding] = (), judged: Verdict | None = None
+) -> JsonObject:
     """Return the plain data that every `--json` prints, as described by docs/schemas/result.schema.json.
 
     Args:

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from twin.core.json_types import JsonObject
 from twin.schema.lines import Keys, nearest_line, spell
 
 UNITS = (
@@ -67,7 +68,7 @@ def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: t
 
 
 @cache
-def _schema(model: type[BaseModel]) -> dict[str, Any]:
+def _schema(model: type[BaseModel]) -> JsonObject:
     """Return the JSON Schema of a model, cached because building it takes longer than reading a file."""
     return model.model_json_schema()
 

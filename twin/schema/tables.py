@@ -29,6 +29,7 @@ from twin.core.errors import DescriptionError
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.once import Read
 from twin.core.foreign.text import check_depth, read_text
+from twin.core.json_types import JsonObject
 from twin.core.provenance import EARLIER, Parameter, Provenance
 from twin.core.units import SI
 from twin.schema.explain import explain, explain_syntax
@@ -146,7 +147,7 @@ def error_at(path: str | Path, keys: Keys, message: str) -> DescriptionError:
     return DescriptionError(f"{path}:{line}: {spell(keys)}: {message}")
 
 
-def json_schema(model: type[BaseModel]) -> dict[str, Any]:
+def json_schema(model: type[BaseModel]) -> JsonObject:
     """Return the JSON Schema (2020-12) of a model, which editors use to complete and check files."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement
+from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
@@ -75,7 +75,7 @@ class Operated(Result):
         """The verdict as text."""
         return "All goals were reached" if self.verdict == "agree" else super().word
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the measures of every trial; keys end with their unit."""
         return {
             "robot": self.robot,

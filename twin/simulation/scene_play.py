@@ -10,13 +10,13 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement
+from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
@@ -75,7 +75,7 @@ class Played(Result):
         """Time in s at which the last robot ends its motion."""
         return _duration(self.actors)
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return minimum clearances by pair; keys end with their unit."""
         pairs = {}
         for (a, b), c in self.by_pair.items():

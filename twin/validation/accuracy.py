@@ -6,12 +6,10 @@ differs from eq. (7) as printed in the console's paper.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from twin.core.json_types import JsonMapping
 from twin.core.units import MM
 from twin.validation.console import Laws
 
@@ -23,9 +21,7 @@ _REACH, _WAY, _ASIDE = 50 * MM, (20 * MM, 60 * MM), 1 * MM
 motion along each axis; all in m, and ASSUMED because the paper does not state them."""
 
 
-def measure(
-    console: Laws, displacements: int, resolution: float, seed: int = 0
-) -> tuple[Mapping[str, Any], list[float]]:
+def measure(console: Laws, displacements: int, resolution: float, seed: int = 0) -> tuple[JsonMapping, list[float]]:
     """Simulate the accuracy test; return (plain data, standard deviation of the error along each axis in mm).
 
     `displacements` is the number of displacements along each axis, `resolution` in m is the resolution of the pen's

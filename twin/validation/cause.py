@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 from twin.core.findings import Finding, by_severity
 from twin.core.format import shown
+from twin.core.json_types import JsonObject
 from twin.core.units import DEG, MM
 
 Side = Literal["CAD", "equations", "stage", "motion", "protocol"]
@@ -73,10 +74,10 @@ class Cause:
             if found:
                 yield f"{words}: {_sizes(found)}" if words == "also" else f"{words} from this: {_sizes(found)}"
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the cause as JSON data; findings other than `head` have only code, place and size."""
 
-        def named(findings: Iterable[Finding]) -> list[dict[str, Any]]:
+        def named(findings: Iterable[Finding]) -> list[JsonObject]:
             return [{"code": f.code, "where": f.where, "size": f.size, "unit": f.unit} for f in findings]
 
         return {

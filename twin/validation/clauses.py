@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.findings import Finding, by_severity, disagreement
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Line, Part, Result, Table
 
@@ -41,7 +41,7 @@ class Clause:
     said: str
     way: str
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the clause as plain data."""
         data = {k: getattr(self, k) for k in ("name", "equation", "text", "value", "unit", "limit")}
         return {**data, "holds": bool(self.holds)}
@@ -73,7 +73,7 @@ class Contract(Result):
         """One finding per violated clause."""
         return [_finding(c, self.variants) for c in self.clauses if not c.holds]
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the result as plain data, without `path`."""
         return {
             "console": self.console,

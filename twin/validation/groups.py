@@ -15,12 +15,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from twin.core.findings import Finding, disagreement, info, warning
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Table as Shown
 from twin.schema import Table, Vector, at, load_toml
@@ -168,11 +169,11 @@ class Recomputed:
     """Result of checking a file: tables to print, plain data, findings."""
 
     tables: Sequence[Shown]
-    data: Mapping[str, Any]
+    data: JsonMapping
     findings: Sequence[Finding]
 
 
-SimulatedChain = Callable[[AccuracyChain], tuple[Mapping[str, Any], Sequence[float]]]
+SimulatedChain = Callable[[AccuracyChain], tuple[JsonMapping, Sequence[float]]]
 """Function that simulates an accuracy test; returns (plain data, standard deviation of the x, y and z error in mm)."""
 
 
@@ -212,7 +213,7 @@ def recompute(tables: GroupTables, run: SimulatedChain) -> Recomputed:
         findings += _claim(claim, tables.outcome)
     for twice in tables.twice:
         findings += _twice(twice)
-    data: dict[str, Any] = {"comparisons": outcomes, "accuracy": errors}
+    data: JsonObject = {"comparisons": outcomes, "accuracy": errors}
     shown = [Shown(("", "between", f"printed p ({tables.printed_test})", "Welch t from mean, std, n"), rows)]
     if tables.accuracy:
         shown.append(_shown_errors(tables.accuracy))
@@ -225,7 +226,7 @@ def recompute(tables: GroupTables, run: SimulatedChain) -> Recomputed:
     return Recomputed(shown, data, findings)
 
 
-def _flat(measured: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+def _flat(measured: JsonMapping) -> Iterator[tuple[str, float]]:
     for key, value in measured.items():
         values = value if isinstance(value, list) else [value]
         yield from ((key if len(values) == 1 else f"{key} {'xyz'[i]}", x) for i, x in enumerate(values))
@@ -422,9 +423,7 @@ def _twice(t: Twice) -> Iterator[Finding]:
         )
 
 
-def _chain(
-    c: AccuracyChain, printed: Accuracy, measured: Mapping[str, Any], stds: Sequence[float]
-) -> Iterator[Finding]:
+def _chain(c: AccuracyChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]) -> Iterator[Finding]:
     from scipy import stats
 
     exact = measured["largest_error_unquantised_mm"]

@@ -14,13 +14,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from twin.core.errors import DescriptionError
 from twin.core.findings import Finding, info, warning
 from twin.core.foreign.text import read_text
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
@@ -175,7 +175,7 @@ class Ranks(Result):
         """Name of the file with the users."""
         return self.users.file
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the rank tests as plain data."""
         return {"file": self.file, "test": "Wilcoxon-Mann-Whitney", "comparisons": [vars(c) for c in self.comparisons]}
 

@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 from twin.core.findings import Finding, Kind, by_severity
 from twin.core.format import quantity
+from twin.core.json_types import JsonObject
 from twin.core.provenance import Parameter
 from twin.core.quantity import si
 from twin.core.result import Part, Result, Table
@@ -129,7 +130,7 @@ class PhaseSummary:
     rounds: SearchRounds | None = None
     solver: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the phase as plain data, without durations of the search, which change from run to run."""
         out = {k: v for k, v in vars(self).items() if k != "rounds"}
         return out | {"rounds": None if self.rounds is None else self.rounds.as_dict()}
@@ -220,7 +221,7 @@ class Report(Result):
         """The parameters with provenance ASSUMED (not published)."""
         return tuple(p for p in self.parameters if p.provenance == "ASSUMED")
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the report as plain data, without the curves (`series`)."""
         return {
             "robot": self.robot,

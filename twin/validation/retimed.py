@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from twin.core.findings import Finding
 from twin.core.format import quantity
+from twin.core.json_types import JsonMapping
 from twin.core.result import Table
 from twin.model.mechanism import Mechanism
 from twin.planning import topp, toppra_solver
@@ -50,7 +50,7 @@ class CheckedPlan(Planned):
         """Findings of the check of every sample, then those on the timing."""
         return [*super().findings, *self.judged]
 
-    def content(self) -> Mapping[str, Any]:
+    def content(self) -> JsonMapping:
         """Return the plan as plain data, with the rows on its timing."""
         rows = [asdict(r) | {"agrees": r.agrees} for r in self.rows]
         return {**super().content(), "residuals": rows, "durations": dict(self.durations)}

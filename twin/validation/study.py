@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from twin.core.findings import Finding, disagreement, warning
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.schema import Table, at, load_toml
 
@@ -84,7 +85,7 @@ class StudyRow:
         near = [n for n, p in self.tests.items() if abs(p - self.printed_p) <= 2 * _HALF_DIGIT]
         return min(near, key=lambda n: abs(self.tests[n] - self.printed_p)) if near else ""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the row as plain data."""
         return {
             "name": self.name,

@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import AssemblyError, KinematicsError, TwinError
 from twin.core.findings import Finding, Kind
+from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
@@ -57,7 +57,7 @@ class Curve:
         """Position error (k,) in m."""
         return np.linalg.norm(self.offset, axis=1)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return mean, standard deviation and maximum in SI units; None for values of an empty curve."""
         if not len(self.offset):
             return {"note": self.note, "position_max": None}
@@ -102,7 +102,7 @@ class StrokeSweep:
         worst = self.formula.as_dict()
         return bool(worst["position_max"] <= self.tolerance[0] and worst["rotation_max"] <= self.tolerance[1])
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the comparison as plain data in SI units."""
         return {
             "joint": self.joint,
@@ -310,7 +310,7 @@ class Strokes(Result):
         """One finding per stroke over which the equations disagree with the mechanism."""
         return tuple(_disagreement(s) for s in self.sweeps if not s.agrees)
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return all comparisons as plain data."""
         need = self.requirement
         return {

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from twin.api.robot import Robot
+from twin.core.json_types import JsonObject
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
@@ -104,6 +105,6 @@ class Outcome:
     message: str
     seconds: float
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the outcome as plain data."""
         return asdict(self)

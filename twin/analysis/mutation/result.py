@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from twin.analysis.mutation.fault import FAMILIES, MEANING, Family, Outcome
 from twin.core.findings import Finding, Verdict, disagreement
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 
@@ -84,7 +84,7 @@ class Score(Result):
         """The verdict: "agree" if `passed`, else "disagree"."""
         return "agree" if self.passed else "disagree"
 
-    def families(self) -> list[dict[str, Any]]:
+    def families(self) -> list[JsonObject]:
         """Return one table row for each family with seeded faults."""
         rows = []
         for family in FAMILIES:
@@ -112,7 +112,7 @@ class Score(Result):
         """Verdict as text: whether the validator passes."""
         return "The validator passes" if self.passed else "The validator fails"
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the score as plain data."""
         return {
             "robot": self.robot,

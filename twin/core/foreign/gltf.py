@@ -10,6 +10,7 @@ from urllib.parse import unquote
 from twin.core.errors import BudgetError
 from twin.core.foreign.budget import BUDGETS, check_size, over
 from twin.core.foreign.text import parse_json
+from twin.core.json_types import JsonObject
 
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
@@ -67,24 +68,24 @@ def _json_of(path: Path) -> bytes:
         return file.read(struct.unpack_from("<I", head, 12)[0]) if len(head) == 20 else b""
 
 
-def _numbers(accessor: dict[str, Any], views: list[int]) -> int:
+def _numbers(accessor: JsonObject, views: list[int]) -> int:
     """Return the count of numbers in an accessor, but at most one per byte of its buffer view (readers reject more)."""
     size = _whole(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
     view = accessor.get("bufferView")
     return min(size, views[view]) if isinstance(view, int) and 0 <= view < len(views) else size
 
 
-def _used(primitive: dict[str, Any], sizes: list[int]) -> int:
+def _used(primitive: JsonObject, sizes: list[int]) -> int:
     named = primitive.get("attributes")
     used = [*(named.values() if isinstance(named, dict) else ()), primitive.get("indices")]
     return sum(sizes[i] for i in used if isinstance(i, int) and 0 <= i < len(sizes))
 
 
-def _objects(data: dict[str, Any], key: str) -> list[dict[str, Any]]:
+def _objects(data: JsonObject, key: str) -> list[JsonObject]:
     return [v if isinstance(v, dict) else {} for v in _list(data, key)]
 
 
-def _list(data: dict[str, Any], key: str) -> list[Any]:
+def _list(data: JsonObject, key: str) -> list[Any]:
     value = data.get(key)
     return value if isinstance(value, list) else []
 

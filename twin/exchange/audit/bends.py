@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pxr import Tf, Usd, UsdGeom
@@ -11,6 +10,7 @@ from pxr import Tf, Usd, UsdGeom
 from twin.core.errors import TwinError
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import read_bytes
+from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity
@@ -82,7 +82,7 @@ class _Played:
                     values = file.accessor(sampler["output"]).reshape(len(times), -1)
                     self._keys.setdefault(channel["target"]["node"], (times, values))
 
-    def _primitive(self, name: str) -> dict[str, Any]:
+    def _primitive(self, name: str) -> JsonObject:
         mesh = self._file.item("meshes", self._file.item("nodes", self._node[name])["mesh"])
         (primitive,) = mesh["primitives"]
         return primitive

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from twin.core.json_types import JsonMapping
 from twin.exchange.audit.between import halved
 from twin.exchange.audit.motion import Content, Shape
 from twin.exchange.audit.physics import Joint, Physics
@@ -268,7 +269,7 @@ def _section(text: str, title: str) -> str:
     return found[1] if found else ""
 
 
-def check_proof_clips(proof: Mapping[str, Any], contents: Iterable[Content], ledger: Ledger) -> None:
+def check_proof_clips(proof: JsonMapping, contents: Iterable[Content], ledger: Ledger) -> None:
     """Compare the list of motions in a proof.json with the tracks; `proof` is the content of the proof.json."""
     rows = proof.get("clips")
     tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}

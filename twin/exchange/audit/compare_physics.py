@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
+from twin.core.json_types import JsonMapping
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
 from twin.exchange.audit.motion import Content, Shape
@@ -197,7 +198,7 @@ class View:
         """Name of the source; formats that are written from the same data have the same source."""
         return family(self.format)
 
-    def say(self, subject: str, values: Mapping[str, Any]) -> None:
+    def say(self, subject: str, values: JsonMapping) -> None:
         """Store the values {quantity: value} of a subject; None means that the file does not state the value."""
         self.said |= {(subject, name): value for name, value in values.items() if value is not None}
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonObject
 from twin.exchange.audit.colors import Rgba
 from twin.exchange.audit.physics import Physics
 from twin.exchange.audit.poses import Array, angle
@@ -119,8 +119,8 @@ class Content:
     colors: dict[str, dict[Rgba, float]] = field(default_factory=dict)
     physics: Physics | None = None
     model_hash: str = ""
-    facts: dict[str, Any] = field(default_factory=dict)
-    extra: dict[str, Any] = field(default_factory=dict)
+    facts: JsonObject = field(default_factory=dict)
+    extra: JsonObject = field(default_factory=dict)
     known: frozenset[str] | None = None
 
     @property
@@ -128,7 +128,7 @@ class Content:
         """Name of the file, as shown in reports."""
         return self.ledger.file
 
-    def as_facts(self) -> dict[str, Any]:
+    def as_facts(self) -> JsonObject:
         """Return format and conventions of the file as plain data for the report."""
         links: int | None = len(self.links) if self.links is not None else None
         clips = [{"name": c.name, "keys": len(c.times), "duration_s": c.duration} for c in self.clips]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Any
 
+from twin.core.json_types import JsonObject
 from twin.exchange.audit.report import Ledger
 
 SCHEMA = "twin-proof"
 
 
-def check_proof(path: Path, ledger: Ledger) -> dict[str, Any]:
+def check_proof(path: Path, ledger: Ledger) -> JsonObject:
     """Report differences between a proof.json and the files in its folder; return its JSON data, {} if malformed."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -44,7 +44,7 @@ def check_proof(path: Path, ledger: Ledger) -> dict[str, Any]:
     return data
 
 
-def _fits(folder: Path, row: dict[str, Any], ledger: Ledger) -> bool:
+def _fits(folder: Path, row: JsonObject, ledger: Ledger) -> bool:
     name = row["file"]
     file = (folder / name).resolve()
     if not file.is_relative_to(folder.resolve()):

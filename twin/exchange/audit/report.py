@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 from twin.core import format
 from twin.core.errors import BudgetError, SourceError
 from twin.core.findings import Finding, Severity, Verdict, by_severity, finding, verdict
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 
@@ -58,7 +59,7 @@ class Check:
     when: str = ""
     against: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the check as plain data for JSON."""
         return asdict(self)
 
@@ -71,13 +72,13 @@ class AuditReport(Result):
     """
 
     path: str
-    files: list[dict[str, Any]]
+    files: list[JsonObject]
     checks: list[Check]
     findings: list[Finding]
 
     kind = "audit"
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the report as plain data for JSON."""
         return {"path": self.path, "files": self.files, "checks": [c.as_dict() for c in self.checks]}
 
@@ -134,11 +135,11 @@ def worst(checks: Sequence[Check]) -> list[Check]:
     return list(kinds.values())
 
 
-def _links(file: Mapping[str, Any]) -> str:
+def _links(file: JsonMapping) -> str:
     return f"{file['nodes']} nodes" if file["links"] is None else str(file["links"])
 
 
-def _clips(file: Mapping[str, Any]) -> str:
+def _clips(file: JsonMapping) -> str:
     return ", ".join(f"{c['name']} ({c['keys']} keys, {c['duration_s']:.3f} s)" for c in file["clips"]) or "-"
 
 
@@ -308,7 +309,7 @@ def guarded(read: Callable[[Path, Ledger], Read], path: Path, ledger: Ledger) ->
     return None
 
 
-def finished(path: str, files: list[dict[str, Any]], ledgers: list[Ledger]) -> AuditReport:
+def finished(path: str, files: list[JsonObject], ledgers: list[Ledger]) -> AuditReport:
     """Return the report with the checks and findings of all ledgers."""
     checks = [c for ledger in ledgers for c in ledger.checks]
     nothing = not checks or (files and not any(f["links"] or f["nodes"] for f in files))

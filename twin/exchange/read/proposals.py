@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from twin.cad.meeting import locked_error
 from twin.cad.step import Face, Part
 from twin.core import spatial
 from twin.core.errors import CadError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.exchange.read.pairs import GROSS, Pair, Round, perpendicular, same_axis, shared
@@ -39,8 +39,8 @@ _RAIL = 2.0
 class Side:
     """A joint's frame on one body, and the features to which the frame refers by name, as inline TOML tables."""
 
-    frame: dict[str, Any]
-    features: dict[str, dict[str, Any]]
+    frame: JsonObject
+    features: dict[str, JsonObject]
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class _Frame:
     def __init__(self, body: str, origin: str, part: Part, face: Face, R: Array) -> None:
         self.body, self.R = body, R
         self.features: dict[str, Feature] = {}
-        self.keys: dict[str, Any] = {"origin": self.name(origin, part, face, R[:, 2])}
+        self.keys: JsonObject = {"origin": self.name(origin, part, face, R[:, 2])}
 
     def name(self, name: str, part: Part, face: Face, towards: Array) -> str:
         """Add a feature called `name` for a face, and return `name`.
@@ -183,7 +183,7 @@ class _Frame:
         )
         return name
 
-    def _spec(self) -> dict[str, Any]:
+    def _spec(self) -> JsonObject:
         typed = (
             {}
             if "x_along" in self.keys

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from twin.core import spatial
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
@@ -31,7 +32,7 @@ def toml(value: Any) -> str:
     return text if np.isfinite(value) else ("inf" if value > 0 else "-inf")
 
 
-def rows(values: Mapping[str, Any]) -> list[str]:
+def rows(values: JsonMapping) -> list[str]:
     """Return a line "key = value" for each value that is not None."""
     return [f"{key} = {toml(value)}" for key, value in values.items() if value is not None]
 
@@ -46,6 +47,6 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
-def frame(T: Array) -> dict[str, Any]:
+def frame(T: Array) -> JsonObject:
     """Return a frame T (4, 4) as the inline table of a description, with position_mm and angles_deg."""
     return {"position_mm": T[:3, 3] / MM, "angles_deg": spatial.euler_angles(T[:3, :3], "zyx") / DEG}

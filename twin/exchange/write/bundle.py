@@ -16,6 +16,7 @@ from typing import Any, Protocol
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
 from twin.core.findings import Finding, Kind, by_severity, error, verdict
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 from twin.core.units import DEG, UM
@@ -58,7 +59,7 @@ class Bundle(Result):
     files: tuple[Path, ...]
     order: Order
     findings: tuple[Finding, ...]
-    checks: tuple[dict[str, Any], ...]
+    checks: tuple[JsonObject, ...]
 
     kind = "export"
 
@@ -67,7 +68,7 @@ class Bundle(Result):
         """Total size of the files in bytes."""
         return sum((self.folder / f).stat().st_size for f in self.files)
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the result as plain data for JSON."""
         return {
             "folder": str(self.folder),
@@ -210,7 +211,7 @@ def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding
 # ------------------------------------------------------------------------------------------------ proof
 
 
-def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
+def _budgets(order: Order) -> tuple[list[JsonObject], list[Finding]]:
     """Return a check for each error budget of each clip, and a finding for each budget that is exceeded."""
     rows, findings = [], []
     for clip in order.clips:
@@ -242,8 +243,8 @@ def _budgets(order: Order) -> tuple[list[dict[str, Any]], list[Finding]]:
 
 
 def _proof(
-    order: Order, work: Path, files: Sequence[Path], checks: Sequence[dict[str, Any]], findings: Sequence[Finding]
-) -> dict[str, Any]:
+    order: Order, work: Path, files: Sequence[Path], checks: Sequence[JsonObject], findings: Sequence[Finding]
+) -> JsonObject:
     """Return the content of proof.json, which does not depend on the date: sources and results of all checks."""
     return {
         "schema": "twin-proof",
@@ -280,7 +281,7 @@ def _errors(begin: str, begin_gap: str, e: Between | Budget) -> dict[str, float]
     }
 
 
-def _lines(proof: Mapping[str, Any]) -> str:
+def _lines(proof: JsonMapping) -> str:
     """Return JSON text with one line for each entry and each list element, so that `diff` can compare versions."""
     out = []
     for key, value in proof.items():

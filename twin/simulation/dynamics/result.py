@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from twin.core.findings import Finding, by_severity, disagreement, warning
+from twin.core.json_types import JsonObject
 from twin.core.quantity import mm, um
 from twin.core.result import Part, Result, Table
 from twin.core.units import MM, UM
@@ -92,7 +93,7 @@ class Tracking(Result):
             else "The tip error exceeds the limit"
         )
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return plain data."""
         return {
             "robot": self.robot,

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.reference.dynamics import Dynamics, State
 from twin.reference.loops import LENGTH_SCALE
@@ -146,7 +147,7 @@ class Run:
         seen = self.rcm_error[np.isfinite(self.rcm_error)]
         return float(seen.max()) if seen.size else None
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the conditions, the tip and RCM errors, and the number of saturated ticks as plain data."""
         return {
             "conditions": vars(self.conditions),
@@ -172,7 +173,7 @@ class EffortRow:
         """Relative margin at the peak: 1 for zero effort, 0 at the limit, negative beyond; None without a limit."""
         return None if self.limit is None else 1.0 - self.peak / self.limit
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return plain data."""
         return {**vars(self), "margin": self.margin}
 

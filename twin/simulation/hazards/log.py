@@ -6,11 +6,10 @@ import contextlib
 import fcntl
 import json
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from twin.core.errors import OutputError
+from twin.core.json_types import JsonMapping, JsonObject
 
 
 class Log:
@@ -20,14 +19,14 @@ class Log:
         rows: result of each session in the log; the keys are the indices of the sessions.
     """
 
-    def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, head: JsonMapping) -> None:
         """Open or create a log; an incomplete last line is removed.
 
         Raises:
             OutputError: the file is the log of another campaign, or not a log; another process writes to the file; or
                 the file cannot be written.
         """
-        self.path, self.rows = path, dict[int, dict[str, Any]]()
+        self.path, self.rows = path, dict[int, JsonObject]()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a+b")
@@ -39,7 +38,7 @@ class Log:
             self.close()
             raise
 
-    def _resume(self, head: Mapping[str, Any]) -> None:
+    def _resume(self, head: JsonMapping) -> None:
         """Lock the file, and read the lines that it has; write the first line of a new log."""
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -70,7 +69,7 @@ class Log:
         if not whole:
             self._write(head)
 
-    def add(self, row: dict[str, Any]) -> None:
+    def add(self, row: JsonObject) -> None:
         """Append the line of a session; when this function returns, the line is on the disk.
 
         Raises:
@@ -84,7 +83,7 @@ class Log:
         with contextlib.suppress(OSError):
             self._file.close()
 
-    def _write(self, row: Mapping[str, Any]) -> None:
+    def _write(self, row: JsonMapping) -> None:
         try:
             self._file.write(_line(row))
             self._file.flush()
@@ -95,5 +94,5 @@ class Log:
             ) from error
 
 
-def _line(row: Mapping[str, Any]) -> bytes:
+def _line(row: JsonMapping) -> bytes:
     return json.dumps(row).encode() + b"\n"

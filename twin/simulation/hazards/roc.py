@@ -9,12 +9,12 @@ before the fault, or during the whole session if there is no fault.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.simulation.hazards.campaign import FREE
 
@@ -53,17 +53,17 @@ class Roc:
         return float(self.detected[k]), float(self.false[k])
 
 
-def dangerous(row: Mapping[str, Any]) -> bool:
+def dangerous(row: JsonMapping) -> bool:
     """Return whether a session had a fault that caused harm or a stop."""
     return row["kind"] != FREE and (row["harm"] is not None or row["stop"] is not None)
 
 
-def in_time(row: Mapping[str, Any]) -> bool:
+def in_time(row: JsonMapping) -> bool:
     """Return whether the software's own check stopped the arm of a dangerous session before harm."""
     return row["stop"] is not None and (row["harm"] is None or row["stop"] < row["harm"])
 
 
-def curves(rows: Sequence[Mapping[str, Any]], cue: float) -> list[Roc]:
+def curves(rows: Sequence[JsonMapping], cue: float) -> list[Roc]:
     """Return four ROC curves: fixed limit (`cue` in mm) and adaptive limit, without and with the software's checks.
 
     The list is empty if no session is dangerous.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from twin.core.findings import Finding, disagreement, warning
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Part, Result, Table
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.attacked import HARM
@@ -17,7 +17,7 @@ from twin.simulation.hazards.campaign import FREE, CampaignTable, Scenario
 from twin.simulation.hazards.roc import Roc, curves, dangerous, in_time
 from twin.simulation.machine.machine import LOCATIONS
 
-Row = Mapping[str, Any]
+Row = JsonMapping
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class Hazards(Result):
             return "False cues"
         return "No cue without a fault" if FREE in self.by_class else ""
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return plain data."""
         return {
             "robot": self.robot,

@@ -11,13 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from twin.core.errors import DescriptionError
 from twin.core.findings import Finding
+from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result
 from twin.core.result import Table as Grid
 from twin.core.spatial import Array
@@ -157,7 +158,7 @@ class Trends(Result):
         times = self.table.stuck.times
         return [r for r in self.stuck if r.jumps == times and r.stopped == times]
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return plain data."""
         return {
             "robot": self.robot,

@@ -6,11 +6,11 @@ AlignErr, the angle between line and upper side, is not shown before the end, so
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.pedals import CAMERA
@@ -50,7 +50,7 @@ class CameraReferee(Block):
             self._moved, self.time = True, t - self._begun
         return {}
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the scoreboard as plain data, with the same keys as for the peg board; rings and events are empty."""
         rows = [["Time", f"{self.time:.1f} s"], ["Camera moves", str(self.moves)]]
         return {"rows": rows, "rings": [], "events": []}

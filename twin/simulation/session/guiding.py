@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM, hex_digits
@@ -82,7 +82,7 @@ class GuideMeasures:
             ("Instrument collisions", str(self.collisions)),
         ]
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the measures as plain data; keys end with their unit."""
         return {
             "time_s": self.time,
@@ -261,7 +261,7 @@ class Referee(InstrumentReferee):
             ),
         )
 
-    def content(self, last: int = 5) -> dict[str, Any]:
+    def content(self, last: int = 5) -> JsonObject:
         """Return the scoreboard as plain data: the measures, the state and colour of the ring, the `last` events."""
         said = [name for name, k in self._steps.items() if k is not None]
         state = f"held by {self._names[self._holder]}" if self._holder >= 0 else (said or ["not picked up"])[-1]

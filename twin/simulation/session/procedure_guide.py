@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Literal
 
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM
@@ -48,7 +49,7 @@ class ProcedureGuide(ProcedureReferee):
         self._carried = dict.fromkeys(self.robots, -1)
         self._holds, self._told = dict.fromkeys(self.robots, -1), dict[str, str]()
         self._out_since: float | None = None
-        self._content: dict[str, Any] = {}
+        self._content: JsonObject = {}
         self._next = 0.0
 
     def see(self, now: Mapping[str, Array], t: float) -> None:
@@ -78,7 +79,7 @@ class ProcedureGuide(ProcedureReferee):
             self._next = t + _SAID
             self._say(now)
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the scoreboard as plain data: measures, stages with their state, the next step, the last events."""
         return self._content or {"rows": [], "rings": [], "events": [], "stages": [], "next": ""}
 

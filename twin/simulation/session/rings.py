@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM, hex_digits
@@ -131,7 +131,7 @@ class Referee(InstrumentReferee):
             found, self.collisions, self._duration(max(times) if times and len(times) == len(found) else None)
         )
 
-    def content(self, last: int = 5) -> dict[str, Any]:
+    def content(self, last: int = 5) -> JsonObject:
         """Return the scoreboard as plain data: the measures, the state and colour of each ring, the `last` events."""
         return {
             "rows": [list(row) for row in self.measures().rows()],

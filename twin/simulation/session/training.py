@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from twin.core.findings import Finding, disagreement, warning
+from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -111,7 +111,7 @@ class Training:
             if s.phase == Phase.REHEARSE and s.text:
                 yield warning("training.record", self.robot, s.text.partition(". Press")[0], when=f"{s.begin:.1f} s")
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return plain data; keys end with their unit."""
         return {
             "robot": self.robot,

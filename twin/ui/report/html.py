@@ -6,12 +6,13 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.core import format as fmt
 from twin.core.findings import Finding, by_severity
+from twin.core.json_types import JsonObject
 from twin.core.provenance import Parameter
 from twin.ui.report import curves
 from twin.ui.report.matrix import PAIRS, label, pair_names
@@ -295,7 +296,7 @@ def _counts(report: Report) -> list[str]:
     return [f"{fmt.count(number, noun)}{addition}" for number, noun, addition in entries if number]
 
 
-def _groups(report: Report) -> list[dict[str, Any]]:
+def _groups(report: Report) -> list[JsonObject]:
     """Return the residuals by pair of models: failing residuals first, consequences directly after their cause."""
     out = []
     for pair in pair_names(report):

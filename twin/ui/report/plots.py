@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.core.format import quantity, seconds
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.ui.report import curves, rounds
@@ -300,7 +301,7 @@ def figures(report: Report) -> dict[str, Figure]:
     return drawn
 
 
-def _line_style(i: int) -> dict[str, Any]:
+def _line_style(i: int) -> JsonObject:
     """Return colour and dashes of curve i; the dashes change when all colours have been used."""
     dashes = ("-", (0, (4, 1.5)), (0, (1.5, 1.2)))
     repetition, color = divmod(i, len(PALETTE))

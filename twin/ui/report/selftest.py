@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from twin.core.json_types import JsonObject
 from twin.validation.result import Report
 
 HEADING = "self-test of the validator on this robot"
@@ -31,7 +31,7 @@ def with_selftest(report: Report, path: Path) -> Report:
     return replace(report, facts={**report.facts, HEADING: facts})
 
 
-def _facts(data: dict[str, Any]) -> dict[str, str]:
+def _facts(data: JsonObject) -> dict[str, str]:
     share = 100 * data["share"]
     required = 100 * data["bar"]
     alarms = len(data["false_alarms"])

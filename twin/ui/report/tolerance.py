@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.analysis.tolerance import ToleranceBudget
+from twin.core.json_types import JsonObject
 from twin.core.units import UM
 from twin.ui.report.style import FIT, INK, PALETTE, UNFIT, sheet, styled
 
@@ -40,7 +41,7 @@ def figure(found: ToleranceBudget) -> Figure:
     return out
 
 
-def _largest(contributors: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _largest(contributors: list[JsonObject]) -> list[JsonObject]:
     """Return the first `_SHOWN` contributions, which are the largest, and one for the sum of all others."""
     others = contributors[_SHOWN:]
     if not others:
@@ -53,7 +54,7 @@ def _largest(contributors: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [*contributors[:_SHOWN], rest]
 
 
-def _draw_states(ax: Axes, budgets: list[dict[str, Any]], required: float | None) -> None:
+def _draw_states(ax: Axes, budgets: list[JsonObject], required: float | None) -> None:
     """Draw the position error of each state in µm; `required` is the required value in m."""
     names = [budget["state"] for budget in budgets]
     values = np.array([budget["within_position"] for budget in budgets]) / UM
@@ -75,7 +76,7 @@ def _draw_states(ax: Axes, budgets: list[dict[str, Any]], required: float | None
     ax.grid(visible=False, axis="y")
 
 
-def _draw_contributions(ax: Axes, contributions: list[dict[str, Any]]) -> None:
+def _draw_contributions(ax: Axes, contributions: list[JsonObject]) -> None:
     """Draw two bars for each contribution: its shares of the variances of position and rotation in %."""
     y = np.arange(len(contributions))
     position = [100 * row["position"] for row in contributions]

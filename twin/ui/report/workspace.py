@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twin.analysis.workspace import Grid, Workspace
+from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.ui.report.style import INK, PALETTE, sheet, styled
@@ -92,7 +92,7 @@ def _flat(axes: tuple[int, ...]) -> tuple[int, int, int]:
     raise AssertionError(f"no section contains the axes {axes}")
 
 
-def _around(summary: Mapping[str, Any]) -> str:
+def _around(summary: JsonMapping) -> str:
     """Return the part of the title on the orientations of the tool."""
     if summary.get("sampled") == "joints":
         return f", {summary['samples']:.3g} joint positions"

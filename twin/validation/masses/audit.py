@@ -14,12 +14,13 @@ import re
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from twin.core.findings import Finding, disagreement, warning
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.schema import Table, at, load_toml
@@ -104,7 +105,7 @@ class MassRow:
     mass_negated: float
     repaired: tuple[str, ...]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the row as plain data."""
         return asdict(self)
 

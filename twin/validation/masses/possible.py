@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from twin.core.findings import Finding, Severity, finding
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -82,7 +83,7 @@ class JudgedInertia:
     outside: float
     findings: tuple[Finding, ...]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the derived quantities and findings as plain data."""
         return {**vars(self), "findings": [f.as_dict() for f in self.findings]}
 

@@ -11,11 +11,11 @@ import json
 import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from twin.core.findings import Finding
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.exchange.write.clip import Clip, home_poses, model_hash, quaternions_xyzw
@@ -51,12 +51,12 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
     rest = home_poses(mechanism) if link_poses is None else link_poses
     out = _Document()
     root, frames = node_names(mechanism, clips)
-    nodes: list[dict[str, Any]] = [{"name": root, "rotation": list(UP_XYZW), "children": []}]
+    nodes: list[JsonObject] = [{"name": root, "rotation": list(UP_XYZW), "children": []}]
     index = {}
     for body in mechanism.bodies:
         index[body.name] = len(nodes)
         nodes[0]["children"].append(len(nodes))
-        extras: dict[str, Any] = {"link": body.name}
+        extras: JsonObject = {"link": body.name}
         if body.inertia is not None:
             extras["mass"] = float(f"{body.inertia.mass:.9g}")
         if not body.whole:
@@ -91,7 +91,7 @@ def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
     y up.
     """
     out = _Document()
-    nodes: list[dict[str, Any]] = [{"name": name, "rotation": list(UP_XYZW), "children": []}]
+    nodes: list[JsonObject] = [{"name": name, "rotation": list(UP_XYZW), "children": []}]
     channels, samplers = [], []
     for bend in bends:
         shapes, factors = bend.shapes()
@@ -170,9 +170,9 @@ class _Document:
     def __init__(self) -> None:
         self._parts: dict[str, list[bytes]] = {"vertices": [], "keys": [], "uint16": [], "uint32": []}
         self._sizes = dict.fromkeys(self._parts, 0)
-        self._accessors: list[tuple[str, dict[str, Any]]] = []
+        self._accessors: list[tuple[str, JsonObject]] = []
         self._known: dict[tuple[str, str, bool, bytes], int] = {}
-        self._meshes: list[dict[str, Any]] = []
+        self._meshes: list[JsonObject] = []
         self._materials: dict[Material, int] = {}
 
     def mesh(self, body: Body, materials: Mapping[str, Material]) -> int | None:
@@ -198,7 +198,7 @@ class _Document:
 
     def _primitive(
         self, points: np.ndarray, normals: np.ndarray, faces: np.ndarray, material: Material, short: bool
-    ) -> dict[str, Any]:
+    ) -> JsonObject:
         """Add triangles of one material and return their primitive. If `short` is True, indices have 16 bits."""
         part, dtype, component = ("uint16", "<u2", _UINT16) if short else ("uint32", "<u4", _UINT32)
         return {
@@ -224,7 +224,7 @@ class _Document:
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         material = Material(mesh.name, mesh.color_rgba, mesh.finish)
         primitive = self._primitive(mesh.vertices, normals, faces, material, short=False)
-        out: dict[str, Any] = {"name": f"{mesh.name}_mesh", "primitives": [primitive]}
+        out: JsonObject = {"name": f"{mesh.name}_mesh", "primitives": [primitive]}
         if len(shapes):
             primitive["targets"] = [
                 {"POSITION": self._add("vertices", s.astype("<f4"), "VEC3", _FLOAT, bounds=True)} for s in shapes
@@ -233,7 +233,7 @@ class _Document:
         self._meshes.append(out)
         return len(self._meshes) - 1
 
-    def keys(self, times: Array, values: Array, kind: str) -> dict[str, Any]:
+    def keys(self, times: Array, values: Array, kind: str) -> JsonObject:
         """Return a sampler of an animation, with linear interpolation between keys.
 
         `times` (k,) are in s. `values` has one row for each key; for morph targets, one row for each key and target.
@@ -243,7 +243,7 @@ class _Document:
         output = self._add("keys", values.astype("<f4") + np.float32(0), kind, _FLOAT)
         return {"input": at, "interpolation": "LINEAR", "output": output}
 
-    def animation(self, clip: Clip, nodes: Mapping[str, int], moving: set[tuple[str, str]]) -> dict[str, Any]:
+    def animation(self, clip: Clip, nodes: Mapping[str, int], moving: set[tuple[str, str]]) -> JsonObject:
         """Return a clip as a glTF animation, with a channel for each pair (link, path) in `moving`."""
         channels, samplers = [], []
         for name, Ts in clip.links.items():
@@ -278,7 +278,7 @@ class _Document:
         self._accessors.append((part, accessor))
         return len(self._accessors) - 1
 
-    def lists(self) -> dict[str, Any]:
+    def lists(self) -> JsonObject:
         """Return the lists of meshes, materials, accessors, buffer views and buffers, without empty lists.
 
         glTF forbids empty lists.
@@ -286,7 +286,7 @@ class _Document:
         used = [p for p in self._parts if self._sizes[p]]
         views, start = [], 0
         for part in used:
-            view: dict[str, Any] = {"buffer": 0, "byteOffset": start, "byteLength": self._sizes[part]}
+            view: JsonObject = {"buffer": 0, "byteOffset": start, "byteLength": self._sizes[part]}
             if part == "vertices":
                 view |= {"byteStride": 12, "target": _VERTICES}
             elif part != "keys":
@@ -303,14 +303,12 @@ class _Document:
         }
         return {k: v for k, v in lists.items() if v}
 
-    def packed(
-        self, name: str, about: Mapping[str, Any], nodes: list[dict[str, Any]], animations: list[dict[str, Any]]
-    ) -> bytes:
+    def packed(self, name: str, about: JsonMapping, nodes: list[JsonObject], animations: list[JsonObject]) -> bytes:
         """Return the content of a .glb file with one scene, whose root is the first node.
 
         `about` is written as the `extras` of the glTF asset.
         """
-        document: dict[str, Any] = {
+        document: JsonObject = {
             "asset": {"version": "2.0", "generator": f"twin {__version__}", "extras": about},
             "scene": 0,
             "scenes": [{"name": name, "nodes": [0]}],
@@ -328,14 +326,14 @@ def _aligned(size: int) -> int:
     return (size + 3) // 4 * 4
 
 
-def _trs(T: Array) -> dict[str, Any]:
+def _trs(T: Array) -> JsonObject:
     """Return a node's pose as translation and rotation, because glTF cannot animate nodes with a matrix."""
     q = quaternions_xyzw(T[None])[0]
     return {"translation": (T[:3, 3] + 0.0).tolist(), "rotation": (q + 0.0).tolist()}
 
 
-def _material(material: Material) -> dict[str, Any]:
-    out: dict[str, Any] = {
+def _material(material: Material) -> JsonObject:
+    out: JsonObject = {
         "name": material.name,
         "pbrMetallicRoughness": {
             "baseColorFactor": [float(c) for c in material.color_rgba],
@@ -349,7 +347,7 @@ def _material(material: Material) -> dict[str, Any]:
     return out
 
 
-def _pack(document: Mapping[str, Any], binary: bytes) -> bytes:
+def _pack(document: JsonMapping, binary: bytes) -> bytes:
     text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
     text = text.ljust(_aligned(len(text)), b" ")
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from twin.core.extras import require
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.exchange.write.clip import quaternions_xyzw
@@ -26,7 +27,7 @@ WORLD = "world"
 _NANO = 1_000_000_000
 
 
-def _object(title: str, **properties: Any) -> dict[str, Any]:
+def _object(title: str, **properties: Any) -> JsonObject:
     return {"title": title, "type": "object", "properties": properties}
 
 
@@ -92,7 +93,7 @@ def write_mcap(
     return Path(path)
 
 
-def _transform(stamp: Mapping[str, int], name: str, p: list[float], q: list[float]) -> dict[str, Any]:
+def _transform(stamp: Mapping[str, int], name: str, p: list[float], q: list[float]) -> JsonObject:
     return {
         "timestamp": stamp,
         "parent_frame_id": WORLD,

@@ -10,7 +10,6 @@ import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from twin.cad.build import read_mechanism
 from twin.cad.step import Part, read_step
 from twin.core.errors import CadError, SourceError
 from twin.core.findings import Finding, finding
+from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -213,7 +213,7 @@ def describe(s: Skeleton, name: str, source: str) -> str:
     ]
     for body in s.parts:
         lines += table(f"[body.{body}]", node=s.nodes[body] if s.nodes[body] != body else None)
-    used: dict[str, dict[str, Any]] = {}
+    used: dict[str, JsonObject] = {}
     for p in s.proposals:
         for body, side in ((p.parent, p.on_parent), (p.child, p.on_child)):
             used.setdefault(body, {}).update(side.features)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from twin.core.foreign.admit import admit
+from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba, surface_area
 from twin.exchange.audit.context import Context
@@ -207,7 +208,7 @@ def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str
     return {name: shape for name, shape in out.items() if shape is not None}, palette.shares()
 
 
-def _primitives(file: Gltf, mesh: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Array, Array]]:
+def _primitives(file: Gltf, mesh: JsonObject) -> Iterator[tuple[JsonObject, Array, Array]]:
     """Yield (JSON object, points (n, 3), triangles (m, 3)) for each primitive that has positions."""
     for primitive in mesh.get("primitives", []):
         attributes = primitive.get("attributes", {})
@@ -219,7 +220,7 @@ def _primitives(file: Gltf, mesh: dict[str, Any]) -> Iterator[tuple[dict[str, An
         yield primitive, vertices, _triangles(indices, primitive.get("mode", 4))
 
 
-def _color(file: Gltf, mesh: dict[str, Any], link: str, palette: Palette) -> None:
+def _color(file: Gltf, mesh: JsonObject, link: str, palette: Palette) -> None:
     """Add the coloured areas of a mesh to the palette of its link."""
     for primitive, vertices, triangles in _primitives(file, mesh):
         if "material" not in primitive or not len(triangles) or triangles.max() >= len(vertices):
@@ -229,7 +230,7 @@ def _color(file: Gltf, mesh: dict[str, Any], link: str, palette: Palette) -> Non
         palette.add(link, rgba, surface_area(vertices, triangles))
 
 
-def _corners(file: Gltf, mesh: dict[str, Any], name: str) -> tuple[Array, Array]:
+def _corners(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, Array]:
     """Check a mesh, and return the points (n, 3) and triangles (m, 3) of all its primitives."""
     points, faces, normals = [np.zeros((0, 3))], [np.zeros((0, 3), int)], []
     count, all_normals = 0, True

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.motion import Clip, check_quaternions, check_times
 from twin.exchange.audit.poses import Array
@@ -130,7 +130,7 @@ class Clips:
             self._ledger.add("gltf.jumps", "info", text, clip, suggestion="use LINEAR for a motion")
 
 
-def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
+def channels(file: Gltf, spec: JsonObject, clip: str) -> Iterator[Channel]:
     """Yield the valid channels of an animation; report the faults of invalid channels."""
     samplers = spec.get("samplers", [])
     seen: set[tuple[int, str]] = set()
@@ -159,7 +159,7 @@ def channels(file: Gltf, spec: dict[str, Any], clip: str) -> Iterator[Channel]:
 
 
 def _channel(
-    file: Gltf, sampler: dict[str, Any], clip: str, node: int, path: str, where: str, timed: dict[bytes, bool]
+    file: Gltf, sampler: JsonObject, clip: str, node: int, path: str, where: str, timed: dict[bytes, bool]
 ) -> Channel | None:
     ledger = file.ledger
     mode = sampler.get("interpolation", "LINEAR")

@@ -13,6 +13,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from twin.core.json_types import JsonObject
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 
@@ -30,11 +31,11 @@ class Gltf:
 
     path: Path
     ledger: Ledger
-    json: dict[str, Any]
+    json: JsonObject
     buffers: list[bytes]
     _read: dict[int, Array] = field(default_factory=dict)
 
-    def items(self, name: str) -> list[dict[str, Any]]:
+    def items(self, name: str) -> list[JsonObject]:
         """Return the objects in a top-level array of the JSON; [] if the array is missing.
 
         Raises:
@@ -45,7 +46,7 @@ class Gltf:
             raise ReadError(f"'{name}' is not an array of objects", "gltf.json")
         return value
 
-    def item(self, name: str, index: Any) -> dict[str, Any]:
+    def item(self, name: str, index: Any) -> JsonObject:
         """Return the object at position `index` of the top-level array `name`.
 
         Raises:
@@ -67,7 +68,7 @@ class Gltf:
             self._read[index] = self._accessor(index, spec)
         return self._read[index]
 
-    def _accessor(self, index: int, spec: dict[str, Any]) -> Array:
+    def _accessor(self, index: int, spec: JsonObject) -> Array:
         name = f"accessor {index}"
         kind, width = _TYPES.get(spec.get("componentType", 0)), _WIDTH.get(spec.get("type", ""))
         if kind is None or width is None:
@@ -133,7 +134,7 @@ class Gltf:
         out[rows.astype(int)] = values
         return out
 
-    def _check_bounds(self, index: int, spec: dict[str, Any], values: Array) -> None:
+    def _check_bounds(self, index: int, spec: JsonObject, values: Array) -> None:
         """Compare an accessor's numbers with its min and max, which viewers use for framing, culling and timing."""
         name = f"accessor {index}"
         if not np.all(np.isfinite(values)):
@@ -230,7 +231,7 @@ def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
     return found[_JSON], found.get(_BIN)
 
 
-def _buffer(path: Path, index: int, spec: dict[str, Any], binary: bytes | None) -> bytes:
+def _buffer(path: Path, index: int, spec: JsonObject, binary: bytes | None) -> bytes:
     name = f"buffer {index}"
     length = natural(spec, "byteLength", name)
     uri = spec.get("uri")

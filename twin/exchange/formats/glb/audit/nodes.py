@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.motion import UNIT_TOL
 from twin.exchange.audit.poses import Array
@@ -38,7 +39,7 @@ class Node:
     rotation: Array
     scale: Array
     matrix: Array | None
-    spec: dict[str, Any]
+    spec: JsonObject
     copied: bool = False
 
     @property
@@ -106,7 +107,7 @@ def read_nodes(file: Gltf) -> list[Node]:
     return out
 
 
-def _repeats(specs: list[dict[str, Any]], parent: list[int], i: int) -> bool:
+def _repeats(specs: list[JsonObject], parent: list[int], i: int) -> bool:
     """Return whether an ancestor of node `i` is marked as the same link as the node."""
     link = _link_of(specs[i])
     seen = set()
@@ -118,7 +119,7 @@ def _repeats(specs: list[dict[str, Any]], parent: list[int], i: int) -> bool:
     return False
 
 
-def _link_of(spec: dict[str, Any]) -> Any:
+def _link_of(spec: JsonObject) -> Any:
     extras = spec.get("extras")
     return extras.get("link") if isinstance(extras, dict) else None
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from twin.core.foreign.admit import admit
+from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.context import Context
 from twin.exchange.audit.motion import Clip, Content, check_poses, check_quaternions, check_rate, check_times
@@ -69,7 +70,7 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
         lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError as error:
         raise ReadError("the file is not text") from error
-    data: dict[str, Any] = {}
+    data: JsonObject = {}
     while lines and lines[0].startswith("#"):
         key, colon, value = lines.pop(0).lstrip("# ").partition(":")
         if colon:
@@ -113,7 +114,7 @@ def _parsed(value: str) -> Any:
         return value
 
 
-def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
+def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     links, joints = _list(data, "links"), _list(data, "joints")
     name = str(data.get("protocol", ""))
     out = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
@@ -158,7 +159,7 @@ def _content(data: dict[str, Any], kind: str, ledger: Ledger) -> Content:
     return out
 
 
-def _check_words(data: dict[str, Any], ledger: Ledger) -> None:
+def _check_words(data: JsonObject, ledger: Ledger) -> None:
     if data.get("version") != 1:
         ledger.wrong("tracks.version", f"version is {data.get('version')!r}, but must be 1.", "version")
     for key, value in WORDS.items():
@@ -167,14 +168,14 @@ def _check_words(data: dict[str, Any], ledger: Ledger) -> None:
             ledger.wrong("tracks.convention", text, key, suggestion=f"convert the numbers and write '{value}'")
 
 
-def _list(data: dict[str, Any], key: str) -> list[str]:
+def _list(data: JsonObject, key: str) -> list[str]:
     value = data.get(key)
     if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
         raise ReadError(f"'{key}' is not a list of strings")
     return value
 
 
-def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
+def _numbers(data: JsonObject, key: str, ledger: Ledger) -> Array:
     value = data.get(key)
     try:
         out = np.array(value if value is not None else [], float)
@@ -187,7 +188,7 @@ def _numbers(data: dict[str, Any], key: str, ledger: Ledger) -> Array:
     return out
 
 
-def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
+def _shaped(data: JsonObject, key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
     """Return the flat list `data[key]` as an array of the given shape; None, with a finding, if its length is wrong."""
     flat = _numbers(data, key, ledger)
     if flat.size != int(np.prod(shape)):
@@ -204,7 +205,7 @@ def _shaped(data: dict[str, Any], key: str, shape: tuple[int, ...], ledger: Ledg
     return flat.reshape(shape)
 
 
-def _check_phases(data: dict[str, Any], times: Array, ledger: Ledger) -> None:
+def _check_phases(data: JsonObject, times: Array, ledger: Ledger) -> None:
     names = data.get("phases", [])
     start, end = _numbers(data, "phase_start", ledger), _numbers(data, "phase_end", ledger)
     if not (len(names) == len(start) == len(end)):
@@ -226,7 +227,7 @@ def _check_phases(data: dict[str, Any], times: Array, ledger: Ledger) -> None:
             ledger.wrong("tracks.phases", text, str(name), when=f"t = {start[i]:.4g} s")
 
 
-def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: Ledger) -> None:
+def _check_limits(data: JsonObject, joints: list[str], clip: Clip, ledger: Ledger) -> None:
     low, high = _numbers(data, "joint_lower", ledger), _numbers(data, "joint_upper", ledger)
     kinds = data.get("joint_types", [])
     for key, value in (("joint_types", kinds), ("joint_lower", low), ("joint_upper", high)):
@@ -266,7 +267,7 @@ def _check_limits(data: dict[str, Any], joints: list[str], clip: Clip, ledger: L
     ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)
 
 
-def _physics(data: dict[str, Any], links: list[str], joints: list[str]) -> Physics:
+def _physics(data: JsonObject, links: list[str], joints: list[str]) -> Physics:
     """Return the mechanism data of a track; missing entries are skipped, because the reader has reported them."""
     out = Physics(tuple(links))
     kinds, active = data.get("joint_types", []), data.get("joint_active", [])

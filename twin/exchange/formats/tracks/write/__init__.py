@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from twin.core.findings import Finding
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.exchange.formats.tracks.write.turns import tree_coordinates
 from twin.exchange.write.clip import Clip, model_hash, quaternions_xyzw
@@ -57,9 +58,7 @@ def schema_text() -> str:
     return json.dumps(json_schema(Track), indent=2, ensure_ascii=False) + "\n"
 
 
-def track(
-    mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assumed: Sequence[str] = ()
-) -> dict[str, Any]:
+def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assumed: Sequence[str] = ()) -> JsonObject:
     """Return a track as plain data for JSON; `twin.schema.track.Track` describes each entry.
 
     For the arguments see `write_tracks`.
@@ -128,7 +127,7 @@ def _plain(values: Any) -> list[float]:
     return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in (values + 0.0).tolist()]
 
 
-def _json(data: dict[str, Any]) -> str:
+def _json(data: JsonObject) -> str:
     """Return JSON text with one line for each entry, so that a reader can find the short entries at the start."""
     lines = (
         f"{json.dumps(k)}:{json.dumps(v, separators=(',', ':'), ensure_ascii=False, allow_nan=False)}"
@@ -141,7 +140,7 @@ _COLUMNS = ("times", "poses", "positions")
 """Entries of the track that become columns of the CSV; all other entries are written in the header of the CSV."""
 
 
-def _csv(data: dict[str, Any]) -> str:
+def _csv(data: JsonObject) -> str:
     head = [
         f"# {k}: {v if isinstance(v, str) else json.dumps(v, separators=(',', ':'), ensure_ascii=False)}"
         for k, v in data.items()

@@ -6,8 +6,8 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
+from twin.core.json_types import JsonObject
 from twin.exchange.audit.context import Context
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.unity.audit.golden import check_golden
@@ -38,7 +38,7 @@ def check_package(folder: Path, ledger: Ledger) -> None:
     ledger.row(f"package: {len(seen)} files, {len(guids)} GUIDs", float(len(wrong)), "found", 0.0)
 
 
-def _json(file: Path, folder: Path, ledger: Ledger) -> dict[str, Any] | None:
+def _json(file: Path, folder: Path, ledger: Ledger) -> JsonObject | None:
     name = file.relative_to(folder).as_posix()
     try:
         data = json.loads(file.read_text(encoding="utf-8-sig"))
@@ -51,7 +51,7 @@ def _json(file: Path, folder: Path, ledger: Ledger) -> dict[str, Any] | None:
     return data
 
 
-def _check_fields(folder: Path, data: dict[str, Any], ledger: Ledger) -> None:
+def _check_fields(folder: Path, data: JsonObject, ledger: Ledger) -> None:
     for key in REQUIRED:
         if not isinstance(data.get(key), str) or not data[key]:
             ledger.wrong("unity.package", f"package.json lacks '{key}'.", "package.json")

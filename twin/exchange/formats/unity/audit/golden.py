@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
@@ -67,7 +68,7 @@ def check_golden(path: Path, name: str, ledger: Ledger) -> None:
 
 
 class _Vectors:
-    def __init__(self, data: dict[str, Any]) -> None:
+    def __init__(self, data: JsonObject) -> None:
         self.data, self.track = data, data["track"]
         links = len(self.track["links"])
         self.times = np.array(self.track["times"], float)

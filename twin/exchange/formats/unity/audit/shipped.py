@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
+from twin.core.json_types import JsonMapping
 from twin.exchange.audit.report import Ledger
 
 PACKAGE = Path(__file__).resolve().parents[4] / "ui/headset/unity"
@@ -16,7 +15,7 @@ PACKAGE = Path(__file__).resolve().parents[4] / "ui/headset/unity"
 _GUID = re.compile(rb"^guid:\s*([0-9a-f]{32})\s*$", re.MULTILINE)
 
 
-def check_shipped(folder: Path, data: Mapping[str, Any], ledger: Ledger) -> None:
+def check_shipped(folder: Path, data: JsonMapping, ledger: Ledger) -> None:
     """Report files of a package that differ from twin's, or are missing; packages with other names have no counterpart.
 
     `data` is the content of the package.json. Line ends do not count; of a .meta file, which Unity writes again, only

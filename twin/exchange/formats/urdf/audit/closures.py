@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from twin.core.foreign.text import read_text
+from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.physics import Joint, along
 from twin.exchange.audit.poses import Array
@@ -62,7 +63,7 @@ def read_closures(path: Path, links: Collection[str], joints: Collection[str], l
     Only files in which each line is a key with its value in JSON are read, as twin writes them. `links` and `joints`
     are the names in the URDF.
     """
-    data: dict[str, Any] = {}
+    data: JsonObject = {}
     for line in read_text(path, "YAML").splitlines():
         if not line.strip() or line.startswith("#"):
             continue

@@ -23,6 +23,7 @@ from typing import Any
 from twin.core.errors import SourceError, unknown
 from twin.core.extras import require
 from twin.core.foreign.text import read_text
+from twin.core.json_types import JsonObject
 from twin.model.joint import JointType
 
 TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
@@ -120,7 +121,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _table(path: Path, data: dict, key: str) -> dict[str, Any]:
+def _table(path: Path, data: dict, key: str) -> JsonObject:
     value = data.get(key, {})
     if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
         raise SourceError(f"{path}: {key}: expected names with their values, found {str(value)[:40]!r}")
@@ -136,9 +137,9 @@ def _distinct(path: Path, key: str, names: list) -> None:
             raise SourceError(f"{path}: {key}: '{name}' is listed twice")
 
 
-def _json(text: str) -> dict[str, Any] | None:
+def _json(text: str) -> JsonObject | None:
     """Return the content of a text whose lines are `key: value` with values in JSON; None if it has other lines."""
-    out: dict[str, Any] = {}
+    out: JsonObject = {}
     for line in text.splitlines():
         if not line.strip() or line.startswith("#"):
             continue
