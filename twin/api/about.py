@@ -31,7 +31,7 @@ def scene_commands(scene: Scene) -> tuple[str, ...]:
     the scene, because USD stages contain only the motions of the robots' own protocols. "operate" requires tasks or
     machines.
     """
-    commands = ["info", "view", "serve"]
+    commands: list[str] = ["info", "view", "serve"]
     if scene.plays:
         commands = list(SCENE_COMMANDS)
         if any(p.protocol.endswith(".toml") for p in scene.places):
