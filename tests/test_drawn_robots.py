@@ -21,6 +21,7 @@ from made import drawn_robots
 from twin.cad.build import read_mechanism
 from twin.core import spatial
 from twin.exchange.audit import audit
+from twin.exchange.formats import audited
 from twin.exchange.formats.glb.write import write_glb
 from twin.exchange.formats.mjcf.write import write_mjcf
 from twin.exchange.formats.urdf.write import write_urdf
@@ -183,8 +184,11 @@ def says_why(finding, weightless):
 @pytest.fixture
 def unguarded(monkeypatch):
     """Audit without a process for each file: these files were written here."""
-    monkeypatch.setattr(twin.exchange.audit, "admit", lambda path: None)
     monkeypatch.setattr(twin.exchange.audit, "admit_together", set)
+    for format in audited():
+        reader = format.module("audit")
+        if hasattr(reader, "admit"):
+            monkeypatch.setattr(reader, "admit", lambda path: None)
 
 
 @pytest.mark.usefixtures("unguarded")

@@ -13,6 +13,7 @@ import twin
 from made.foreign_format import installed
 from test_audit_fuzz import FILES, cases
 from twin.cli import main
+from twin.cli.parser import parser
 from twin.core.entry_points import entry_points
 from twin.core.errors import TwinError
 from twin.core.findings import EXIT_CODES
@@ -28,11 +29,11 @@ def outside(tmp_path, monkeypatch):
     """Install the package of a format outside of the tree; return the folder on `sys.path`."""
     folder = installed(tmp_path / "site")
     monkeypatch.syspath_prepend(str(folder))
-    registry.formats.cache_clear()
-    registry._kinds.cache_clear()
+    for made_once in (registry.formats, registry._kinds, parser):
+        made_once.cache_clear()
     yield folder
-    registry.formats.cache_clear()
-    registry._kinds.cache_clear()
+    for made_once in (registry.formats, registry._kinds, parser):
+        made_once.cache_clear()
     for name in [n for n in sys.modules if n.split(".")[0] == "link_poses"]:
         del sys.modules[name]
 

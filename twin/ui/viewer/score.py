@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
 from twin.core.json_types import JsonMapping
 from twin.core.spoken import spoken
 from twin.ui.session.console import LiveConsole
-
-if TYPE_CHECKING:
-    from viser._gui_handles import GuiModalHandle
 
 _TONES = {"good": "#1f8a55", "bad": "#d62f2f", "plain": "inherit"}
 _BOX = "padding:0 1em .5em;font-size:.9em"
@@ -41,7 +38,7 @@ class ScorePanel:
             "Save the report", visible=False, hint="Download a page with the measures and plots of the session"
         )
         self._save.on_click(self._send)
-        self._window: GuiModalHandle | None = None
+        self._window: Any = None  # viser names no type of a modal window
         self._result: viser.GuiHtmlHandle | None = None
         self._written, self._closed = "", False
 
