@@ -85,6 +85,18 @@ def test_entry_points_are_those_of_the_standard_library(outside):
     assert entry_points("twin.nothing") == {}
 
 
+def test_a_package_in_the_working_directory_is_not_imported(tmp_path, monkeypatch):
+    (tmp_path / "intruder-1.dist-info").mkdir()
+    (tmp_path / "intruder-1.dist-info/entry_points.txt").write_text("[twin.formats]\nintruder = intruder:FORMAT\n")
+    (tmp_path / "intruder.py").write_text("FORMAT = 1\n")
+    monkeypatch.chdir(tmp_path)
+    for folder in ("", "."):
+        monkeypatch.syspath_prepend(folder)
+        assert "intruder" not in entry_points("twin.formats")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert entry_points("twin.formats")["intruder"] == 1
+
+
 def test_a_format_of_another_package_stands_in_all_lists(outside, capsys):
     for command in ("export", "audit"):
         with pytest.raises(SystemExit):

@@ -27,12 +27,15 @@ def _files(group: str) -> list[Path]:
     """Return the metadata files that mention a group.
 
     `importlib.metadata` is not used: its import, and the metadata of all packages that it reads, take as long as all of
-    `twin --help`.
+    `twin --help`. Relative folders of `sys.path` are not searched: the working directory may hold a foreign robot, and
+    what lies beside it must not be imported.
     """
     heading = f"[{group}]".encode()
     files = []
-    for folder in sys.path:
-        for file in sorted(Path(folder or ".").glob("*.dist-info/entry_points.txt")):
+    for folder in map(Path, sys.path):
+        if not folder.is_absolute():
+            continue
+        for file in sorted(folder.glob("*.dist-info/entry_points.txt")):
             if heading in file.read_bytes():
                 files.append(file)
     return files
