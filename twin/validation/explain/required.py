@@ -321,6 +321,17 @@ def _summands(node: ast.expr) -> Iterator[ast.expr]:
         yield node
 
 
+def _replaced(
+    source: Source, statement: Statement, node: ast.expr, parent: ast.AST | None, new: str, kind: str
+) -> Edit:
+    """Return the edit that replaces an expression, in parentheses where it is part of another expression."""
+    start, end = source.span(node)
+    if not isinstance(parent, ast.Assign | ast.Return | ast.Tuple | ast.List | ast.Call):
+        new = f"({new})"
+    line = source.line_of(start)
+    return Edit(source.path, line, start, end, source.text(start, end), new, kind, statement.index, source.name)
+
+
 def _written(
     source: Source,
     statement: Statement,
@@ -334,14 +345,11 @@ def _written(
     text = source.text(start, end)
     whole = f"({text})" if isinstance(node, ast.BinOp | ast.UnaryOp) else text
     parent = parents.get(node)
-    free = isinstance(parent, ast.Assign | ast.Return | ast.Tuple | ast.List | ast.Call)
     summand = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub)
     factor = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult)
 
     def made(new: str, kind: str) -> Edit:
-        bare = new if free else f"({new})"
-        line = source.line_of(start)
-        return Edit(source.path, line, start, end, text, bare, kind, statement.index, source.name)
+        return _replaced(source, statement, node, parent, new, kind)
 
     x, added = shift.value[shift.known, 0], shift.shift[shift.known, 0]
     wanted = x + added
@@ -376,12 +384,9 @@ def _written_vectors(
     atoms: Sequence[Atom],
 ) -> Iterator[Edit]:
     """Yield the edits that give an expression its required value, a vector."""
-    start, end = source.span(node)
-    text = source.text(start, end)
-    free = isinstance(parents.get(node), ast.Assign | ast.Return | ast.Tuple | ast.List | ast.Call)
+    text = source.text(*source.span(node))
     known = shift.known
     mine = [Atom(a.text, a.values[known]) for a in atoms]
     vectors = [Atom(a.text, a.values[known]) for a in vector_atoms(source, shift.scope, len(known))]
     for new in vector_texts(text, node, shift.value[known], shift.shift[known], mine, vectors):
-        bare = new if free else f"({new})"
-        yield Edit(source.path, source.line_of(start), start, end, text, bare, "missing", statement.index, source.name)
+        yield _replaced(source, statement, node, parents.get(node), new, "missing")
