@@ -92,9 +92,7 @@ class Info(Result):
                 yield line
         if data["parameters"]:
             yield "\n  parameters (* assumed: not published)"
-            # The dimensions of the CAD come last, because there are many.
-            order = lambda p: (p["name"].startswith("drawing."), p["provenance"])  # noqa: E731
-            yield _parameters(sorted(data["parameters"], key=order))
+            yield _parameters(sorted(data["parameters"], key=_parameter_order))
         yield from self.findings
 
 
@@ -347,6 +345,11 @@ def _motors(actuators: Sequence[JsonMapping], transmissions: Sequence[JsonMappin
     for t in transmissions:
         yield f"  transmission {t['name']} (rad, m): {t['equations']}"
     yield ""
+
+
+def _parameter_order(p: JsonMapping) -> tuple[bool, str]:
+    """Return a key for sorting: the dimensions of the CAD come last, because there are many."""
+    return p["name"].startswith("drawing."), p["provenance"]
 
 
 def _parameters(parameters: Sequence[JsonMapping]) -> Table:
