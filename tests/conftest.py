@@ -10,7 +10,6 @@ import re
 import signal
 import tomllib
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,10 +17,11 @@ from xdist.scheduler import LoadFileScheduling
 
 # As the command line does: a second thread only waits for the first one, and the processors have work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Each worker has one processor. Files that test parallel work give it more: `several_processors`.
+os.environ.setdefault("TWIN_PROCESSORS", "1")
 import numpy as np
 
-from twin.core import jobs
-from twin.core.errors import TwinError
+from twin.core.processors import usable
 
 # A shell without a terminal lets its jobs in the background ignore Ctrl-C, and their programs inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -179,37 +179,13 @@ def parsed_once(request):
         yield
 
 
-class _Here:
-    """A call in this process that stands for one in another, made when its result is asked for."""
-
-    def __init__(self, function, *arguments):
-        self.call = partial(function, *arguments)
-
-    def result(self):
-        try:
-            return self.call()
-        except (Exception, SystemExit) as error:  # of another process, only the message arrives
-            raise TwinError(jobs._message(error)) from error
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-
-@pytest.fixture(autouse=True, scope="session")
-def judged_in_one_process():
-    """Compute what the validator lets another process compute in this one: a worker has one processor.
-
-    The other process is used by commands that tests start as programs: in tests/test_wheel.py and, where the validator
-    stands alone, in tests/test_architecture.py.
-    """
-    from twin.validation import judge
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(judge, "Call", _Here)
-        yield
+@pytest.fixture
+def several_processors(monkeypatch):
+    """Let parallel work, here and in programs that a test starts, use all processors, as for a user."""
+    monkeypatch.delenv("TWIN_PROCESSORS")
+    usable.cache_clear()
+    yield
+    usable.cache_clear()
 
 
 @pytest.fixture

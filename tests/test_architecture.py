@@ -86,6 +86,7 @@ print(codes, sorted({".".join(m.split(".")[:3]) for m in sys.modules if m.starts
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("several_processors")
 def test_the_validator_stands_alone(tmp_path):
     """Without simulator, pictures and servers it judges a robot and a stage; only its page is of the user interface."""
     commands = ["validate hibou --quiet", f"audit {ROOT / 'usd/hibou/hibou.usda'}"]

@@ -19,6 +19,8 @@ from twin.codegen import kernel as kernel_module
 from twin.codegen.lower import lowered
 from twin.core import machine
 
+pytestmark = pytest.mark.usefixtures("several_processors")
+
 a, b = ca.SX.sym("a"), ca.SX.sym("b")
 
 OPERATIONS = {

@@ -16,7 +16,7 @@ import pytest
 import twin
 from twin.core.extras import EXTRAS
 
-pytestmark = pytest.mark.wheel
+pytestmark = [pytest.mark.wheel, pytest.mark.usefixtures("several_processors")]
 
 ROOT = Path(__file__).parents[1]
 OWN_UV = ROOT / ".venv-uv/bin/uv"

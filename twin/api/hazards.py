@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 import time
 import tomllib
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from twin.api.machine import machine_parts
 from twin.api.robot import Progress, Robot, load, silent
 from twin.core.errors import OutputError, TwinError
 from twin.core.json_types import JsonObject
+from twin.core.processors import usable
 
 if TYPE_CHECKING:
     from twin.simulation.hazards.attacked import Arena
@@ -99,7 +99,7 @@ def hazards(
     plan = load_campaign(path, parts.places)
     log = _log(folder, robot, path, plan, parts)
     left = [i for i in range(len(plan)) if i not in log.rows][: len(plan) if sessions is None else sessions]
-    count, many = max(1, min(processes or os.cpu_count() or 1, len(left))), len(left)
+    count, many = max(1, min(processes or usable(), len(left))), len(left)
     streams: list[Stream[JsonObject]] = [Stream(outcomes) for _ in range(count if left else 0)]
 
     def give(stream: Stream[JsonObject]) -> None:

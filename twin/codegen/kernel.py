@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import math
-import os
 import threading
 import time
 from collections import deque
@@ -17,6 +16,7 @@ import numpy as np
 
 from twin.codegen.emit import Stage, emit
 from twin.core.machine import compiled, lanes
+from twin.core.processors import usable
 from twin.core.spatial import Array
 
 _CHUNK = 4096
@@ -33,13 +33,8 @@ _WORTH = 2e-4
 
 
 @cache
-def _processors() -> int:
-    return len(os.sched_getaffinity(0))
-
-
-@cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_processors(), "twin-kernel")
+    return ThreadPoolExecutor(usable(), "twin-kernel")
 
 
 class Kernel:
@@ -291,7 +286,7 @@ def _share(work: Callable[[], None], most: int, seconds: float) -> None:
         most: maximum number of threads, including this thread.
         seconds: computing time in s with one thread.
     """
-    wanted = min(most, seconds / _WORTH, _processors())
+    wanted = min(most, seconds / _WORTH, usable())
     helpers = [_pool().submit(work) for _ in range(int(wanted) - 1)]
     work()
     for helper in helpers:

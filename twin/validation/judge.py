@@ -13,6 +13,7 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, StageError
 from twin.core.findings import Finding, Kind, disagreement, info
 from twin.core.jobs import Call
+from twin.core.processors import usable
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Solver
@@ -70,9 +71,10 @@ def judge(
     out = known.comparison or Comparison()
     looked = samples(trajectory, case.motion)
     # The baked motion and the clearances do not depend on the equations: another process computes them in parallel.
-    # Without meshes there are no clearances, and the start of a process takes longer than the rest.
+    # Without meshes there are no clearances, and the start of a process takes longer than the rest. On one processor,
+    # a second process only waits for the first one.
     needed = "motion" in parts and known.measured is None
-    parallel = needed and any(b.meshes for b in mechanism.bodies)
+    parallel = needed and usable() > 1 and any(b.meshes for b in mechanism.bodies)
     aside = Call(measure, mechanism, looked, case.written) if parallel else contextlib.nullcontext()
     with aside as beside:
         try:
