@@ -22,7 +22,7 @@ from twin.simulation import console_scene
 from twin.simulation.controllers.console import LARGEST, STIFFNESS
 from twin.simulation.controllers.following import Pace
 from twin.simulation.devices.packets import pack
-from twin.ui.headset import packet_hands, served
+from twin.ui.headset import packet_socket, served
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
@@ -41,7 +41,7 @@ class Running:
         op.send = self.told.append
         op.listen("127.0.0.1", 0)
         op.frame(0, 0.0)
-        self.pens = Pens(op.packets.door.port)
+        self.pens = Pens(op.packets.socket.port)
         self.wait(1 / RATE, sends=False)  # the first ticks round the joints
 
     def wait(self, seconds, sends=True):
@@ -113,7 +113,7 @@ def test_packets_move_both_instruments_and_the_page_says_so(running):
     assert state["owner"] == "udp"
     assert [state["hands"][s]["follows"] for s in SIDES] == [True, True]
     assert state["packets"] == {
-        "port": running.op.packets.door.port,
+        "port": running.op.packets.socket.port,
         "from": dict.fromkeys(SIDES, running.pens.name),
         "lost": {"right": 0, "left": 0},
         "ignored": 0,
@@ -149,7 +149,7 @@ def test_the_hands_have_one_owner_at_a_time(running):
 
 @pytest.mark.slow
 def test_silence_stops_everything_and_hands_take_hold_anew(running, monkeypatch, caplog):
-    monkeypatch.setattr(packet_hands, "_GONE", 1.0)
+    monkeypatch.setattr(packet_socket, "_SILENT", 1.0)
     running.start().move("right", (0.01, 0, 0))
     with caplog.at_level(logging.WARNING):
         running.wait(0.4, sends=False)
@@ -278,7 +278,7 @@ def test_a_limit_is_felt_as_a_surface(running):
 def test_no_packets_of_strangers_move_anything(running, packets):
     if running.tick == 0:
         running.start()
-    stranger = Pens(running.op.packets.door.port)
+    stranger = Pens(running.op.packets.socket.port)
     before, ignored = running.q(), running.state["packets"]["ignored"]
     stranger.send(*packets) if packets else None
     stranger.close()
@@ -351,7 +351,7 @@ def test_through_the_server(bare_theatre):
 
     async def go():
         async with serving(lambda: served.of_console(bare_theatre, packets=("127.0.0.1", 0))) as s:
-            pens = Pens(s.live.packets.door.port)
+            pens = Pens(s.live.packets.socket.port)
             async with joined(s.port) as peer:
                 start = peer.frames[-1].robots[0].q
                 begin, sent = time.monotonic(), 0
@@ -391,7 +391,7 @@ def test_through_the_server(bare_theatre):
 
 @pytest.mark.slow
 def test_a_port_that_is_taken_is_told(running, capsys):
-    port = running.op.packets.door.port
+    port = running.op.packets.socket.port
     assert main(["serve", "davinci", "--no-browser", "--port", "0", "--packets", str(port)]) == 2
     assert f"cannot listen for packets on 127.0.0.1:{port}: Address already in use" in capsys.readouterr().err
 
@@ -418,4 +418,4 @@ def test_wrong_options_are_named(arguments, text, capsys):
 
 def test_an_operation_that_cannot_listen_leaves_nothing_open(bare_theatre, running):
     with pytest.raises(TwinError, match="cannot listen for packets"):
-        served.of_console(bare_theatre, packets=("127.0.0.1", running.op.packets.door.port))
+        served.of_console(bare_theatre, packets=("127.0.0.1", running.op.packets.socket.port))

@@ -24,9 +24,9 @@ from made.streaming import PAGE, Peer, Planned, http, joined, serving
 from twin.cli.serving import _tls
 from twin.core.errors import TwinError
 from twin.core.units import MM
-from twin.ui.door import connection as connections
-from twin.ui.door.gate import Gate
-from twin.ui.door.limits import Bucket, Doorman, household
+from twin.ui.access import connection as connections
+from twin.ui.access.limits import Bucket, ConnectionCounter, counted_address
+from twin.ui.access.rules import AccessRules
 from twin.ui.headset import client as clients
 from twin.ui.headset import protocol as wire
 from twin.ui.headset import reach
@@ -237,19 +237,19 @@ def test_tls_streams_and_its_cookie_is_secure(sils, planned, tmp_path):
 
 def test_secure_cookies_and_names_of_an_open_server():
     tokens: list[str] = []
-    gate = Gate("0.0.0.0", 1, True, tokens.append)
-    assert gate.enter(tokens[0]).endswith("; Secure")
-    assert gate.answers_to("192.168.1.7:1", "192.168.1.7")
-    assert gate.answers_to(f"{socket.gethostname()}.local:1", "192.168.1.7")
-    assert not gate.answers_to("192.168.1.8:1", "192.168.1.7")
-    assert not gate.answers_to("0.0.0.0:1", "192.168.1.7")
-    assert gate.answers_to("[::1]:1", "::1")
-    assert not Gate("127.0.0.1", 1, False, tokens.append).open
-    assert not Gate("::1", 1, False, tokens.append).open
-    assert Gate("192.168.1.7", 1, False, tokens.append).open
+    rules = AccessRules("0.0.0.0", 1, True, tokens.append)
+    assert rules.open_session(tokens[0]).endswith("; Secure")
+    assert rules.accepts_host("192.168.1.7:1", "192.168.1.7")
+    assert rules.accepts_host(f"{socket.gethostname()}.local:1", "192.168.1.7")
+    assert not rules.accepts_host("192.168.1.8:1", "192.168.1.7")
+    assert not rules.accepts_host("0.0.0.0:1", "192.168.1.7")
+    assert rules.accepts_host("[::1]:1", "::1")
+    assert not AccessRules("127.0.0.1", 1, False, tokens.append).needs_token
+    assert not AccessRules("::1", 1, False, tokens.append).needs_token
+    assert AccessRules("192.168.1.7", 1, False, tokens.append).needs_token
     for _ in range(100):
-        gate.enter(gate.token)
-    assert len(gate._sessions) == 64
+        rules.open_session(rules.token)
+    assert len(rules._sessions) == 64
 
 
 # --------------------------------------------------------------------------------------------------- the robot
@@ -931,7 +931,8 @@ def test_whoever_means_no_good_is_ended_and_harms_nobody(sils, planned, monkeypa
             await peer.until(lambda: len(peer.frames) > 60)  # tests/benchmarks/stream.py judges how late they come
             assert (await peer.ask("play", on=False))["type"] == "ack"
             await peer.until(lambda: len(s.server.clients) == 1)
-            assert not s.server._doorman._sockets or sum(s.server._doorman._sockets.values()) == 1
+            counts = s.server._counter._connections._counts
+            assert not counts or sum(counts.values()) == 1
 
     asyncio.run(go())
 
@@ -981,20 +982,20 @@ def test_buckets_fill_with_time():
 
 
 def test_places_are_counted_by_address_and_given_back():
-    door = Doorman()
-    assert [door.admit("a", 0.0) for _ in range(70)].count(True) == 64
-    assert [door.admit("b", 0.0) for _ in range(70)].count(True) == 64
-    assert not door.admit("c", 0.0)
-    door.leave("a")
-    assert door.admit("c", 0.0)
-    assert not door.admit("a", 0.0)
+    counter = ConnectionCounter()
+    assert [counter.open_connection("a", 0.0) for _ in range(70)].count(True) == 64
+    assert [counter.open_connection("b", 0.0) for _ in range(70)].count(True) == 64
+    assert not counter.open_connection("c", 0.0)
+    counter.close_connection("a")
+    assert counter.open_connection("c", 0.0)
+    assert not counter.open_connection("a", 0.0)
     for _ in range(40):
-        door.leave("b")
-    assert [door.admit("b", 0.0) for _ in range(200)].count(True) == 40
-    assert not any(door.admit("b", 0.0) for _ in range(200))  # and not faster than that
-    assert [door.join("a") for _ in range(33)].count(True) == 32
-    door.part("a")
-    assert door.join("a")
+        counter.close_connection("b")
+    assert [counter.open_connection("b", 0.0) for _ in range(200)].count(True) == 40
+    assert not any(counter.open_connection("b", 0.0) for _ in range(200))  # and not faster than that
+    assert [counter.open_client("a") for _ in range(33)].count(True) == 32
+    counter.close_client("a")
+    assert counter.open_client("a")
 
 
 @pytest.mark.parametrize(
@@ -1002,15 +1003,15 @@ def test_places_are_counted_by_address_and_given_back():
     [("10.0.0.1", "10.0.0.1"), ("::ffff:10.0.0.1", "10.0.0.1"), ("2001:db8:1:2:3::4", "2001:db8:1:2::"),
      ("fe80::1%eth0", "fe80::"), ("", "")],
 )  # fmt: skip
-def test_an_address_is_a_household(peer, counted):
-    assert household(peer) == counted
+def test_an_address_is_counted_as_its_network(peer, counted):
+    assert counted_address(peer) == counted
 
 
 # ------------------------------------------------------------------------------------------------- late ticks
 
 
 def test_a_single_late_tick_is_made_up_for():
-    server = servers.StreamServer(SimpleNamespace(), {}, {}, Gate("127.0.0.1", 0, False, lambda token: None))
+    server = servers.StreamServer(SimpleNamespace(), {}, {}, AccessRules("127.0.0.1", 0, False, lambda token: None))
 
     def sent(*ticks, at=0.0):
         """Return the ticks that are sent where the server is ready at these ticks, first at tick 10."""
@@ -1029,7 +1030,7 @@ def test_a_single_late_tick_is_made_up_for():
 
 def test_a_slow_machine_does_not_fall_behind():
     """Each frame takes 1.2 ticks: as many are lost as without making up, and none begins two ticks late."""
-    server = servers.StreamServer(SimpleNamespace(), {}, {}, Gate("127.0.0.1", 0, False, lambda token: None))
+    server = servers.StreamServer(SimpleNamespace(), {}, {}, AccessRules("127.0.0.1", 0, False, lambda token: None))
     now, late = 0.0, []
     for _ in range(600):
         server._tick = server._due(int(now))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from made import headset_page as headset
-from twin.ui.door.answers import POLICY
+from twin.ui.access.responses import POLICY
 from twin.ui.headset.files import page_files
 from witness import environments
 

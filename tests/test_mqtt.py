@@ -15,9 +15,8 @@ import pytest
 from made.broker import Broker
 from made.streaming import joined, serving
 from twin.core.errors import TwinError
-from twin.ui.door import mqtt
-from twin.ui.door.mqtt import ScaleTopic
-from twin.ui.headset import served
+from twin.ui.headset import mqtt, served
+from twin.ui.headset.mqtt import ScaleTopic
 
 TOPIC = "twin/davinci/scale"
 

@@ -21,7 +21,7 @@ from twin.simulation.controllers.pedals import CAMERA, FREE, Pedals
 from twin.simulation.devices.packets import FORCE, HAND, Packets, pack, unpack
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.world import Signals, World
-from twin.ui.door.packets import PacketDoor
+from twin.ui.headset.packet_socket import PacketSocket
 
 NOTHING = Signals({"a.b": 0.0})
 POSE = spatial.pose(spatial.exp_so3(np.array([0.1, -0.2, 0.3])), (0.01, 0.02, 0.03))
@@ -182,73 +182,76 @@ def sender():
 
 def test_a_force_comes_back_to_who_sent(sender):
     device = Packets("pedals")
-    with PacketDoor(device) as door:
-        sender.sendto(pack(1, 42, POSE, 0.0), ("127.0.0.1", door.port))
-        while not door.pump(0.0):
+    with PacketSocket(device) as packet_socket:
+        sender.sendto(pack(1, 42, POSE, 0.0), ("127.0.0.1", packet_socket.port))
+        while not packet_socket.pump(0.0):
             pass
         device.step(NOTHING, 0.0, 1e-3)
-        door.answer(0, (9, 9, 9), 0.0)
-        door.answer(1, (9, 9, 9), 1.0)  # it has been silent since
-        door.answer(1, (0.5, -1.0, 2.0), 0.0)
+        packet_socket.answer(0, (9, 9, 9), 0.0)
+        packet_socket.answer(1, (9, 9, 9), 1.0)  # it has been silent since
+        packet_socket.answer(1, (0.5, -1.0, 2.0), 0.0)
         data, _ = sender.recvfrom(100)
     assert FORCE.unpack(data) == (b"TWNF", 1, 1, 0, 0, 42, 0.5, -1.0, 2.0)
 
 
 def test_another_address_cannot_take_a_hand_over(sender):
     device = Packets("pedals")
-    with PacketDoor(device) as door, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+    with PacketSocket(device) as packet_socket, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         told = []
-        door.reports.tell = told.append
+        packet_socket.reports.tell = told.append
         here, there = (f"127.0.0.1:{s.getsockname()[1]}" for s in (sender, other))
         for s, n in ((sender, 1), (other, 2), (other, 3)):
-            s.sendto(pack(0, n, POSE, 0.0), ("127.0.0.1", door.port))
-        assert door.pump(0.0) == 1, "also of those that come at the same time"
-        assert door.refused == 2
+            s.sendto(pack(0, n, POSE, 0.0), ("127.0.0.1", packet_socket.port))
+        assert packet_socket.pump(0.0) == 1, "also of those that come at the same time"
+        assert packet_socket.refused == 2
         assert told == [
             f"packets from {there} are ignored: {here} controls the right hand until it is silent for 0.25 s"
         ]
         device.step(NOTHING, 0.0, 1e-3)
-        other.sendto(pack(0, 3, POSE, 0.0), ("127.0.0.1", door.port))
-        assert door.pump(1.0) == 1
-        assert door.refused == 2
+        other.sendto(pack(0, 3, POSE, 0.0), ("127.0.0.1", packet_socket.port))
+        assert packet_socket.pump(1.0) == 1
+        assert packet_socket.refused == 2
 
 
 def test_a_hand_does_not_begin_with_a_camera_pedal_that_is_pressed(sender):
     told = []
-    with PacketDoor(Packets("pedals")) as door:
-        door.reports.tell = told.append
+    with PacketSocket(Packets("pedals")) as packet_socket:
+        packet_socket.reports.tell = told.append
         for number, camera in enumerate((True, True, False, True)):
-            sender.sendto(pack(1, number, POSE, 0.0, camera=camera), ("127.0.0.1", door.port))
-        assert door.pump(0.0) == 2
+            sender.sendto(pack(1, number, POSE, 0.0, camera=camera), ("127.0.0.1", packet_socket.port))
+        assert packet_socket.pump(0.0) == 2
     assert len(told) == 1
     assert "the camera pedal was pressed in the first packet; release it once" in told[0]
 
 
 def test_packets_are_shared_out_among_the_parts_of_a_step(sender):
-    with PacketDoor(Packets("pedals")) as door:
+    with PacketSocket(Packets("pedals")) as packet_socket:
         for number in range(10):
-            sender.sendto(pack(0, number, POSE, 0.0), ("127.0.0.1", door.port))
-        assert [door.pump(0.0, parts) for parts in (4, 3, 2, 1, 1)] == [3, 3, 2, 2, 0]
+            sender.sendto(pack(0, number, POSE, 0.0), ("127.0.0.1", packet_socket.port))
+        assert [packet_socket.pump(0.0, parts) for parts in (4, 3, 2, 1, 1)] == [3, 3, 2, 2, 0]
 
 
 def test_a_flood_is_read_in_bounded_time_and_told_once(sender):
     told = []
-    with PacketDoor(Packets("pedals")) as door:
-        door.reports.tell = told.append
+    with PacketSocket(Packets("pedals")) as packet_socket:
+        packet_socket.reports.tell = told.append
         for k in range(1000):
-            sender.sendto(b"x" * (k % 200), ("127.0.0.1", door.port))
+            sender.sendto(b"x" * (k % 200), ("127.0.0.1", packet_socket.port))
         read = []
-        while door.device._ignored not in read:
-            read.append(door.device._ignored)
-            door.pump(0.0)
+        while packet_socket.device._ignored not in read:
+            read.append(packet_socket.device._ignored)
+            packet_socket.pump(0.0)
     assert max(np.diff(read)) <= 256
     assert len(told) == 1
 
 
 def test_a_taken_port_is_told():
-    with PacketDoor(Packets("pedals")) as door, pytest.raises(TwinError, match=rf"127\.0\.0\.1:{door.port}.*0 for any"):
-        PacketDoor(Packets("other"), door.port)
+    with (
+        PacketSocket(Packets("pedals")) as packet_socket,
+        pytest.raises(TwinError, match=rf"127\.0\.0\.1:{packet_socket.port}.*0 for any"),
+    ):
+        PacketSocket(Packets("other"), packet_socket.port)
 
 
 def through_the_network(hostile: bool, ticks=420, delay=100, lost=0.05):
@@ -269,18 +272,18 @@ def through_the_network(hostile: bool, ticks=420, delay=100, lost=0.05):
     device = Packets("pedals", scale=1.0)
     world: World = consoles.world(device)
     udp = socket.AF_INET, socket.SOCK_DGRAM
-    with PacketDoor(device) as door, socket.socket(*udp) as s, socket.socket(*udp) as other:
+    with PacketSocket(device) as packet_socket, socket.socket(*udp) as s, socket.socket(*udp) as other:
         bad = list(broken().values())
         for k in range(ticks):
             for data in due.get(k, []):
-                s.sendto(data, ("127.0.0.1", door.port))
+                s.sendto(data, ("127.0.0.1", packet_socket.port))
             if hostile and k > delay + 20:  # garbage from the hand's own address, poses from another
-                s.sendto(bad[k % len(bad)], ("127.0.0.1", door.port))
-                s.sendto(pack(k % 2, k + 2**20, spatial.pose(None, (5, 5, 5)), 0.0), ("127.0.0.1", door.port))
-                other.sendto(pack(k % 2, k + 5, spatial.pose(None, (5, 5, 5)), 0.0), ("127.0.0.1", door.port))
-            door.pump(world.t)
+                s.sendto(bad[k % len(bad)], ("127.0.0.1", packet_socket.port))
+                s.sendto(pack(k % 2, k + 2**20, spatial.pose(None, (5, 5, 5)), 0.0), ("127.0.0.1", packet_socket.port))
+                other.sendto(pack(k % 2, k + 5, spatial.pose(None, (5, 5, 5)), 0.0), ("127.0.0.1", packet_socket.port))
+            packet_socket.pump(world.t)
             world.step()
-        assert (door.refused > 250) == hostile
+        assert (packet_socket.refused > 250) == hostile
     came = [unpack(data) for k in sorted(due) if k < ticks for data in due[k]]
     order = [p.number for p in came if p.hand == 0]
     newest = np.maximum.accumulate(order)

@@ -201,7 +201,7 @@ def test_no_nodes_are_a_frame_as_well(server):
 
 
 def test_private_names_are_where_they_are_guarded():
-    """Batched poses, the door before its socket, the messages that come in: each refuses a viser that differs."""
+    """Batched poses, access control before the socket, the messages that come in: each refuses a viser that differs."""
     words = ("viser._", "from viser import _", "_queue_scene_message", "_websock")
     found = {p.relative_to(TWIN).as_posix() for p in TWIN.rglob("*.py") if any(w in p.read_text() for w in words)}
-    assert found == {"ui/viewer/frames.py", "ui/viewer/server.py", "ui/viewer/letters.py"}
+    assert found == {"ui/viewer/frames.py", "ui/viewer/server.py", "ui/viewer/message_filter.py"}

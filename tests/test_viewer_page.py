@@ -485,7 +485,7 @@ def test_a_recording_plays_without_python(browser, tmp_path):
     page.close()
 
 
-# -- the door -----------------------------------------------------------------------------------------
+# -- the access control ------------------------------------------------------------------------
 
 
 @contextmanager
@@ -574,13 +574,13 @@ def test_a_link_to_our_page_lets_no_other_server_write_into_it(browser, query, m
 
 @pytest.mark.usefixtures("aside")
 def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(browser):
-    from twin.ui.door.gate import Gate
+    from twin.ui.access.rules import AccessRules
     from twin.ui.viewer.front import Actor
     from twin.ui.viewer.page import open_page
     from twin.ui.viewer.server import serve
 
     tokens = []
-    server = serve("hibou", "127.0.0.1", 0, Gate("0.0.0.0", 0, False, tokens.append))
+    server = serve("hibou", "127.0.0.1", 0, AccessRules("0.0.0.0", 0, False, tokens.append))
     front = open_page("twin · hibou", [Actor("hibou", "hibou", Desk(twin.load("hibou")))], None, server, local=False)
     thread = threading.Thread(target=front.run)
     thread.start()

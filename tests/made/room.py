@@ -17,7 +17,7 @@ import twin.ui.headset
 from made.cloth import Cloth
 from twin.cli import scene as scenes
 from twin.model.scene import load_scene
-from twin.ui.door.gate import Gate
+from twin.ui.access.rules import AccessRules
 from twin.ui.headset import files, served
 from twin.ui.headset.server import StreamServer
 from twin.ui.session.desk import Desk
@@ -49,7 +49,7 @@ async def serve(robot, port, cloth):
     """Serve until the process ends."""
     shown = room(robot, cloth)
     own = files.page_files(Path(twin.ui.headset.__file__).parent / "web/dist", shown.preload) | shown.files
-    server = StreamServer(shown.live, shown.hello, own, Gate("127.0.0.1", port, False, lambda token: None))
+    server = StreamServer(shown.live, shown.hello, own, AccessRules("127.0.0.1", port, False, lambda token: None))
     await server.start("127.0.0.1", port)
     await server.run()
 

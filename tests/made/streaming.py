@@ -12,8 +12,8 @@ from types import SimpleNamespace
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from twin.ui.door.answers import File
-from twin.ui.door.gate import Gate
+from twin.ui.access.responses import File
+from twin.ui.access.rules import AccessRules
 from twin.ui.headset import served
 from twin.ui.headset.recording import Recording
 from twin.ui.headset.scene_frame import unpack_any
@@ -39,7 +39,7 @@ class Planned:
 
 @asynccontextmanager
 async def serving(robot, host="127.0.0.1", source=None, record=None, plans=True, context=None):
-    """Yield a server on a free port, with the attributes `server`, `port`, `twin`, `live`, `tokens` and `gate`."""
+    """Yield a server on a free port, with the attributes `server`, `port`, `twin`, `live`, `tokens` and `rules`."""
     shown = robot() if callable(robot) else served.of_robot(robot, robot.name, None, plans)
     of, recording = shown.live, None
     if record is not None:
@@ -48,13 +48,13 @@ async def serving(robot, host="127.0.0.1", source=None, record=None, plans=True,
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
     tokens: list[str] = []
-    gate = Gate(host, port, context is not None, tokens.append)
-    server = StreamServer(source or of, shown.hello, PAGE | shown.files, gate, recording)
+    rules = AccessRules(host, port, context is not None, tokens.append)
+    server = StreamServer(source or of, shown.hello, PAGE | shown.files, rules, recording)
     await server.start("127.0.0.1", port, context)
     running = asyncio.ensure_future(server.run())
     try:
         first = next(iter(getattr(of, "twins", {}).values()), None)  # a console has none
-        yield SimpleNamespace(server=server, port=server.port, twin=first, live=of, tokens=tokens, gate=gate)
+        yield SimpleNamespace(server=server, port=server.port, twin=first, live=of, tokens=tokens, rules=rules)
     finally:
         server.stopping.set()
         await running

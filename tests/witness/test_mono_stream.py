@@ -260,7 +260,7 @@ async def a_scene(folder: Path) -> None:
     """`twin serve vsrs` with a field: a client follows one of the robots, holds that one and no other."""
     from twin.cli import scene as scenes
     from twin.model.scene import load_scene
-    from twin.ui.door.gate import Gate
+    from twin.ui.access.rules import AccessRules
     from twin.ui.headset import served
     from twin.ui.headset.server import StreamServer
 
@@ -268,7 +268,7 @@ async def a_scene(folder: Path) -> None:
     name = scene.places[1].name
     port, cloth = free_port(), Cloth(n=5)
     shown = served.of_scene(replace(scenes.load(scene), props=None, feed=cloth), False)
-    server = StreamServer(shown.live, shown.hello, shown.files, Gate("127.0.0.1", port, False, lambda t: None))
+    server = StreamServer(shown.live, shown.hello, shown.files, AccessRules("127.0.0.1", port, False, lambda t: None))
     await server.start("127.0.0.1", port)
     running = asyncio.ensure_future(server.run())
     own = shown.live.twins[name]
@@ -379,8 +379,8 @@ def test_a_mistake_is_seen(build, tmp_path, name):
 async def our_own(folder: Path) -> None:
     """`twin serve`, open to the network: in by its token, grab the tool, and the loops follow."""
     import twin
-    from twin.ui.door.answers import File
-    from twin.ui.door.gate import Gate
+    from twin.ui.access.responses import File
+    from twin.ui.access.rules import AccessRules
     from twin.ui.headset import served
     from twin.ui.headset.server import StreamServer
 
@@ -388,7 +388,7 @@ async def our_own(folder: Path) -> None:
     shown = served.of_robot(twin.load("sils"), "sils", None, plans=False)
     about = shown.live.twins["sils"].description
     pages = {"/": File(b"<html></html>", "text/html; charset=utf-8")} | shown.files
-    server = StreamServer(shown.live, shown.hello, pages, Gate("0.0.0.0", port, False, tokens.append))
+    server = StreamServer(shown.live, shown.hello, pages, AccessRules("0.0.0.0", port, False, tokens.append))
     await server.start("127.0.0.1", port)
     running = asyncio.ensure_future(server.run())
     try:

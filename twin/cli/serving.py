@@ -139,7 +139,7 @@ async def serve_until_stopped(
     args: argparse.Namespace, name: str, make: Callable[[], Served], port: int, context: ssl.SSLContext | None
 ) -> None:
     """Serve the object that `make` returns, until Ctrl-C; `make` is called in the event loop."""
-    from twin.ui.door.gate import Gate
+    from twin.ui.access.rules import AccessRules
     from twin.ui.headset import files
     from twin.ui.headset.recording import Recording, Replay
     from twin.ui.headset.server import StreamServer
@@ -159,8 +159,8 @@ async def serve_until_stopped(
         own = ChainMap(files.page_files(web, shown.preload) | shown.files, shown.late)
         advice = "" if context is not None else _ADVICE
         address = Address(args.host, port, context is not None, name, advice)
-        gate = Gate(args.host, port, context is not None, address.say)
-        server = StreamServer(source, shown.hello, own, gate, recording)
+        rules = AccessRules(args.host, port, context is not None, address.say)
+        server = StreamServer(source, shown.hello, own, rules, recording)
         server.stopping = stopping
         await server.start(args.host, port, context)
         if "/" not in own:
@@ -168,7 +168,7 @@ async def serve_until_stopped(
                 "twin: twin/ui/headset/web/dist is missing: only the stream is served, without the page",
                 file=sys.stderr,
             )
-        if not gate.open:
+        if not rules.needs_token:
             address.say("")
             if not args.no_browser:
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()

@@ -70,7 +70,7 @@ def show_page(
         open_page: function that opens the page; its arguments are the server, the event that ends the page, and whether
             only this computer can connect.
     """
-    from twin.ui.door.gate import Gate
+    from twin.ui.access.rules import AccessRules
     from twin.ui.viewer.server import serve, stop
 
     front, server, stopping = None, None, threading.Event()
@@ -83,13 +83,13 @@ def show_page(
     before = signal.signal(signal.SIGINT, end)
     try:
         address = Address(args.host, port, False, title, advice)
-        gate = Gate(args.host, port, False, address.say)
-        server = serve(f"twin · {title}", args.host, port, gate)
-        if not gate.open:
+        rules = AccessRules(args.host, port, False, address.say)
+        server = serve(f"twin · {title}", args.host, port, rules)
+        if not rules.needs_token:
             address.say("")
             if not args.no_browser:  # the browser starts while the CAD is read
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
-        front = open_page(server, stopping, not gate.open)
+        front = open_page(server, stopping, not rules.needs_token)
         front.run()
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler if before is None else before)
@@ -104,11 +104,14 @@ def show_page(
 def _write(
     load: Callable[[viser.ViserServer, dict[str, Any]], Page], title: str, port: int, args: argparse.Namespace
 ) -> int:
-    from twin.ui.door.gate import Gate
+    from twin.ui.access.rules import AccessRules
     from twin.ui.viewer.front import Front
     from twin.ui.viewer.server import serve, stop
 
-    front, server = None, serve(f"twin · {title}", args.host, port, Gate(args.host, port, False, lambda token: None))
+    front, server = (
+        None,
+        serve(f"twin · {title}", args.host, port, AccessRules(args.host, port, False, lambda token: None)),
+    )
     try:
         front = load(server, {})
         assert isinstance(front, Front)

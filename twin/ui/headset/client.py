@@ -10,8 +10,8 @@ from typing import Protocol
 from websockets.asyncio.server import broadcast
 
 from twin.core.json_types import JsonObject
-from twin.ui.door.connection import Connection
-from twin.ui.door.limits import Bucket
+from twin.ui.access.connection import Connection
+from twin.ui.access.limits import Bucket
 from twin.ui.headset import protocol as wire
 
 STALL = 10.0
@@ -88,7 +88,8 @@ class Client:
         """Send queued documents and the newest frame while the kernel accepts data; disconnect a stalled client."""
         ws = self.ws
         while self.documents and not ws.waiting:
-            broadcast([ws], self.documents.popleft()[1])
+            _, text = self.documents.popleft()
+            broadcast([ws], text)
         if self.behind and frame is not None and not ws.waiting:
             broadcast([ws], frame)
             self.behind = False
@@ -96,5 +97,6 @@ class Client:
             self.stalled = None
         elif self.stalled is None:
             self.stalled = now
-        if len(self.documents) > WAITING or (self.stalled is not None and now - self.stalled > STALL):
+        has_stalled = self.stalled is not None and now - self.stalled > STALL
+        if has_stalled or len(self.documents) > WAITING:
             ws.cut()

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from twin.core.json_types import JsonObject
-from twin.ui.door.answers import File
+from twin.ui.access.responses import File
 
 _TYPES = {
     ".html": "text/html; charset=utf-8",

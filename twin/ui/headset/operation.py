@@ -23,11 +23,11 @@ from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
-from twin.ui.door.answers import File
-from twin.ui.door.mqtt import ScaleTopic
+from twin.ui.access.responses import File
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.bends import Bends
-from twin.ui.headset.packet_hands import UDP, PacketHands
+from twin.ui.headset.mqtt import ScaleTopic
+from twin.ui.headset.packet_socket import UDP, PacketHands
 from twin.ui.headset.plan_documents import PlanDocuments
 from twin.ui.headset.posed import Posed
 from twin.ui.headset.protocol import RefusedError
@@ -157,7 +157,7 @@ class Operation(LiveConsole):
     def close(self) -> None:
         """Close the UDP socket and the connection to the broker, complete the session file, remove temporary files."""
         if self.packets is not None:
-            self.packets.door.close()
+            self.packets.socket.close()
             self.packets = None
         if self._connection is not None:
             self._connection.cancel()
@@ -233,10 +233,10 @@ class Operation(LiveConsole):
     def _exchange(self, packets: PacketHands, parts: int) -> None:
         """Receive packets for the next steps of the World, and send the forces."""
         t, udp = self.world.t, self.owner == UDP
-        packets.door.holder = None if udp or self.silent else self.owner
-        if packets.door.pump(t, parts):
+        packets.socket.holder = None if udp or self.silent else self.owner
+        if packets.socket.pump(t, parts):
             self.own(UDP)
-        elif udp and packets.gone(t):
+        elif udp and packets.silent(t):
             self.release(UDP)
         if self.owner == UDP:
             packets.answer([self.world.signals[f"{hand}.force"] for hand in HANDS], t)

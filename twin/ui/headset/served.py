@@ -20,7 +20,7 @@ from twin.model import alignment
 from twin.model.movable import together
 from twin.model.scene import Place, Scene
 from twin.model.trainer import MODEL
-from twin.ui.door.answers import File
+from twin.ui.access.responses import File
 from twin.ui.headset import files
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.description import describe, numbers, pose

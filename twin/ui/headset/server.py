@@ -16,11 +16,18 @@ from websockets.http11 import Request, Response
 
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
-from twin.ui.door.answers import File, refusal
-from twin.ui.door.connection import Connection
-from twin.ui.door.entrance import listen, page, query_of, stranger, visit
-from twin.ui.door.gate import Gate
-from twin.ui.door.limits import GARBAGE, MESSAGES, Bucket, Doorman
+from twin.ui.access.connection import Connection
+from twin.ui.access.limits import GARBAGE, MESSAGES, Bucket, ConnectionCounter
+from twin.ui.access.requests import (
+    WebSocketLimits,
+    check_request,
+    listen,
+    query_of,
+    serve_file,
+    websocket_without_session,
+)
+from twin.ui.access.responses import File, error_response
+from twin.ui.access.rules import AccessRules
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.client import Client, Source
 from twin.ui.headset.protocol import RefusedError
@@ -33,8 +40,11 @@ STATE = 6
 GAP = 0.004
 """Minimum time in s between two frames; after a message `hands`, a frame may also be sent between two ticks."""
 
-SILENCE, GRACE = 5.0, 3.0
-"""Times in s after which a grab is released: since the last message of the client; since the client disconnected."""
+SILENCE = 5.0
+"""Time in s since the last message of a client after which its grab is released."""
+
+GRACE = 3.0
+"""Time in s since a client disconnected after which its grab is released; until then it can reconnect and go on."""
 
 REMEMBERED = 256
 """Maximum number of disconnected clients whose identity is stored, so that they can reconnect."""
@@ -53,25 +63,33 @@ class StreamServer:
         source: Source,
         hello: JsonObject,
         files: Mapping[str, File],
-        gate: Gate,
+        rules: AccessRules,
         recording: Recording | None = None,
     ) -> None:
-        self.gate, self.files, self.recording = gate, files, recording
+        self.rules = rules
+        self.files = files
+        self.recording = recording
         self.hello = hello
         self.stopping = asyncio.Event()
         self.clients: list[Client] = []
-        self._doorman = Doorman()
-        self._known: dict[str, str] = {}
-        self._left: dict[str, float] = {}
+        self._counter = ConnectionCounter()
+        # Identifiers of clients by the token with which each can reconnect, also of clients that have disconnected.
+        self._identifiers: dict[str, str] = {}
+        # Times in s at which clients that hold something have disconnected, by identifier.
+        self._disconnected: dict[str, float] = {}
         self._tasks: set[asyncio.Future[None]] = set()
         self._frame: bytes | None = None
         self._state: JsonObject = {}
         self._dirty = False
-        self._tick, self._at, self._made_up = 0, 0.0, False
-        self._begin = self._framed = time.monotonic()
+        self._tick = 0
+        self._at = 0.0
+        self._made_up = False
+        now = time.monotonic()
+        self._begin = now
+        self._framed = now
         self._pause = GAP
         self._response: asyncio.TimerHandle | None = None
-        self._numbers = 0
+        self._last_number = 0
         self.source = source
         source.send = self._tell
 
@@ -79,30 +97,35 @@ class StreamServer:
 
     async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
         """Start listening on an address and a port; `context` enables TLS."""
+        limits = WebSocketLimits(wire.LONGEST)
         self._server: Server = await listen(
-            self._client, host, port, self._request, self._doorman, longest=wire.LONGEST, context=context
+            self._serve_client, host, port, self._check, self._counter, limits, context=context
         )
-        self.port = int(next(iter(self._server.sockets)).getsockname()[1])
+        first_socket = next(iter(self._server.sockets))
+        self.port = int(first_socket.getsockname()[1])
 
     async def run(self) -> None:
         """Send a frame at each tick until `stopping` is set; a single missed tick is made up for (see `_due`)."""
-        begin = self._begin = time.monotonic()
-        ends = asyncio.ensure_future(self.stopping.wait())
+        begin = time.monotonic()
+        self._begin = begin
+        stopped = asyncio.ensure_future(self.stopping.wait())
         try:
             while not self.stopping.is_set():
-                self._tick = self._due(int((time.monotonic() - begin) * RATE))
+                ticks = int((time.monotonic() - begin) * RATE)
+                self._tick = self._due(ticks)
                 self._step(begin + self._tick / RATE)
-                left = begin + (self._tick + 1) / RATE - time.monotonic()
-                await asyncio.wait((ends,), timeout=max(left, 0.0))
+                next_tick = begin + (self._tick + 1) / RATE
+                remaining = next_tick - time.monotonic()
+                await asyncio.wait((stopped,), timeout=max(remaining, 0.0))
         finally:
-            ends.cancel()
+            stopped.cancel()
             await self.close()
 
     async def close(self) -> None:
         """Close all connections (code 1001) and stop; clients that do not close in time are disconnected."""
         if self._response is not None:
             self._response.cancel()
-        self._say_state()
+        self._send_state()
         self._server.close(code=1001, reason="the server ends")
         try:
             async with asyncio.timeout(0.5):
@@ -112,7 +135,8 @@ class StreamServer:
                 connection.transport.abort()
         self.source.close()
         if self.recording is not None:
-            self.recording.finish()()
+            write = self.recording.finish()
+            write()
 
     # -- the stream -----------------------------------------------------------------------------------
 
@@ -121,9 +145,13 @@ class StreamServer:
 
         A missed tick is not made up for twice in succession: on a slow machine, all frames would then be late.
         """
-        made_up = now - self._tick == 2 and self._at <= now - 1 and not self._made_up
-        self._made_up = made_up
-        return now - made_up
+        missed_one = now - self._tick == 2
+        # A message `hands` may have moved the robots beyond the missed tick already; time does not go back.
+        not_passed = self._at <= now - 1
+        self._made_up = missed_one and not_passed and not self._made_up
+        if self._made_up:
+            return now - 1
+        return now
 
     def _step(self, server_time: float) -> None:
         self._advance(self._tick, server_time)
@@ -131,14 +159,15 @@ class StreamServer:
             self._write(self.recording.finish())
         now = time.monotonic()
         if self._dirty or self._tick % STATE == 0:
-            self._watch(now)
-            self._say_state()
+            self._release_silent(now)
+            self._send_state()
         for client in list(self.clients):
             client.flush(self._frame, now)
 
     def _advance(self, tick: float, server_time: float) -> None:
         """Advance the source to a tick, possibly with a fraction; store its frame for the clients."""
-        begun, self._at = time.monotonic(), tick
+        begun = time.monotonic()
+        self._at = tick
         frame = self.source.frame(tick, server_time)
         self._framed = time.monotonic()
         self._pause = min(max(GAP, self._framed - begun), 1 / RATE)
@@ -157,14 +186,17 @@ class StreamServer:
         Without the pause, more and more messages would wait on a slow machine, and the delay would grow without limit.
         """
         self._response = None
-        if (wait := self._pause - (now - self._framed)) > 0:
-            self._response = asyncio.get_running_loop().call_later(wait, lambda: self._respond(time.monotonic()))
+        wait = self._pause - (now - self._framed)
+        if wait > 0:
+            loop = asyncio.get_running_loop()
+            self._response = loop.call_later(wait, lambda: self._respond(time.monotonic()))
             return
-        self._advance(max((now - self._begin) * RATE, self._tick), now)
+        tick = (now - self._begin) * RATE
+        self._advance(max(tick, self._tick), now)
         for client in list(self.clients):
             client.flush(self._frame, now)
 
-    def _say_state(self) -> None:
+    def _send_state(self) -> None:
         self._dirty = False
         state = {**self.source.state(), "clients": len(self.clients)}
         if self.recording is not None and not self.source.replays:
@@ -177,15 +209,15 @@ class StreamServer:
         """Send a document to every client."""
         if self.recording is not None:
             self.recording.add_document(self._tick, document)
-        text = to_json(document, inf_nan_mode="null").decode()
+        text = _json_text(document)
         for client in self.clients:
             client.queue(document["type"], text)
 
-    def _watch(self, now: float) -> None:
+    def _release_silent(self, now: float) -> None:
         """Release grabs of silent or disconnected clients."""
-        for name, left in list(self._left.items()):
-            if now - left > GRACE:
-                del self._left[name]
+        for name, since in list(self._disconnected.items()):
+            if now - since > GRACE:
+                del self._disconnected[name]
                 self.source.release(name)
         for client in self.clients:
             if now - client.heard > SILENCE and self.source.holds(client.id):
@@ -194,7 +226,7 @@ class StreamServer:
 
     # -- clients --------------------------------------------------------------------------------------
 
-    async def _client(self, connection: Connection) -> None:
+    async def _serve_client(self, connection: Connection) -> None:
         client = self._join(connection)
         try:
             async for text in connection:
@@ -205,46 +237,62 @@ class StreamServer:
             self._leave(client)
 
     def _join(self, ws: Connection) -> Client:
+        """Return a new client for a connection; its first documents are queued."""
         assert ws.request is not None
         token = query_of(ws.request.path).get("resume", "")
         now = time.monotonic()
-        if token in self._known:
-            name = self._known[token]
-            for other in [c for c in self.clients if c.token == token]:  # the new connection replaces the old one
-                self.clients.remove(other)
-                other.ws.cut()
+        if token in self._identifiers:
+            self._disconnect(token)  # the new connection replaces the old one
         else:
-            self._numbers += 1
-            name, token = f"c{self._numbers}", secrets.token_urlsafe(18)
-            self._known[token] = name
-            connected = {c.token for c in self.clients} | {token}
-            gone = [t for t in self._known if t not in connected]
-            for old in gone[: max(len(gone) - REMEMBERED, 0)]:
-                del self._known[old]
-        self._left.pop(name, None)
-        ws.keep_little()
+            token = self._new_identifier()
+        name = self._identifiers[token]
+        self._disconnected.pop(name, None)
+        ws.limit_send_queue()
         client = Client(name, token, ws, Bucket(*MESSAGES, now), Bucket(*GARBAGE, now), now)
         self.clients.append(client)
         hello = {**self.hello, "type": "hello", "protocol": self.source.version, "client": name, "resume": token}
-        for document in (hello, self._state or self.source.state(), *self.source.welcome()):
-            client.queue(document["type"], to_json(document, inf_nan_mode="null").decode())
+        state = self._state or self.source.state()
+        for document in (hello, state, *self.source.welcome()):
+            client.queue(document["type"], _json_text(document))
         self._dirty = True
         client.flush(self._frame, now)
         return client
+
+    def _disconnect(self, token: str) -> None:
+        """Disconnect the client that has a token, if it is connected."""
+        for client in list(self.clients):
+            if client.token == token:
+                self.clients.remove(client)
+                client.ws.cut()
+
+    def _new_identifier(self) -> str:
+        """Return the token of a new identifier; forget the oldest identifiers of disconnected clients."""
+        self._last_number += 1
+        token = secrets.token_urlsafe(18)
+        self._identifiers[token] = f"c{self._last_number}"
+        connected = {client.token for client in self.clients}
+        connected.add(token)
+        disconnected = [known for known in self._identifiers if known not in connected]
+        surplus = max(len(disconnected) - REMEMBERED, 0)
+        for oldest in disconnected[:surplus]:
+            del self._identifiers[oldest]
+        return token
 
     def _leave(self, client: Client) -> None:
         if client in self.clients:
             self.clients.remove(client)
             if self.source.holds(client.id):
-                self._left[client.id] = time.monotonic()
+                self._disconnected[client.id] = time.monotonic()
             self._dirty = True
 
     def _hear(self, client: Client, text: str | bytes) -> None:
+        """Handle a message of a client."""
         now = time.monotonic()
         if not client.messages.take(now):
             if now - client.told_rate > 1.0:
                 client.told_rate = now
-                self._error(client, "rate", f"more than {MESSAGES[0]:g} messages per second: some were dropped")
+                most = MESSAGES[0]
+                self._error(client, "rate", f"more than {most:g} messages per second: some were dropped")
             return
         try:
             message = wire.parse(text)
@@ -255,9 +303,13 @@ class StreamServer:
             return
         client.heard = now
         if isinstance(message, wire.Ping):
-            server_time = time.monotonic()
-            self._answer(client, {"type": "pong", "t": message.t, "server_time": server_time, "id": message.id})
+            pong = {"type": "pong", "t": message.t, "server_time": time.monotonic(), "id": message.id}
+            self._answer(client, pong)
             return
+        self._handle(client, message, now)
+
+    def _handle(self, client: Client, message: wire.Message, now: float) -> None:
+        """Handle a valid request of a client at the time `now` in s."""
         if self.recording is not None:
             self.recording.add_request(self._tick, client.id, message)
         held = self.source.holds(client.id)
@@ -272,7 +324,9 @@ class StreamServer:
         if isinstance(message, wire.Hands) and self._response is None:
             self._respond(now)
         # `hands` arrives 100 times per second: only the first one causes a `state` at once.
-        self._dirty |= not (isinstance(message, wire.Drag) or (held and isinstance(message, wire.Hands)))
+        is_repeated = isinstance(message, wire.Drag) or (held and isinstance(message, wire.Hands))
+        if not is_repeated:
+            self._dirty = True
         if message.id is not None:
             self._answer(client, {"type": "ack", "id": message.id})
 
@@ -281,7 +335,7 @@ class StreamServer:
             raise RefusedError("refused", "nothing can be recorded: start the server with --record FILE")
         if on:
             self.recording.check_room()
-        self._say_state()
+        self._send_state()
         self._write(self.recording.finish())
         if on:
             self.recording.begin(self._tick)
@@ -304,7 +358,8 @@ class StreamServer:
         task.add_done_callback(self._tasks.discard)
 
     def _answer(self, client: Client, document: JsonObject) -> None:
-        client.queue(document["type"], to_json({k: v for k, v in document.items() if v is not None}).decode())
+        given = {name: value for name, value in document.items() if value is not None}
+        client.queue(document["type"], to_json(given).decode())
         client.flush(self._frame, time.monotonic())
 
     def _error(self, client: Client, code: str, text: str, id: int | str | None = None) -> None:
@@ -315,17 +370,26 @@ class StreamServer:
 
     # -- requests -------------------------------------------------------------------------------------
 
-    def _request(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _check(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the response to a request for a file, or None to accept a WebSocket."""
-        seen = visit(self.gate, connection, request)
-        if isinstance(seen, Response):
-            return seen
-        if seen.path != "/ws":
-            return page(self.gate, seen, self.files)
-        if not seen.upgrade or seen.head:
-            out = refusal(HTTPStatus.UPGRADE_REQUIRED, "this address accepts only WebSockets", seen.head)
-            out.headers["Upgrade"] = "websocket"
-            return out
-        if seen.known or seen.query.get("resume") in self._known or self.gate.spend(seen.query.get("token", "")):
+        checked = check_request(self.rules, connection, request)
+        if isinstance(checked, Response):
+            return checked
+        if checked.path != "/ws":
+            return serve_file(self.rules, checked, self.files)
+        if not checked.upgrade or checked.head_only:
+            response = error_response(
+                HTTPStatus.UPGRADE_REQUIRED, "this address accepts only WebSockets", checked.head_only
+            )
+            response.headers["Upgrade"] = "websocket"
+            return response
+        if checked.authorized or checked.query.get("resume") in self._identifiers:
             return None
-        return stranger()
+        # A headset program may open the stream without the page: then the token is used up here.
+        if self.rules.use_token(checked.query.get("token", "")):
+            return None
+        return websocket_without_session()
+
+
+def _json_text(document: JsonObject) -> str:
+    return to_json(document, inf_nan_mode="null").decode()

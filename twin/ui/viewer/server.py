@@ -1,7 +1,7 @@
 """The viewer's server; this module has few imports, so that a browser can load the page while the robot is read.
 
 viser has no access control. Therefore, this module replaces the call with which viser opens its socket, so that page,
-WebSockets and messages pass through the access control of `twin.ui.door`. If a version of viser opens its socket
+WebSockets and messages pass through the access control of `twin.ui.access`. If a version of viser opens its socket
 differently, the server is stopped.
 """
 
@@ -25,13 +25,20 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from twin.core.errors import TwinError
-from twin.ui.door.answers import File
-from twin.ui.door.connection import Connection
-from twin.ui.door.entrance import CLOSED, listen, page, stranger, visit
-from twin.ui.door.gate import Gate
-from twin.ui.door.limits import GARBAGE, MESSAGES, SOCKETS, SOCKETS_OF_ONE, Bucket, Doorman
-from twin.ui.viewer.letters import LONGEST, Letters, NonsenseError, StaleError
-from twin.ui.viewer.seats import FIRST, Seats
+from twin.ui.access.connection import Connection
+from twin.ui.access.limits import GARBAGE, MESSAGES, SOCKETS, SOCKETS_OF_ONE, Bucket, ConnectionCounter
+from twin.ui.access.requests import (
+    TRY_AGAIN_LATER,
+    WebSocketLimits,
+    check_request,
+    listen,
+    serve_file,
+    websocket_without_session,
+)
+from twin.ui.access.responses import File
+from twin.ui.access.rules import AccessRules
+from twin.ui.viewer.admission import FIRST, Admission
+from twin.ui.viewer.message_filter import LONGEST, MessageFilter, NonsenseError, StaleError
 
 BYTES = (8e6, 40e6)
 """Limit of bytes from one page: (per second, burst); the page sends the 36 pictures of a turntable."""
@@ -56,36 +63,39 @@ _lock = threading.Lock()
 
 
 class PageConnection(Connection):
-    """A connection whose messages are filtered by `letters`, and which has one of the `seats` after its first one.
+    """A connection whose messages are filtered, and which is admitted after its first valid one.
 
     Attributes:
+        message_filter: filter of the messages.
+        admission: counter of the pages of the server.
         heard: time in s of the last frame of any type.
     """
 
-    letters: ClassVar[Letters]
-    seats: ClassVar[Seats]
+    message_filter: ClassVar[MessageFilter]
+    admission: ClassVar[Admission]
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         now = time.monotonic()
-        self._messages, self._garbage = Bucket(*MESSAGES, now), Bucket(*GARBAGE, now)
+        self._messages = Bucket(*MESSAGES, now)
+        self._garbage = Bucket(*GARBAGE, now)
         self.heard = now
-        self._unseated: asyncio.TimerHandle | None = None
+        self._first_message_timer: asyncio.TimerHandle | None = None
 
     def process_event(self, event: Any) -> None:
         """Note the time of a frame."""
         self.heard = time.monotonic()
         super().process_event(event)
 
-    def wait_for_seat(self) -> None:
-        """Let the client wait for a seat, for a limited time."""
-        self.seats.enter(self)
-        self._unseated = self.loop.call_later(FIRST, self.cut)
+    def wait_for_admission(self) -> None:
+        """Let the client wait for its first valid message, for a limited time."""
+        self.admission.wait(self)
+        self._first_message_timer = self.loop.call_later(FIRST, self.cut)
 
     async def recv(self, decode: bool | None = None) -> Any:
         """Return the next valid message; disconnect clients that repeatedly send invalid messages.
 
-        The first valid message gives the client a seat; if none is free, the connection is closed.
+        The client is admitted with its first valid message; if there are too many pages, the connection is closed.
         """
         while True:
             raw = await super().recv(decode)
@@ -93,43 +103,45 @@ class PageConnection(Connection):
             if not self._messages.take(now):
                 continue
             try:
-                self.letters.check(raw, self, now)
+                self.message_filter.check(raw, self, now)
             except StaleError:
                 continue
             except NonsenseError:
                 if not self._garbage.take(now):
                     self.cut()
                 continue
-            if self._unseated is not None:
-                self._unseated.cancel()
-                self._unseated = None
-                if not self.seats.sit(self, now):
-                    await self.close(CLOSED, "too many clients")
+            if self._first_message_timer is not None:
+                self._first_message_timer.cancel()
+                self._first_message_timer = None
+                if not self.admission.admit(self, now):
+                    await self.close(TRY_AGAIN_LATER, "too many clients")
                     continue  # the next call of `recv` says that the connection is closed
             return raw
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Remove the connection from the counts, give back its seat, and cancel its upload."""
-        if self._unseated is not None:
-            self._unseated.cancel()
-        self.seats.leave(self)
-        self.letters.forget(self)
+        """Remove the connection from all counts, and cancel its upload."""
+        if self._first_message_timer is not None:
+            self._first_message_timer.cancel()
+        self.admission.remove(self)
+        self.message_filter.forget(self)
         super().connection_lost(exc)
 
 
-class Door:
+class ViewerAccess:
     """The access control of one viser server.
 
     Attributes:
-        gate: access rules.
-        letters: message filter.
-        stands: whether viser's socket was opened by `listen` and is thus protected.
+        rules: access rules.
+        message_filter: filter of the messages of all pages.
+        opened: whether viser's socket was opened by `listen` and is thus protected.
     """
 
-    def __init__(self, gate: Gate) -> None:
-        self.gate, self.letters, self.stands = gate, Letters(), False
-        content = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
-        self._files = {"/": File(content, "text/html; charset=utf-8", policy=POLICY)}
+    def __init__(self, rules: AccessRules) -> None:
+        self.rules = rules
+        self.message_filter = MessageFilter()
+        self.opened = False
+        page = Path(viser.__file__).parent / "client" / "build" / "index.html"
+        self._files = {"/": File(page.read_bytes(), "text/html; charset=utf-8", policy=POLICY)}
 
     def listen(
         self,
@@ -138,67 +150,75 @@ class Door:
         port: int,
         *,
         select_subprotocol: Callable[..., Any],
-        **ours: Any,
+        **of_viser: Any,
     ) -> Any:
-        """Open viser's socket instead of `websockets.serve`, with the access control and limits of this module."""
-        self.stands = True
+        """Open viser's socket instead of `websockets.serve`, with the access control and limits of this module.
 
-        async def seated(connection: Connection) -> None:
+        viser's own limits (`of_viser`) are replaced by those of this module.
+        """
+        self.opened = True
+
+        async def wait_and_handle(connection: Connection) -> None:
             assert isinstance(connection, PageConnection)
-            connection.wait_for_seat()
+            connection.wait_for_admission()
             await handler(connection)
 
+        attributes = {"message_filter": self.message_filter, "admission": Admission()}
         return listen(
-            seated,
+            wait_and_handle,
             host,
             port,
-            self._request,
-            Doorman(SOCKETS, SOCKETS_OF_ONE),
-            kind=type("OwnPage", (PageConnection,), {"letters": self.letters, "seats": Seats()}),
-            longest=LONGEST,
-            bytes=BYTES,
-            frames=FRAMES,
-            patience=PATIENCE,
+            self._check,
+            ConnectionCounter(SOCKETS, SOCKETS_OF_ONE),
+            WebSocketLimits(LONGEST, BYTES, FRAMES, PATIENCE),
+            kind=type("OwnPageConnection", (PageConnection,), attributes),
             select_subprotocol=select_subprotocol,
         )
 
-    def _request(self, connection: ServerConnection, request: Request) -> Response | None:
-        seen = visit(self.gate, connection, request)
-        if isinstance(seen, Response):
-            return seen
-        if seen.upgrade and not seen.head:
-            return None if seen.known else stranger()
-        return page(self.gate, seen, self._files)
+    def _check(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Return the response to a request for the page, or None to accept a WebSocket."""
+        checked = check_request(self.rules, connection, request)
+        if isinstance(checked, Response):
+            return checked
+        # viser's page opens its WebSocket at the path of the page itself.
+        if not checked.upgrade or checked.head_only:
+            return serve_file(self.rules, checked, self._files)
+        if not checked.authorized:
+            return websocket_without_session()
+        return None
 
 
-def serve(title: str, host: str, port: int, gate: Gate | None = None) -> viser.ViserServer:
+def serve(title: str, host: str, port: int, rules: AccessRules | None = None) -> viser.ViserServer:
     """Start a server and return it.
 
     Args:
         title: title of the page.
         host: address to listen on.
         port: port to listen on; 0: any free port.
-        gate: access rules. None: a request is accepted if its Host header names `host` or this machine, and if the
+        rules: access rules. None: a request is accepted if its Host header names `host` or this machine, and if the
             request comes from the server's own page or from a program that is not a browser.
 
     Raises:
         TwinError: this version of viser opens its socket differently.
     """
-    door = Door(gate or Gate(host, port, False, lambda token: None))
-    with contextlib.redirect_stdout(io.StringIO()), _opening(door):
+    if rules is None:
+        rules = AccessRules(host, port, False, lambda token: None)
+    access = ViewerAccess(rules)
+    with contextlib.redirect_stdout(io.StringIO()), _opening(access):  # viser prints its address
         server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
-    if not door.stands:
+    if not access.opened:
         stop(server)
         raise TwinError(f"viser {viser.__version__} opens its port without access control: install viser 1.1")
-    door.letters.belong_to(server)
-    door.letters.notify = lambda text: tell(server, title, text, bad=True)
+    access.message_filter.set_server(server)
+    access.message_filter.notify = lambda text: tell(server, title, text, bad=True)
     return server
 
 
 def tell(server: viser.ViserServer, title: str, text: str, bad: bool = False) -> None:
     """Show a notice in every browser."""
+    color = (222, 48, 48) if bad else None
     for client in server.get_clients().values():
-        client.add_notification(title, text, color=(222, 48, 48) if bad else None, auto_close_seconds=8.0)
+        client.add_notification(title, text, color=color, auto_close_seconds=8.0)
 
 
 def stop(server: viser.ViserServer) -> None:
@@ -208,16 +228,20 @@ def stop(server: viser.ViserServer) -> None:
 
 
 @contextlib.contextmanager
-def _opening(door: Door) -> Iterator[None]:
-    """Replace `websockets.asyncio.server.serve` by `Door.listen` while viser opens its socket."""
-    ours = SimpleNamespace(
-        asyncio=SimpleNamespace(server=SimpleNamespace(serve=door.listen)),
+def _opening(access: ViewerAccess) -> Iterator[None]:
+    """Replace `websockets.asyncio.server.serve` by `ViewerAccess.listen` while viser opens its socket."""
+    server_module = SimpleNamespace(serve=access.listen)
+    replacement = SimpleNamespace(
+        asyncio=SimpleNamespace(server=server_module),
         exceptions=websockets.exceptions,
         datastructures=websockets.datastructures,
     )
+    # viser opens the socket in a thread of its own, which reads the name from its module: the module's name is
+    # replaced for as long as this takes, by one server at a time.
     with _lock:
-        theirs, _infra.websockets = _infra.websockets, ours
+        original = _infra.websockets
+        _infra.websockets = replacement
         try:
             yield
         finally:
-            _infra.websockets = theirs
+            _infra.websockets = original

@@ -27,12 +27,12 @@ def is_local(host: str) -> bool:
         return False
 
 
-class Gate:
+class AccessRules:
     """Access rules of one server.
 
     Attributes:
-        open: whether other machines can reach the server; if so, clients need a token or a session.
-        token: the valid one-time token; "" if the server is not open.
+        needs_token: whether clients need a token or a session, because other machines can reach the server.
+        token: the valid one-time token; "" if clients need none.
     """
 
     def __init__(self, host: str, port: int, secure: bool, announce: Callable[[str], object]) -> None:
@@ -40,22 +40,26 @@ class Gate:
 
         `secure`: whether the server uses TLS; if so, cookies are sent over TLS only. `announce` receives new tokens.
         """
-        self.open = not is_local(host)
-        self._announce, self._secure = announce, secure
+        self.needs_token = not is_local(host)
+        self._announce = announce
+        self._secure = secure
+        # Browsers send the cookies of all ports of a host: the port in the name keeps several servers apart.
         self._cookie = f"twin_{port}"
         self._sessions: OrderedDict[str, None] = OrderedDict()
-        name = socket.gethostname().lower()
-        self._names = {*_LOCAL, host.lower(), name, f"{name}.local"} if self.open else set(_LOCAL) | {host.lower()}
-        self._names -= {"", "0.0.0.0", "::"}
+        self._names = {*_LOCAL, host.lower()}
+        if self.needs_token:
+            machine = socket.gethostname().lower()
+            self._names |= {machine, f"{machine}.local"}
+        self._names -= {"", "0.0.0.0", "::"}  # these mean "every address", and name no server
         self.token = ""
-        if self.open:
+        if self.needs_token:
             self._renew()
 
     def _renew(self) -> None:
         self.token = secrets.token_urlsafe(18)
         self._announce(self.token)
 
-    def answers_to(self, host: str | None, own: str) -> bool:
+    def accepts_host(self, host: str | None, own: str) -> bool:
         """Return whether a Host header contains a name of this server, or the connection's local address `own`.
 
         This check prevents DNS rebinding: an attack in which the host name of another site resolves to this machine.
@@ -64,10 +68,13 @@ class Gate:
             name = urlsplit(f"//{host or ''}").hostname
         except ValueError:
             return False
-        return name is not None and (name in self._names or name == own.partition("%")[0])
+        if name is None:
+            return False
+        own_without_zone = own.partition("%")[0]  # fe80::1%eth0
+        return name in self._names or name == own_without_zone
 
     @staticmethod
-    def same_origin(origin: str | None, host: str | None) -> bool:
+    def accepts_origin(origin: str | None, host: str | None) -> bool:
         """Return whether the Origin header is missing, or names the same host and port as the Host header.
 
         Browsers always send an Origin header when they request a WebSocket; other programs send none.
@@ -78,9 +85,11 @@ class Gate:
             parts = urlsplit(origin)
         except ValueError:
             return False
-        return parts.scheme in ("http", "https") and bool(host) and origin == f"{parts.scheme}://{host}"
+        if parts.scheme not in ("http", "https") or not host:
+            return False
+        return origin == f"{parts.scheme}://{host}"
 
-    def known(self, cookies: str | None) -> bool:
+    def has_session(self, cookies: str | None) -> bool:
         """Return whether a Cookie header contains a valid session."""
         try:
             morsel = SimpleCookie(cookies or "").get(self._cookie)
@@ -88,9 +97,9 @@ class Gate:
             return False
         return morsel is not None and morsel.value in self._sessions
 
-    def enter(self, token: str) -> str | None:
+    def open_session(self, token: str) -> str | None:
         """If a token is valid, announce the next token and return a Set-Cookie header; otherwise return None."""
-        if not self.spend(token):
+        if not self.use_token(token):
             return None
         session = secrets.token_urlsafe(24)
         self._sessions[session] = None
@@ -99,9 +108,13 @@ class Gate:
         secure = "; Secure" if self._secure else ""
         return f"{self._cookie}={session}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
-    def spend(self, token: str) -> bool:
+    def use_token(self, token: str) -> bool:
         """Invalidate a token, if it is valid, and announce the next one; return whether it was valid."""
-        if not self.token or not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
+        if not self.token:
+            return False
+        received = token.encode("utf-8", "replace")
+        # A comparison in constant time: the duration tells nothing about the token.
+        if not hmac.compare_digest(received, self.token.encode()):
             return False
         self._renew()
         return True

@@ -12,8 +12,11 @@ from http import HTTPStatus
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-_PACKED = ("image/png", "font/woff2")
+_COMPRESSED_TYPES = ("image/png", "font/woff2")
 """Content types that are already compressed."""
+
+_SMALLEST_GZIP = 512
+"""Number of bytes below which a file is sent without compression: the head of gzip would outweigh what it saves."""
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; font-src 'self'; "
@@ -42,50 +45,73 @@ class File:
     def etag(self) -> str:
         """Entity tag: `tag` followed by a hash of the content."""
         digest = hashlib.sha256(self.content).hexdigest()[:16]
-        return f'"{self.tag}-{digest}"' if self.tag else f'"{digest}"'
+        if self.tag:
+            return f'"{self.tag}-{digest}"'
+        return f'"{digest}"'
 
     @cached_property
     def gzipped(self) -> bytes | None:
         """Content compressed with gzip; None if compression does not make it smaller."""
-        if self.type in _PACKED or len(self.content) < 512:
+        if self.type in _COMPRESSED_TYPES or len(self.content) < _SMALLEST_GZIP:
             return None
-        packed = gzip.compress(self.content, 6, mtime=0)
-        return packed if len(packed) < len(self.content) else None
+        # A fixed time in the head of gzip: the same file gives the same bytes.
+        compressed = gzip.compress(self.content, 6, mtime=0)
+        if len(compressed) >= len(self.content):
+            return None
+        return compressed
 
 
-def answer(file: File, headers: Headers, head_only: bool, cookie: str | None = None) -> Response:
+def file_response(file: File, headers: Headers, head_only: bool, cookie: str | None = None) -> Response:
     """Return the response to a request for a file; `cookie` is the value of the Set-Cookie header, None: no header."""
-    packed = file.gzipped if "gzip" in _all(headers, "Accept-Encoding").lower() else None
-    fields = _fields(file.type, file.policy)
+    encodings = _joined_header(headers, "Accept-Encoding").lower()
+    compressed = None
+    if "gzip" in encodings:
+        compressed = file.gzipped
+    fields = _security_headers(file.type, file.policy)
     fields["ETag"] = file.etag
     fields["Cache-Control"] = "no-cache"
     fields["Vary"] = "Accept-Encoding"
     if cookie is not None:
         fields["Set-Cookie"] = cookie
         fields["Cache-Control"] = "no-store"
-    elif file.etag in (t.strip().removeprefix("W/") for t in _all(headers, "If-None-Match").split(",")):
+    elif _client_has(file, headers):
         return Response(304, "Not Modified", fields)
-    if packed is not None:
+    body = file.content
+    if compressed is not None:
         fields["Content-Encoding"] = "gzip"
-    body = file.content if packed is None else packed
-    fields["Content-Length"] = str(len(body))
-    return Response(200, "OK", fields, b"" if head_only else body)
+        body = compressed
+    return _with_body(HTTPStatus.OK, fields, body, head_only)
 
 
-def _all(headers: Headers, name: str) -> str:
+def _client_has(file: File, headers: Headers) -> bool:
+    """Return whether the client names the entity tag of this file, which it then has in its cache."""
+    for tag in _joined_header(headers, "If-None-Match").split(","):
+        # A proxy may mark a tag as weak; the comparison for GET ignores the mark (RFC 9110, 13.1.2).
+        if tag.strip().removeprefix("W/") == file.etag:
+            return True
+    return False
+
+
+def _joined_header(headers: Headers, name: str) -> str:
     return ", ".join(headers.get_all(name))
 
 
-def refusal(status: HTTPStatus, text: str, head_only: bool = False) -> Response:
+def error_response(status: HTTPStatus, text: str, head_only: bool = False) -> Response:
     """Return an error response."""
     body = (text + "\n").encode()
-    fields = _fields("text/plain; charset=utf-8")
+    fields = _security_headers("text/plain; charset=utf-8")
     fields["Cache-Control"] = "no-store"
+    return _with_body(status, fields, body, head_only)
+
+
+def _with_body(status: HTTPStatus, fields: Headers, body: bytes, head_only: bool) -> Response:
     fields["Content-Length"] = str(len(body))
-    return Response(status.value, status.phrase, fields, b"" if head_only else body)
+    if head_only:  # the length is that of the body which GET would give
+        body = b""
+    return Response(status.value, status.phrase, fields, body)
 
 
-def _fields(kind: str, policy: str = POLICY) -> Headers:
+def _security_headers(kind: str, policy: str = POLICY) -> Headers:
     return Headers(
         {
             "Date": formatdate(usegmt=True),

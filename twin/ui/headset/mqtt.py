@@ -18,21 +18,31 @@ from typing import TYPE_CHECKING, Any
 from twin.core.errors import TwinError
 from twin.core.extras import require
 from twin.core.json_types import JsonObject
-from twin.ui.door.reports import Reports
+from twin.ui.headset.problem_reports import ProblemReports
 
 if TYPE_CHECKING:
     from aiomqtt import Client, Message
 
+_RETRY = 2.0
+"""Pause in s between two attempts to connect."""
 
-_RETRY, _TIMEOUT, _KEEPALIVE = 2.0, 5.0, 10
-"""Times in s: pause between two attempts to connect; maximum time until the broker answers; keep-alive interval."""
+_TIMEOUT = 5.0
+"""Maximum time in s until the broker answers."""
+
+_KEEPALIVE = 10
+"""Keep-alive interval in s."""
 
 _AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
 """Socket option to send small messages at once; without it, TCP can delay a message by 40 ms."""
 
-_QUIET, _SHOWN, _LONGEST = 1.0, 40, 200
-"""Time in s after an invalid payload during which further ones are not reported; maximum number of bytes of a payload
-that a report shows; maximum number of characters of a topic."""
+_QUIET = 1.0
+"""Time in s after an invalid payload during which further ones are not reported."""
+
+_SHOWN = 40
+"""Maximum number of bytes of a payload that a report shows."""
+
+_LONGEST = 200
+"""Maximum number of characters of a topic."""
 
 
 class ScaleTopic:
@@ -66,18 +76,25 @@ class ScaleTopic:
         Raises:
             TwinError: the topic is invalid, or the package aiomqtt is not installed.
         """
-        if not 0 < len(topic) <= _LONGEST or set(topic) & set("+#\0") or topic != topic.strip("/ "):
+        # + and # are wildcards of subscriptions, and MQTT forbids the null character.
+        has_forbidden = bool(set(topic) & set("+#\0"))
+        if not 0 < len(topic) <= _LONGEST or has_forbidden or topic != topic.strip("/ "):
             raise TwinError(
                 f"--mqtt-topic {topic!r} is not a valid topic: use 1 to {_LONGEST} characters without + and #, and "
                 "without / or space at the ends"
             )
         self._mqtt = require("aiomqtt", "--mqtt")
-        self.broker, self.topic = f"{host}:{port}", topic
+        self.broker = f"{host}:{port}"
+        self.topic = topic
         self.connected = False
         self.problem: str | None = None
-        self.reports = Reports(_QUIET)
-        self._host, self._port, self._limits, self._apply = host, port, limits, apply
-        self._scale, self._changed = scale, asyncio.Event()
+        self.reports = ProblemReports(_QUIET)
+        self._host = host
+        self._port = port
+        self._limits = limits
+        self._apply = apply
+        self._scale = scale
+        self._changed = asyncio.Event()
 
     @property
     def state(self) -> JsonObject:
@@ -91,27 +108,37 @@ class ScaleTopic:
 
     async def run(self) -> None:
         """Connect, receive scales, and publish the current scale; connect again if the connection ends."""
-        lost = False
+        was_disconnected = False
         while True:
             try:
                 async with self._connection() as client:
-                    codes: Any = await client.subscribe(f"{self.topic}/set", qos=1)
-                    if any(code.is_failure for code in codes):
-                        raise self._mqtt.MqttError(f"the broker refuses the topic {self.topic}/set ({codes[0]})")
-                    self.connected, self.problem = True, None
-                    if lost:
+                    await self._subscribe(client)
+                    self.connected = True
+                    self.problem = None
+                    if was_disconnected:
                         self.reports.tell(f"MQTT broker {self.broker} is connected again")
                     await self._serve(client)
             except* (self._mqtt.MqttError, ValueError) as errors:  # ValueError: an invalid host name
-                what = "has disconnected" if self.connected else f"cannot be reached ({errors.exceptions[0]})"
+                what = "has disconnected"
+                if not self.connected:
+                    what = f"cannot be reached ({errors.exceptions[0]})"
                 self.problem = (
                     f"MQTT broker {self.broker} {what}: the motion scale stays {self._scale:g}; trying again every "
                     f"{_RETRY:g} s"
                 )
-                if self.connected or not lost:
+                # Of the attempts in succession that fail, only the first is reported.
+                if self.connected or not was_disconnected:
                     self.reports.tell(self.problem)
-                self.connected, lost = False, True
+                self.connected = False
+                was_disconnected = True
             await asyncio.sleep(_RETRY)
+
+    async def _subscribe(self, client: Client) -> None:
+        """Subscribe to the topic of new scales; raise the library's error if the broker refuses it."""
+        codes: Any = await client.subscribe(f"{self.topic}/set", qos=1)
+        for code in codes:
+            if code.is_failure:
+                raise self._mqtt.MqttError(f"the broker refuses the topic {self.topic}/set ({codes[0]})")
 
     @asynccontextmanager
     async def _connection(self) -> AsyncIterator[Client]:
@@ -177,17 +204,26 @@ class ScaleTopic:
         low, high = self._limits
         if message.retain:
             raise TwinError("a retained message is ignored, because it may be old; publish it without retain")
-        payload = message.payload if isinstance(message.payload, bytes) else b""
-        text = payload[:_SHOWN].decode("utf-8", "replace")
-        try:
-            scale = float(payload) if b"_" not in payload else None
-        except ValueError:
-            scale = None
+        payload = b""  # a message without payload has None
+        if isinstance(message.payload, bytes):
+            payload = message.payload
+        scale = _number(payload)
         if scale is None:
+            text = payload[:_SHOWN].decode("utf-8", "replace")
             raise TwinError(f"{text!r} is not a number; send {low:g} to {high:g}")
         if not low <= scale <= high:  # also true for NaN
             raise TwinError(f"{scale:g} is outside {low:g} to {high:g}")
         return scale
+
+
+def _number(payload: bytes) -> float | None:
+    """Return the number that a payload states as decimal text; None if it states none."""
+    if b"_" in payload:  # Python would read 1_0 as 10
+        return None
+    try:
+        return float(payload)
+    except ValueError:
+        return None
 
 
 def _retrieve_end(client: Client) -> None:

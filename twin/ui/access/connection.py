@@ -18,12 +18,13 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-from twin.ui.door.limits import BYTES, FRAMES, Bucket, Doorman, household
+from twin.ui.access.limits import BYTES, FRAMES, Bucket, ConnectionCounter, counted_address
 
 HEAD_SECONDS = 5.0
 """Maximum time in s between the start of a connection and the end of the HTTP request's head."""
 
-_HEAD_BYTES, _TARGET_BYTES = 16_384, 2048
+_HEAD_BYTES = 16_384
+_TARGET_BYTES = 2048
 _SLICE = 1024
 """Maximum number of bytes parsed before frames are counted again; one read may contain ten thousand small frames."""
 
@@ -34,28 +35,31 @@ _REQUEST = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
 
 
 class Connection(ServerConnection):
-    """A connection with limits. A server uses a subclass that sets `doorman`, and optionally `bytes` and `frames`.
+    """A connection with limits. A server uses a subclass that sets `counter`, and optionally `bytes` and `frames`.
 
     Attributes:
-        doorman: counter of connections.
+        counter: counter of connections.
         bytes: limit of received bytes: (per second, burst).
         frames: limit of received frames: (per second, burst).
-        household: the client's IPv4 address or IPv6 /64 network; connections are counted for each household.
+        address: the client's IPv4 address or IPv6 /64 network, for which its connections are counted.
         head_only: whether the request method was HEAD.
     """
 
-    doorman: ClassVar[Doorman]
+    counter: ClassVar[ConnectionCounter]
     bytes: ClassVar[tuple[float, float]] = BYTES
     frames: ClassVar[tuple[float, float]] = FRAMES
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.household, self.head_only = "", False
+        self.address = ""
+        self.head_only = False
         self._head = b""
-        self._admitted = self._refused = False
+        self._counted = False
+        self._refused = False
         self._deadline: asyncio.TimerHandle | None = None
         now = time.monotonic()
-        self._bytes, self._frames = Bucket(*self.bytes, now), Bucket(*self.frames, now)
+        self._bytes = Bucket(*self.bytes, now)
+        self._frames = Bucket(*self.frames, now)
 
     # -- the transport --------------------------------------------------------------------------------
 
@@ -63,28 +67,29 @@ class Connection(ServerConnection):
         """Accept the connection if the counts of connections are within their limits, else close it."""
         assert isinstance(transport, asyncio.Transport)
         peer = transport.get_extra_info("peername")
-        self.household = household(peer[0] if peer else "")
-        self._admitted = self.doorman.admit(self.household, time.monotonic())
-        if not self._admitted:
+        host = peer[0] if peer else ""
+        self.address = counted_address(host)
+        self._counted = self.counter.open_connection(self.address, time.monotonic())
+        if not self._counted:
             self._refused = True
             transport.abort()
             return
-        self._deadline = self.loop.call_later(HEAD_SECONDS, self._late)
+        self._deadline = self.loop.call_later(HEAD_SECONDS, self._end_of_head_time)
         super().connection_made(transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Remove the connection from the counts."""
         if self._deadline is not None:
             self._deadline.cancel()
-        if self._admitted:
-            self._admitted = False
-            self.doorman.leave(self.household)
+        if self._counted:
+            self._counted = False
+            self.counter.close_connection(self.address)
             super().connection_lost(exc)
 
     def eof_received(self) -> None:
         """Handle the end of the input; if no request was received, abort without a response."""
         if self.request is None:
-            if self._admitted:
+            if self._counted:
                 self.transport.abort()
             return
         super().eof_received()
@@ -127,9 +132,15 @@ class Connection(ServerConnection):
             self.transport.write(b"".join(parts))
         if parts and not parts[-1]:  # an empty part marks the end of the stream
             with contextlib.suppress(OSError, RuntimeError):
-                self.transport.write_eof() if self.transport.can_write_eof() else self.transport.close()
+                self._end_output()
 
-    def keep_little(self) -> None:
+    def _end_output(self) -> None:
+        if self.transport.can_write_eof():
+            self.transport.write_eof()
+        else:  # TLS cannot close only one direction
+            self.transport.close()
+
+    def limit_send_queue(self) -> None:
         """Limit the kernel's send queue to `_UNSENT` bytes (Linux, macOS)."""
         sock = self.transport.get_extra_info("socket")
         option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
@@ -140,12 +151,16 @@ class Connection(ServerConnection):
     def waiting(self) -> int:
         """Number of bytes that are queued in this process for sending."""
         # With TLS, encrypted bytes are queued in an inner transport, which asyncio does not expose.
-        inner = getattr(getattr(self.transport, "_ssl_protocol", None), "_transport", None)
-        return self.transport.get_write_buffer_size() + (0 if inner is None else inner.get_write_buffer_size())
+        tls = getattr(self.transport, "_ssl_protocol", None)
+        inner = getattr(tls, "_transport", None)
+        queued = self.transport.get_write_buffer_size()
+        if inner is not None:
+            queued += inner.get_write_buffer_size()
+        return queued
 
     # -- the request head -----------------------------------------------------------------------------
 
-    def _late(self) -> None:
+    def _end_of_head_time(self) -> None:
         if self.request is None and not self._refused:
             self._refuse(HTTPStatus.REQUEST_TIMEOUT)
 
@@ -159,10 +174,12 @@ class Connection(ServerConnection):
             return self._refuse(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
         if not end:
             return None
-        found = _REQUEST.fullmatch(line)
-        if found is None or not found[2].startswith(b"/"):
+        request_line = _REQUEST.fullmatch(line)
+        if request_line is None:
             return self._refuse(HTTPStatus.BAD_REQUEST)
-        method, target, minor = found.groups()
+        method, target, minor = request_line.groups()
+        if not target.startswith(b"/"):
+            return self._refuse(HTTPStatus.BAD_REQUEST)
         if len(target) > _TARGET_BYTES:
             return self._refuse(HTTPStatus.REQUEST_URI_TOO_LONG)
         if method not in (b"GET", b"HEAD"):
@@ -175,7 +192,9 @@ class Connection(ServerConnection):
             self._deadline.cancel()
         self.head_only = method == b"HEAD"
         self._head = b""
-        return super().data_received(b"GET" + head[len(method) :] + b"\r\n\r\n")
+        # `websockets` parses only GET; the response to HEAD is that of GET without its body.
+        head_of_get = b"GET" + head[len(method) :] + b"\r\n\r\n"
+        return super().data_received(head_of_get)
 
     def _refuse(self, status: HTTPStatus, **headers: str) -> None:
         """Send an error response to a request that `websockets` would not answer."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 
-class Reports:
+class ProblemReports:
     """Reporter of problems; a problem is not reported if a problem of the same kind occurred in the last `quiet` s.
 
     Attributes:

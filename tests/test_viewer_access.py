@@ -1,4 +1,4 @@
-"""The door of `twin view`: foreign names, pages and messages stay outside; what a page may say is passed on."""
+"""Access control of `twin view`: foreign names, pages and messages are refused; what a page may say is passed on."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from twin.cli.terminal import Terminal
 from twin.core.errors import TwinError
 from twin.robots import NO_CODE
 from twin.simulation.machine import server as machines
-from twin.ui.door import limits
-from twin.ui.door.gate import Gate
+from twin.ui.access import limits
+from twin.ui.access.rules import AccessRules
 from twin.ui.session import session as session_files
 from twin.ui.session.desk import Desk
 from twin.ui.session.session import Session
-from twin.ui.viewer import letters, seats
+from twin.ui.viewer import admission, message_filter
 from twin.ui.viewer import server as servers
 from twin.ui.viewer.front import Actor
 from twin.ui.viewer.page import open_page
@@ -57,13 +57,13 @@ def hibou():
 
 @contextmanager
 def page_of(robot, host="127.0.0.1", **more):
-    """A front, stepped by hand, behind a gate for `host`; `.tokens` is filled when it is open."""
+    """A front, stepped by hand, with access rules for `host`; `.tokens` is filled if clients need one."""
     tokens: list[str] = []
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
-    server = serve("door", "127.0.0.1", port, Gate(host, port, False, tokens.append))
-    front = open_page("door", [Actor(robot.name, robot.name, Desk(robot))], None, server, **more)
+    server = serve("access", "127.0.0.1", port, AccessRules(host, port, False, tokens.append))
+    front = open_page("access", [Actor(robot.name, robot.name, Desk(robot))], None, server, **more)
     front.tokens = tokens  # type: ignore[attr-defined]
     try:
         yield front
@@ -86,24 +86,24 @@ def labels(front):
     return {getattr(h, "label", "") for h in front.server.gui._gui_input_handle_from_uuid.values()}
 
 
-def door_of(front):
-    """Return the letters of a front, which its server's notices go through."""
-    return LETTERS[front.server]
+def filter_of(front):
+    """Return the message filter of a front, which its server's notices go through."""
+    return FILTERS[front.server]
 
 
-LETTERS: dict[viser.ViserServer, letters.Letters] = {}
+FILTERS: dict[viser.ViserServer, message_filter.MessageFilter] = {}
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _remember():
     patch = pytest.MonkeyPatch()
-    belong = letters.Letters.belong_to
+    set_server = message_filter.MessageFilter.set_server
 
     def remember(self, server):
-        belong(self, server)
-        LETTERS[server] = self
+        set_server(self, server)
+        FILTERS[server] = self
 
-    patch.setattr(letters.Letters, "belong_to", remember)
+    patch.setattr(message_filter.MessageFilter, "set_server", remember)
     yield
     patch.undo()
 
@@ -148,7 +148,7 @@ def get(front, path="/", **headers):
         return error.code, dict(error.headers), error.read()
 
 
-# ------------------------------------------------------------------------------------------------------- the gate
+# ------------------------------------------------------------------------------------------------------- the rules
 
 
 @pytest.mark.parametrize(
@@ -231,12 +231,12 @@ def test_nothing_is_written_from_the_network(hibou):
 
 def test_a_viser_that_opens_its_socket_by_itself_is_stopped(monkeypatch):
     @contextmanager
-    def nothing(door):
+    def nothing(access):
         yield
 
     monkeypatch.setattr(servers, "_opening", nothing)
     with pytest.raises(TwinError, match="without access control"):
-        serve("door", "127.0.0.1", 0)
+        serve("access", "127.0.0.1", 0)
 
 
 # --------------------------------------------------------------------------------------------------- the terminal
@@ -354,7 +354,7 @@ def nonsense(front):
     for value in (math.nan, math.inf, 1e300, "1", [1], None, {}):
         yield pack("GuiUpdateMessage", uuid=slider, updates={"value": value})
     yield pack("GuiUpdateMessage", uuid=upload, updates={"value": {"name": "x", "content": b"y" * 1000}})
-    yield pack("GuiUpdateMessage", uuid=name, updates={"value": "x" * (letters.ORDINARY - 200)})
+    yield pack("GuiUpdateMessage", uuid=name, updates={"value": "x" * (message_filter.ORDINARY - 200)})
     yield pack("GuiUpdateMessage", uuid=button, updates={"value": ["x"] * 1000})
     yield msgspec.msgpack.encode({**CAMERA, "fov": "wide"})
     yield msgspec.msgpack.encode({**CAMERA, "fov": math.nan})
@@ -380,22 +380,22 @@ class Someone:
 
 
 def test_nonsense_is_not_passed_on(front):
-    reader = door_of(front)
+    reader = filter_of(front)
     messages = list(nonsense(front))
     for message in messages:
-        with pytest.raises((letters.NonsenseError, letters.StaleError)):
+        with pytest.raises((message_filter.NonsenseError, message_filter.StaleError)):
             reader.check(message, Someone(), 0.0)
     assert len(messages) >= 40
 
 
 def test_what_pages_send_is_passed_on(front):
-    reader = door_of(front)
+    reader = filter_of(front)
     for handle in front.server.gui._gui_input_handle_from_uuid.values():
         if isinstance(handle, viser.GuiUploadButtonHandle) or not hasattr(handle, "value"):
             continue
         message = pack("GuiUpdateMessage", uuid=handle._impl.uuid, updates={"value": handle.value})
         if getattr(handle, "disabled", False):
-            with pytest.raises(letters.StaleError):
+            with pytest.raises(message_filter.StaleError):
                 reader.check(message, Someone(), 0.0)
         else:
             reader.check(message, Someone(), 0.0)
@@ -408,13 +408,13 @@ def test_what_pages_send_is_passed_on(front):
 
 def test_random_bytes_and_mutants_raise_nothing_else(front):
     """Whatever comes, the server's loop lives on."""
-    reader, rng = door_of(front), random.Random(17)
+    reader, rng = filter_of(front), random.Random(17)
     seeds = [m for m in nonsense(front) if isinstance(m, bytes)] + [msgspec.msgpack.encode(CAMERA)]
     for _ in range(3000):
         message = bytearray(rng.choice(seeds)[:600] or b"\0")
         for _ in range(rng.randint(1, 4)):
             message[rng.randrange(len(message))] = rng.randrange(256)
-        with suppress(letters.NonsenseError, letters.StaleError):
+        with suppress(message_filter.NonsenseError, message_filter.StaleError):
             reader.check(bytes(message), Someone(), 0.0)
 
 
@@ -438,59 +438,60 @@ def test_who_sends_nonsense_again_and_again_is_cut_and_moves_nothing(front, capl
     assert not caplog.records
 
 
-# ------------------------------------------------------------------------------------------------------ the seats
+# ------------------------------------------------------------------------------------------------------ the pages
 
 
-class Guest(Someone):
-    def __init__(self, household="a", heard=0.0):
-        self.household, self.heard = household, heard
+class Page(Someone):
+    def __init__(self, address="a", heard=0.0):
+        self.address = address
+        self.heard = heard
 
 
-def test_a_seat_is_taken_after_a_valid_message_and_given_back():
-    room = seats.Seats()
-    mute = [Guest() for _ in range(seats.WAITING_OF_ONE + 3)]
-    for guest in mute:
-        room.enter(guest)
-    assert [guest.was_cut for guest in mute] == [True] * 3 + [False] * seats.WAITING_OF_ONE
-    assert not room.sit(mute[0], 0.0)
-    good = [Guest(heard=float(k)) for k in range(seats.SEATS_OF_ONE)]
-    for guest in good:
-        room.enter(guest)
-        assert room.sit(guest, guest.heard)
-        assert room.sit(guest, guest.heard), "a seat is kept"
-    assert not any(guest.was_cut for guest in good)
-    late, other = Guest(heard=30.0), Guest("b", heard=30.0)
-    room.enter(late)
-    room.enter(other)
-    assert not room.sit(late, seats.IDLE), "nobody is idle"
-    assert room.sit(other, seats.IDLE), "another address has seats of its own"
-    assert room.sit(late, seats.IDLE + 0.5), "the first one is idle now"
-    assert [guest.was_cut for guest in good] == [True] + [False] * (seats.SEATS_OF_ONE - 1)
-    room.leave(good[1])
-    last = Guest(heard=30.0)
-    room.enter(last)
-    assert room.sit(last, seats.IDLE + 0.6)
-    assert not any(guest.was_cut for guest in good[1:])
-    for k in range(seats.SEATS):
-        guest = Guest(f"c{k}", heard=30.0)
-        room.enter(guest)
-        assert room.sit(guest, 21.0) == (k < seats.SEATS - seats.SEATS_OF_ONE - 1)
+def test_a_page_is_admitted_after_a_valid_message_and_its_place_is_given_back():
+    admission_of_pages = admission.Admission()
+    mute = [Page() for _ in range(admission.WAITING_OF_ONE + 3)]
+    for page_client in mute:
+        admission_of_pages.wait(page_client)
+    assert [page_client.was_cut for page_client in mute] == [True] * 3 + [False] * admission.WAITING_OF_ONE
+    assert not admission_of_pages.admit(mute[0], 0.0)
+    good = [Page(heard=float(k)) for k in range(admission.PAGES_OF_ONE)]
+    for page_client in good:
+        admission_of_pages.wait(page_client)
+        assert admission_of_pages.admit(page_client, page_client.heard)
+        assert admission_of_pages.admit(page_client, page_client.heard), "a page stays admitted"
+    assert not any(page_client.was_cut for page_client in good)
+    late, other = Page(heard=30.0), Page("b", heard=30.0)
+    admission_of_pages.wait(late)
+    admission_of_pages.wait(other)
+    assert not admission_of_pages.admit(late, admission.IDLE), "nobody is idle"
+    assert admission_of_pages.admit(other, admission.IDLE), "another address has a number of its own"
+    assert admission_of_pages.admit(late, admission.IDLE + 0.5), "the first one is idle now"
+    assert [page_client.was_cut for page_client in good] == [True] + [False] * (admission.PAGES_OF_ONE - 1)
+    admission_of_pages.remove(good[1])
+    last = Page(heard=30.0)
+    admission_of_pages.wait(last)
+    assert admission_of_pages.admit(last, admission.IDLE + 0.6)
+    assert not any(page_client.was_cut for page_client in good[1:])
+    for k in range(admission.PAGES):
+        page_client = Page(f"c{k}", heard=30.0)
+        admission_of_pages.wait(page_client)
+        assert admission_of_pages.admit(page_client, 21.0) == (k < admission.PAGES - admission.PAGES_OF_ONE - 1)
 
 
-def test_garbage_takes_no_seat_of_a_page(front):
-    """More clients than there are seats send nothing, or nonsense; then as many pages as there are seats come."""
+def test_garbage_takes_no_place_of_a_page(front):
+    """More clients than pages are admitted send nothing, or nonsense; then as many pages as are admitted come."""
 
     async def go():
         async with AsyncExitStack() as stack:
             where = f"ws://127.0.0.1:{front.server.get_port()}/"
-            for k in range(seats.WAITING_OF_ONE + 4):
+            for k in range(admission.WAITING_OF_ONE + 4):
                 other = connect(where, subprotocols=[PROTOCOL], max_size=None)  # type: ignore[list-item]
                 ws = await stack.enter_async_context(other)
                 if k % 2:
                     with suppress(ConnectionClosed):
                         await ws.send(b"nonsense")
-            pages = [await stack.enter_async_context(joined(front)) for _ in range(seats.SEATS_OF_ONE)]
-            await until(lambda: _seated(front) == seats.SEATS_OF_ONE, "the pages have seats")
+            pages = [await stack.enter_async_context(joined(front)) for _ in range(admission.PAGES_OF_ONE)]
+            await until(lambda: _admitted(front) == admission.PAGES_OF_ONE, "the pages are admitted")
             for page in pages:
                 await (await page.ping())
             async with joined(front) as late:
@@ -498,14 +499,14 @@ def test_garbage_takes_no_seat_of_a_page(front):
                 assert late.close_code == 1013
             await pages.pop().close()
             async with joined(front) as late:
-                await until(lambda: _seated(front) == seats.SEATS_OF_ONE, "the free seat is taken")
+                await until(lambda: _admitted(front) == admission.PAGES_OF_ONE, "another page is admitted")
                 await (await late.ping())
             assert all(page.close_code is None for page in pages)
 
     asyncio.run(go())
 
 
-def _seated(front):
+def _admitted(front):
     """Return the number of clients whose camera is known."""
     return sum(client.camera._state.update_timestamp > 0 for client in front.server.get_clients().values())
 
@@ -536,7 +537,7 @@ def test_a_session_is_loaded_and_the_longest_one_fits(front, tmp_path):
     session.save(tmp_path / "session.json")
     content = (tmp_path / "session.json").read_bytes()
     moments = content[content.index(b'"moments"') :]
-    assert session_files.MOST * len(moments) / 3 * 8 / 5 < letters.UPLOAD  # with eight joints
+    assert session_files.MOST * len(moments) / 3 * 8 / 5 < message_filter.UPLOAD  # with eight joints
 
     async def go():
         async with joined(front) as ws:
@@ -552,14 +553,14 @@ def test_a_session_is_loaded_and_the_longest_one_fits(front, tmp_path):
 
 
 def test_an_upload_is_one_at_a_time_in_order_and_no_larger_than_it_said(front):
-    reader, a, b = door_of(front), Someone(), Someone()
+    reader, a, b = filter_of(front), Someone(), Someone()
     told: list[str] = []
     before, reader.notify = reader.notify, told.append
     try:
-        with pytest.raises(letters.StaleError, match="too large"):
-            reader.check(start(front, letters.UPLOAD + 1, 33), a, 100.0)
+        with pytest.raises(message_filter.StaleError, match="too large"):
+            reader.check(start(front, message_filter.UPLOAD + 1, 33), a, 100.0)
         assert "at most 16.8 MB" in told[0]
-        with pytest.raises(letters.StaleError, match="no upload was started"):
+        with pytest.raises(message_filter.StaleError, match="no upload was started"):
             reader.check(part(front, 0, b"x" * 500_000), a, 100.0)
         for wrong in ([(1, 5)], [(0, 5), (0, 5)], [(0, 11)], [(0, 5), (1, 4)], [(0, 10)]):
             a.was_cut = False
@@ -567,16 +568,18 @@ def test_an_upload_is_one_at_a_time_in_order_and_no_larger_than_it_said(front):
             *good, bad = wrong
             for index, size in good:
                 reader.check(part(front, index, b"x" * size), a, 100.0)
-            with pytest.raises(letters.NonsenseError):
+            with pytest.raises(message_filter.NonsenseError):
                 reader.check(part(front, bad[0], b"x" * bad[1]), a, 100.0)
             assert a.was_cut
         a.was_cut = False
         reader.check(start(front, 10, 2), a, 200.0)
-        with pytest.raises(letters.StaleError, match="another upload"):
+        with pytest.raises(message_filter.StaleError, match="another upload"):
             reader.check(start(front, 10, 2, "u"), b, 201.0)
-        with pytest.raises(letters.StaleError):
+        with pytest.raises(message_filter.StaleError):
             reader.check(part(front, 0, b"xxxxx"), b, 201.0)
-        reader.check(start(front, 10, 2, "u"), b, 200.0 + letters.UPLOAD_SECONDS + 1)  # the first one never ended
+        reader.check(
+            start(front, 10, 2, "u"), b, 200.0 + message_filter.UPLOAD_SECONDS + 1
+        )  # the first one never ended
         assert a.was_cut
         reader.forget(b)
         reader.check(start(front, 10, 2, "v"), a, 500.0)
@@ -618,7 +621,7 @@ def test_memory_stays_when_large_files_come(front):
     async def attack(honest):
         with suppress(ConnectionClosed, OSError, TimeoutError, InvalidStatus):
             async with asyncio.timeout(20), joined(front) as ws:
-                await ws.send(start(front, 100_000_000 if honest else letters.UPLOAD, 200))
+                await ws.send(start(front, 100_000_000 if honest else message_filter.UPLOAD, 200))
                 for k in range(200):
                     await ws.send(part(front, k, room))
 
@@ -639,11 +642,11 @@ def test_what_security_says_is_so():
 
     text = " ".join((Path(twin.__file__).parents[1] / "SECURITY.md").read_text(encoding="utf-8").split())
     for figure in (
-        f"at most {letters.UPLOAD / 1e6:.1f} MB", f"{session_files.MOST:,} moments are read".replace(",", " "),
+        f"at most {message_filter.UPLOAD / 1e6:.1f} MB", f"{session_files.MOST:,} moments are read".replace(",", " "),
         f"{recording.LONGEST // 60} minutes and {recording.LARGEST / 1e6:.0f} MB each",
-        f"has {seats.SEATS} seats for pages, {seats.SEATS_OF_ONE} of them for one address",
-        f"up to {seats.WAITING_OF_ONE} clients of one address wait, each for at most {seats.FIRST:g} s",
-        f"silent for {seats.IDLE:g} s",
+        f"admits {admission.PAGES} pages, {admission.PAGES_OF_ONE} of them from one address",
+        f"up to {admission.WAITING_OF_ONE} clients of one address wait, each for at most {admission.FIRST:g} s",
+        f"silent for {admission.IDLE:g} s",
         f"accepts {limits.CLIENTS} WebSockets, {limits.CLIENTS_OF_ONE} from one address",
         f"{recording.FILES} files and {recording.IN_ALL / 1e9:.0f} GB for one start", NO_CODE,
     ):  # fmt: skip
@@ -651,4 +654,4 @@ def test_what_security_says_is_so():
     assert f"at most {machines.READERS} connections" in text
     assert ipaddress.ip_address(machines.HOST).is_loopback  # whoever changes this adds a token to the buttons
     assert "eleven kinds" in text
-    assert len(letters._ORDINARY) + len(letters._LONG) == 11
+    assert len(message_filter._ORDINARY) + len(message_filter._LONG) == 11

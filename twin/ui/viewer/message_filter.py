@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 import typing
 from collections.abc import Callable
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from typing import Any, Protocol
 
 import msgspec
 import viser
-from viser import _messages as said
+from viser import _messages as viser_messages
 
 from twin.core.errors import TwinError
 
@@ -44,17 +44,19 @@ _PIXELS = 8_000_000
 """Maximum number of pixels of a picture, according to its header."""
 
 _ORDINARY = (
-    said.ViewerCameraMessage,
-    said.GuiUpdateMessage,
-    said.SceneNodeClickMessage,
-    said.SceneNodeDragMessage,
-    said.ScenePointerMessage,
-    said.TransformControlsUpdateMessage,
-    said.TransformControlsDragStartMessage,
-    said.TransformControlsDragEndMessage,
-    said.FileTransferStartUpload,
+    viser_messages.ViewerCameraMessage,
+    viser_messages.GuiUpdateMessage,
+    viser_messages.SceneNodeClickMessage,
+    viser_messages.SceneNodeDragMessage,
+    viser_messages.ScenePointerMessage,
+    viser_messages.TransformControlsUpdateMessage,
+    viser_messages.TransformControlsDragStartMessage,
+    viser_messages.TransformControlsDragEndMessage,
+    viser_messages.FileTransferStartUpload,
 )
-_LONG = (said.FileTransferPart, said.GetRenderResponseMessage)
+_LONG = (viser_messages.FileTransferPart, viser_messages.GetRenderResponseMessage)
+
+_DECODING_ERRORS = (msgspec.MsgspecError, RecursionError, UnicodeDecodeError)
 
 
 class NonsenseError(Exception):
@@ -73,6 +75,8 @@ class Sender(Protocol):
 
 @dataclass
 class _Upload:
+    """An upload in progress: `bytes` and `parts` are still to come, `next` is the number of the next part."""
+
     sender: Sender
     transfer: str
     source: str
@@ -86,24 +90,30 @@ def _decoder(types: tuple[type, ...]) -> msgspec.msgpack.Decoder:
     """Return a decoder that accepts only these message types, with exactly the fields that viser declares."""
     structs = []
     for kind in types:
-        hints = typing.get_type_hints(kind)
-        structs.append(
-            msgspec.defstruct(
-                kind.__name__,
-                [(f.name, hints[f.name], _default(f)) for f in fields(kind) if f.init],
-                tag_field="type",
-                tag=kind.__name__,
-                forbid_unknown_fields=True,
-            )
+        struct = msgspec.defstruct(
+            kind.__name__,
+            _struct_fields(kind),
+            tag_field="type",
+            tag=kind.__name__,
+            forbid_unknown_fields=True,
         )
+        structs.append(struct)
     return msgspec.msgpack.Decoder(typing.Union[tuple(structs)])  # noqa: UP007
 
 
-def _default(f: Field) -> Any:
-    return msgspec.NODEFAULT if f.default is MISSING else f.default
+def _struct_fields(kind: type) -> list[tuple[str, Any, Any]]:
+    """Return name, type and default of the fields that a message of viser is created with."""
+    hints = typing.get_type_hints(kind)
+    declared = []
+    for field in fields(kind):
+        if not field.init:
+            continue
+        default = msgspec.NODEFAULT if field.default is MISSING else field.default
+        declared.append((field.name, hints[field.name], default))
+    return declared
 
 
-class Letters:
+class MessageFilter:
     """Filter of the messages that a server receives from its pages.
 
     Attributes:
@@ -114,19 +124,23 @@ class Letters:
 
     def __init__(self) -> None:
         self.notify: Callable[[str], object] = lambda text: None
-        self.read = self.dropped = 0
+        self.read = 0
+        self.dropped = 0
         self._gui: viser.GuiApi | None = None
         self._upload: _Upload | None = None
-        self._last = -math.inf
-        self._decoders = {False: _decoder(_ORDINARY), True: _decoder(_LONG)}
+        self._last_notice = -math.inf
+        self._ordinary = _decoder(_ORDINARY)
+        self._long = _decoder(_LONG)
 
-    def belong_to(self, server: viser.ViserServer) -> None:
+    def set_server(self, server: viser.ViserServer) -> None:
         """Set the server; messages may only refer to its page elements. Before this call, all messages are dropped.
 
         Raises:
             TwinError: this version of viser stores the page elements in an unsupported way.
         """
-        if not isinstance(getattr(server.gui, "_gui_input_handle_from_uuid", None), dict):
+        # Not a public name of viser: a version without it is refused, instead of a filter that accepts everything.
+        handles = getattr(server.gui, "_gui_input_handle_from_uuid", None)
+        if not isinstance(handles, dict):
             raise TwinError(f"viser {viser.__version__} stores its elements in another way: install viser 1.1")
         self._gui = server.gui
 
@@ -152,28 +166,36 @@ class Letters:
     def _check(self, raw: str | bytes, sender: Sender, now: float) -> None:
         if not isinstance(raw, bytes):
             raise NonsenseError("a text message; the page sends binary messages")
-        try:
-            message = self._decoders[len(raw) > ORDINARY].decode(raw)
-        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
-            if len(raw) > ORDINARY:
-                raise NonsenseError(f"unknown message of {len(raw)} bytes") from None
-            try:  # a small message may also be the last part of a file, or a picture
-                message = self._decoders[True].decode(raw)
-            except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-                raise NonsenseError(str(error)) from None
+        message = self._decode(raw)
         if self._gui is None:
             raise StaleError("there is no page yet")
         kind = type(message).__name__
         if kind == "FileTransferPart":
-            self._part(message, sender)
+            self._add_part(message, sender)
         elif kind == "FileTransferStartUpload":
-            self._begin(message, sender, now)
+            self._begin_upload(message, sender, now)
         elif kind == "GetRenderResponseMessage":
-            _picture(message.payload)
+            _check_picture(message.payload)
         else:
-            _numbers(message)
+            _check_numbers(message)
             if kind == "GuiUpdateMessage":
-                self._element(message)
+                self._check_element(message)
+
+    def _decode(self, raw: bytes) -> Any:
+        """Return a message as the structure of its type."""
+        if len(raw) > ORDINARY:
+            try:
+                return self._long.decode(raw)
+            except _DECODING_ERRORS:
+                raise NonsenseError(f"unknown message of {len(raw)} bytes") from None
+        try:
+            return self._ordinary.decode(raw)
+        except _DECODING_ERRORS:
+            pass
+        try:  # a small message may also be the last part of a file, or a picture
+            return self._long.decode(raw)
+        except _DECODING_ERRORS as error:
+            raise NonsenseError(str(error)) from None
 
     # -- elements -------------------------------------------------------------------------------------
 
@@ -184,96 +206,113 @@ class Letters:
             raise StaleError("the element was removed, or is disabled")
         return handle
 
-    def _element(self, message: Any) -> None:
+    def _check_element(self, message: Any) -> None:
         if list(message.updates) != ["value"]:
             raise NonsenseError(f"a message may update only 'value', not {list(message.updates)[:3]}")
-        handle, value = self._handle(message.uuid), message.updates["value"]
+        handle = self._handle(message.uuid)
+        value = message.updates["value"]
         if isinstance(handle, viser.GuiUploadButtonHandle):
             raise NonsenseError("a message must not set the value of an upload button")
-        if not _suits(handle, value):
+        if not _is_possible(handle, value):
             raise NonsenseError("the value has the wrong type for its element")
 
     # -- files ----------------------------------------------------------------------------------------
 
-    def _begin(self, message: Any, sender: Sender, now: float) -> None:
-        if not isinstance(self._handle(message.source_component_uuid), viser.GuiUploadButtonHandle):
+    def _begin_upload(self, message: Any, sender: Sender, now: float) -> None:
+        handle = self._handle(message.source_component_uuid)
+        if not isinstance(handle, viser.GuiUploadButtonHandle):
             raise NonsenseError("the element accepts no upload")
         if message.size_bytes > UPLOAD:
-            self._tell(
-                f"the file has {message.size_bytes / 1e6:.0f} MB; at most {UPLOAD / 1e6:.1f} MB are accepted", now
-            )
+            megabytes = message.size_bytes / 1e6
+            self._tell(f"the file has {megabytes:.0f} MB; at most {UPLOAD / 1e6:.1f} MB are accepted", now)
             raise StaleError("the file is too large")
         if message.size_bytes < 1 or message.part_count < 1:
             raise NonsenseError("the file is empty")
-        if self._upload is not None and now - self._upload.since < UPLOAD_SECONDS:
-            self._tell("another file is being loaded: wait until it is done", now)
-            raise StaleError("another upload is in progress")
-        if self._upload is not None:
-            self._upload.sender.cut()
+        unfinished = self._upload
+        if unfinished is not None:
+            if now - unfinished.since < UPLOAD_SECONDS:
+                self._tell("another file is being loaded: wait until it is done", now)
+                raise StaleError("another upload is in progress")
+            unfinished.sender.cut()
         self._upload = _Upload(
-            sender, message.transfer_uuid, message.source_component_uuid, message.size_bytes, message.part_count, now
+            sender=sender,
+            transfer=message.transfer_uuid,
+            source=message.source_component_uuid,
+            bytes=message.size_bytes,
+            parts=message.part_count,
+            since=now,
         )
 
     def _tell(self, text: str, now: float) -> None:
         """Show the users a notice, at most one per `_QUIET` seconds."""
-        if now - self._last > _QUIET:
-            self._last = now
+        if now - self._last_notice > _QUIET:
+            self._last_notice = now
             self.notify(text)
 
-    def _part(self, message: Any, sender: Sender) -> None:
-        up = self._upload
-        if up is None or up.sender is not sender or message.transfer_uuid != up.transfer:
+    def _add_part(self, message: Any, sender: Sender) -> None:
+        upload = self._upload
+        if upload is None or upload.sender is not sender or message.transfer_uuid != upload.transfer:
             raise StaleError("a part of a file arrived, but no upload was started")  # the upload was refused
-        up.bytes -= len(message.content)
-        up.parts -= 1
-        good = message.part_index == up.next and message.source_component_uuid == up.source
-        if not good or up.bytes < 0 or up.parts < 0 or (up.parts == 0) != (up.bytes == 0):
+        upload.bytes -= len(message.content)
+        upload.parts -= 1
+        in_order = message.part_index == upload.next and message.source_component_uuid == upload.source
+        too_much = upload.bytes < 0 or upload.parts < 0
+        ends_early = (upload.parts == 0) != (upload.bytes == 0)  # the last part must bring the last byte
+        if not in_order or too_much or ends_early:
             self._upload = None
             sender.cut()  # disconnecting makes viser drop the received parts
             raise NonsenseError("a part of a file has the wrong number or size for the upload in progress")
-        up.next += 1
-        if up.parts == 0:
+        upload.next += 1
+        if upload.parts == 0:
             self._upload = None
 
 
-def _numbers(value: Any, name: str = "") -> None:
+def _check_numbers(value: Any, name: str = "") -> None:
     """Raise `NonsenseError` if a message has a number beyond `_FAR` or a quaternion that is far from length 1."""
     if isinstance(value, msgspec.Struct):
         for field in value.__struct_fields__:
-            _numbers(getattr(value, field), field)
+            _check_numbers(getattr(value, field), field)
     elif isinstance(value, dict):
         for inner in value.values():
-            _numbers(inner)
+            _check_numbers(inner)
     elif isinstance(value, list | tuple):
         for inner in value:
-            _numbers(inner)
+            _check_numbers(inner)
         if name == "wxyz" and not 0.9 < math.hypot(*value) < 1.1:
             raise NonsenseError("the orientation is invalid")
-    elif isinstance(value, int | float) and not abs(value) <= _FAR:
+    elif isinstance(value, int | float) and not abs(value) <= _FAR:  # also true for NaN
         raise NonsenseError(f"{name} = {value}")
 
 
-def _suits(handle: Any, value: Any) -> bool:
+def _is_possible(handle: Any, value: Any) -> bool:
     """Return whether a value is possible for an element."""
-    was = handle.value
+    current = handle.value
     options = getattr(handle, "options", None)
     if options is not None:
         return value in tuple(options)
-    if isinstance(was, bool):
+    if isinstance(current, bool):  # before int, of which bool is a subclass
         return isinstance(value, bool)
-    if isinstance(was, int | float):
+    if isinstance(current, int | float):
         # Values from the keyboard may be outside the range of a slider; they are clamped.
         return isinstance(value, int | float) and not isinstance(value, bool)
-    if isinstance(was, str):
+    if isinstance(current, str):
         return isinstance(value, str) and len(value) <= _TEXT
-    if isinstance(was, tuple):
-        numbers = isinstance(value, list | tuple) and all(type(v) in (int, float) for v in value)
-        return numbers and len(value) == len(was)
+    if isinstance(current, tuple):
+        return _is_vector(value, len(current))
     return False
 
 
-def _picture(png: bytes) -> None:
+def _is_vector(value: Any, length: int) -> bool:
+    if not isinstance(value, list | tuple) or len(value) != length:
+        return False
+    # The exact type: True is an instance of int.
+    return all(type(number) in (int, float) for number in value)
+
+
+def _check_picture(png: bytes) -> None:
     """Raise `NonsenseError` if a picture is not PNG or is too large."""
-    width, height = int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
+    # The first chunk of a PNG file is IHDR: after length and name come width and height, 4 bytes each.
+    width = int.from_bytes(png[16:20], "big")
+    height = int.from_bytes(png[20:24], "big")
     if png[:8] != b"\x89PNG\r\n\x1a\n" or not 0 < width * height <= _PIXELS:
         raise NonsenseError("the picture is not PNG, or is too large")
