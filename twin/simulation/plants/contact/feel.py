@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import casadi as ca
 import mujoco
@@ -16,6 +17,7 @@ from twin.formula.flow import attach
 from twin.simulation.local_plane import COUNT, SIZE, WIDTH, LocalPlane, rows
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.plants.contact.levers import Levers
+from twin.simulation.plants.contact.shapes import NONE, GeomOwner
 from twin.simulation.proxy import proxy
 
 NAME = "planes"
@@ -27,9 +29,37 @@ _NEAR = 0.2e-3
 _FAR = 1e-3
 """Largest motion of a proxy in m in one step; ASSUMED, less than half of the thickness of parts."""
 
-_Touch = tuple[float, int, Array, Array]
-"""A contact of an instrument: depth (negative: distance), body of the instrument, deepest point of the instrument, and
-normal that points out of the other geom."""
+
+class _Touch(NamedTuple):
+    """A contact of an instrument.
+
+    Attributes:
+        depth: depth in m; negative: distance.
+        body: body of the instrument.
+        point: (3,) deepest point of the instrument in m in the World.
+        normal: (3,) unit vector that points out of the other geom.
+    """
+
+    depth: float
+    body: int
+    point: Array
+    normal: Array
+
+
+class _PairContact(NamedTuple):
+    """The deepest contact of two geoms: normal from the first to the second geom, point midway, depth in m."""
+
+    geoms: tuple[int, int]
+    normal: Array
+    point: Array
+    depth: float
+
+
+class _Grasp(NamedTuple):
+    """The instrument that holds an object, and the pose (4, 4) of the object in its hand without slip."""
+
+    arm: int
+    T_hand_object: Array
 
 
 class Feel:
@@ -52,7 +82,7 @@ class Feel:
         m: mujoco.MjModel,
         grippers: Sequence[Gripper],
         objects: Sequence[str],
-        whose: Sequence[tuple[int, int, int]],
+        owners: Sequence[GeomOwner],
     ) -> None:
         """Find the bodies and geoms of instruments and objects in the model.
 
@@ -60,27 +90,44 @@ class Feel:
             m: the model.
             grippers: the instruments.
             objects: names of the movable objects.
-            whose: for each geom: index of its object, index of its instrument, index of its jaw; -1: none.
+            owners: for each geom: its object, or its instrument and jaw.
         """
-        self._grippers, self._whose = tuple(grippers), whose
-        self._hands = [m.body(f"{g.robot}/{g.hand.name}").id for g in grippers]
+        self._grippers = tuple(grippers)
+        self._owners = owners
         self._bodies = m.geom_bodyid.tolist()
-        self._links = {m.body(f"{g.robot}/{b.name}").id: i for g in grippers for i, b in enumerate(g.links) if i > 0}
+        self._hands: list[int] = []
+        self._link_index: dict[int, int] = {}  # body -> index in `Gripper.links`, without the hand
+        self._levers: list[Levers] = []
+        self._proxies: list[_Proxy] = []
+        self._addresses: list[list[int]] = []  # of the links' free joints in qpos
+        self.outputs: dict[str, Array] = {}
+        for k, gripper in enumerate(grippers):
+            bodies = [f"{gripper.robot}/{link.name}" for link in gripper.links]
+            addresses = []
+            for i, name in enumerate(bodies):
+                addresses.append(m.joint(name).qposadr[0])
+                if i > 0:
+                    self._link_index[m.body(name).id] = i
+            self._addresses.append(addresses)
+            self._hands.append(m.body(bodies[0]).id)
+            # Different phases: the instruments do not compute their levers in the same step.
+            self._levers.append(Levers(gripper, 2 * k))
+            self._proxies.append(_Proxy())
+            self.outputs[f"{gripper.robot}.{NAME}"] = np.zeros(SIZE)
         self._items = [m.body(name).id for name in objects]
-        self._grasps: dict[int, tuple[int, Array]] = {}
-        self._levers = [Levers(g, 2 * k) for k, g in enumerate(grippers)]
-        self._proxies = [_Proxy() for _ in grippers]
-        self._step, self._turn, self._R = 0, np.zeros(4), np.zeros(9)
+        self._grasps: dict[int, _Grasp] = {}
+        self._step = 0
+        self._turn = np.zeros(4)
+        self._R = np.zeros(9)
         self._pushed = [False] * len(grippers)
         self._rigid = copy.copy(m)  # the instruments and the fixed parts, without the objects
         self._rigid.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-        for geom, (item, _, _) in enumerate(whose):
-            if item >= 0:
-                self._rigid.geom_contype[geom] = self._rigid.geom_conaffinity[geom] = 0
+        for geom, owner in enumerate(owners):
+            if owner.item != NONE:
+                self._rigid.geom_contype[geom] = 0
+                self._rigid.geom_conaffinity[geom] = 0
         self._rigid.geom_margin[:] = _NEAR
         self._at = mujoco.MjData(self._rigid)
-        self._free = [[m.joint(f"{g.robot}/{b.name}").qposadr[0] for b in g.links] for g in grippers]
-        self.outputs = dict.fromkeys((f"{g.robot}.{NAME}" for g in grippers), np.zeros(SIZE))
 
     def planes(
         self, d: mujoco.MjData, place: Callable[[Array], None], q: Sequence[Array], holders: Sequence[int]
@@ -94,100 +141,142 @@ class Feel:
             holders: index of the instrument that holds each object; -1: none.
         """
         self._step += 1
-        at = self._at
-        place(at.qpos)
+        place(self._at.qpos)
         # One collision test a step: at the joint values, or with one of the instruments at its proxy, in turn.
-        away = [arm for arm, ghost in enumerate(self._proxies) if ghost.away]
+        away = [arm for arm in range(len(self._proxies)) if self._proxies[arm].away]
         turn = self._step % (len(away) + 1)
-        now = self._at_proxy(away[turn - 1], q) if turn else self._at_joints(q)
-        held: list[list[LocalPlane]] = [[] for _ in self._grippers]
-        for arm, plane in self._held(d, holders):
-            held[arm].append(plane)
-        out: dict[str, Array] = {}
-        for arm, (ghost, planes) in enumerate(zip(self._proxies, held, strict=True)):
-            if arm in now or planes or self._pushed[arm]:
-                found = rows([*ghost.found, *planes], self._tool(d, arm)) if planes else ghost.planes.copy()
-                out[f"{self._grippers[arm].robot}.{NAME}"] = found
+        if turn == 0:
+            changed = self._at_joints(q)
+        else:
+            changed = [away[turn - 1]]
+            self._at_proxy(away[turn - 1], q)
+        held = self._held(d, holders)
+        signals: dict[str, Array] = {}
+        for arm, arm_proxy in enumerate(self._proxies):
+            planes = held[arm]
+            # A plane of a held object that was in the last signal must be taken out of it, too.
+            if arm in changed or planes or self._pushed[arm]:
+                if planes:
+                    values = rows([*arm_proxy.found, *planes], self._tool(d, arm))
+                else:
+                    values = arm_proxy.planes.copy()
+                signals[f"{self._grippers[arm].robot}.{NAME}"] = values
             self._pushed[arm] = bool(planes)
-        return out
+        return signals
 
     def _at_joints(self, q: Sequence[Array]) -> list[int]:
         """Start each proxy at its first contact, and release it when nothing is touched; return changed instruments."""
-        changed, touched = [], self._touched()
-        for arm, (ghost, contacts) in enumerate(zip(self._proxies, touched, strict=True)):
-            touches = max((depth for depth, *_ in contacts), default=0.0) > 0
-            if touches == ghost.away:
+        changed = []
+        for arm, touches in enumerate(self._touches()):
+            arm_proxy = self._proxies[arm]
+            deepest = max((touch.depth for touch in touches), default=0.0)
+            if (deepest > 0) == arm_proxy.away:
                 continue
             changed.append(arm)
-            if touches:
+            if deepest > 0:
                 T = self._tool(self._at, arm)
-                ghost.find(T, [self._plane(q[arm], arm, T, *contact) for contact in contacts])
+                arm_proxy.find(T, self._planes_of(touches, q[arm], arm, T))
             else:
-                ghost.release()
+                arm_proxy.release()
         return changed
 
-    def _at_proxy(self, arm: int, q: Sequence[Array]) -> list[int]:
-        """Move the proxy of an instrument, and find the planes at the proxy; return the instrument in a list."""
-        at, ghost, start = self._at, self._proxies[arm], self._free[arm][0]
-        mujoco.mju_quat2Mat(self._R, at.qpos[start + 3 : start + 7])
-        T = spatial.pose(self._R.reshape(3, 3), at.qpos[start : start + 3]) @ self._grippers[arm].T_hand_tool
-        way = ghost.move(T)
-        self._displace(at.qpos, arm, q[arm], way)
-        T_proxy = spatial.pose(T[:3, :3], T[:3, 3] + way)
-        ghost.find(T, [self._plane(q[arm], arm, T_proxy, *contact) for contact in self._touched()[arm]])
-        return [arm]
+    def _at_proxy(self, arm: int, q: Sequence[Array]) -> None:
+        """Move the proxy of an instrument, and find the planes at the proxy."""
+        start = self._addresses[arm][0]
+        position = self._at.qpos[start : start + 3]
+        mujoco.mju_quat2Mat(self._R, self._at.qpos[start + 3 : start + 7])
+        T = spatial.pose(self._R.reshape(3, 3), position) @ self._grippers[arm].T_hand_tool
+        offset = self._proxies[arm].move(T)
+        self._displace(self._at.qpos, arm, q[arm], offset)
+        T_proxy = spatial.pose(T[:3, :3], T[:3, 3] + offset)
+        touches = self._touches()[arm]
+        self._proxies[arm].find(T, self._planes_of(touches, q[arm], arm, T_proxy))
 
-    def _touched(self) -> list[list[_Touch]]:
+    def _touches(self) -> list[list[_Touch]]:
         """Return the contacts of each instrument at the positions in `_at`."""
         mujoco.mj_kinematics(self._rigid, self._at)
         mujoco.mj_collision(self._rigid, self._at)
-        out: list[list[_Touch]] = [[] for _ in self._grippers]
-        for pair, normal, point, depth in _deepest(self._at, _NEAR):
-            for geom, n in ((pair[0], -normal), (pair[1], normal)):
-                if (arm := self._whose[geom][1]) >= 0:
-                    out[arm].append((depth, self._bodies[geom], point - n * (depth / 2), n))
-        return out
+        touches: list[list[_Touch]] = [[] for _ in self._grippers]
+        for (first, second), normal, point, depth in _deepest(self._at, _NEAR):
+            # MuJoCo's normal points out of the first geom
+            for geom, outward in ((first, -normal), (second, normal)):
+                arm = self._owners[geom].arm
+                if arm != NONE:
+                    deepest_point = point - outward * (depth / 2)
+                    touches[arm].append(_Touch(depth, self._bodies[geom], deepest_point, outward))
+        return touches
 
-    def _displace(self, qpos: Array, arm: int, q: Array, way: Array) -> None:
-        """Displace the links of an instrument so that its tool moves by `way` (3,) in m at constant orientation."""
-        for start, twist in zip(self._free[arm], self._levers[arm].twists(q, self._step), strict=True):
-            place, quat = qpos[start : start + 3], qpos[start + 3 : start + 7]
-            place += twist[:3] @ way
-            turn = twist[3:] @ way
-            if (angle := float(np.linalg.norm(turn))) > 0:
+    def _displace(self, qpos: Array, arm: int, q: Array, offset: Array) -> None:
+        """Displace the links of an instrument so that its tool moves by `offset` (3,) in m at constant orientation."""
+        twists = self._levers[arm].twists(q, self._step)
+        for start, twist in zip(self._addresses[arm], twists, strict=True):
+            position = qpos[start : start + 3]
+            quaternion = qpos[start + 3 : start + 7]
+            position += twist[:3] @ offset
+            turn = twist[3:] @ offset
+            angle = float(np.linalg.norm(turn))
+            if angle > 0:
                 mujoco.mju_axisAngle2Quat(self._turn, turn / angle, angle)
-                mujoco.mju_mulQuat(quat, self._turn, quat.copy())
+                mujoco.mju_mulQuat(quaternion, self._turn, quaternion.copy())
 
-    def _plane(self, q: Array, arm: int, T: Array, depth: float, body: int, point: Array, normal: Array) -> LocalPlane:
-        if body not in self._links:  # the hand or a jaw
-            return LocalPlane.at_tool(T, point, normal, depth)
-        twist = self._levers[arm].twists(q, self._step)[self._links[body]]
+    def _planes_of(self, touches: Sequence[_Touch], q: Array, arm: int, T_world_tool: Array) -> list[LocalPlane]:
+        """Return the planes of contacts of an instrument at joint values q (n,) with its tool at T_world_tool."""
+        planes = []
+        for depth, body, point, normal in touches:
+            if body in self._link_index:
+                lever = self._lever(q, arm, body, point, normal)
+                plane = LocalPlane.at_shaft(T_world_tool, lever, normal, depth)
+            else:  # the hand or a jaw
+                plane = LocalPlane.at_tool(T_world_tool, point, normal, depth)
+            planes.append(plane)
+        return planes
+
+    def _lever(self, q: Array, arm: int, body: int, point: Array, normal: Array) -> Array:
+        """Return the displacement (3,) of a link's point along the normal per displacement of the tool."""
+        twist = self._levers[arm].twists(q, self._step)[self._link_index[body]]
         x, y, z = point - self._at.xpos[body]
-        turned = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ normal
-        lever = twist[:3].T @ normal + twist[3:].T @ turned
-        return LocalPlane.at_shaft(T, lever, normal, depth)
+        moment = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ normal
+        return twist[:3].T @ normal + twist[3:].T @ moment
 
-    def _held(self, d: mujoco.MjData, holders: Sequence[int]) -> Iterator[tuple[int, LocalPlane]]:
-        """Yield (instrument, plane) for contacts of held objects with anything but the instruments that hold them."""
+    def _held(self, d: mujoco.MjData, holders: Sequence[int]) -> list[list[LocalPlane]]:
+        """Return planes for each instrument: contacts of its held objects with anything but this instrument."""
+        planes: list[list[LocalPlane]] = [[] for _ in self._grippers]
         pushed = set()
-        for pair, normal, point, depth in _deepest(d) if max(holders, default=-1) >= 0 else ():
-            for geom, other, sign in ((*pair, -1.0), (*pair[::-1], 1.0)):
-                item, arm = self._whose[geom][0], holders[self._whose[geom][0]] if self._whose[geom][0] >= 0 else -1
-                if arm < 0 or self._whose[other][1] == arm:
+        contacts: list[_PairContact] = []
+        if max(holders, default=NONE) != NONE:
+            contacts = _deepest(d)
+        for (first, second), normal, point, depth in contacts:
+            for geom, other, outward in ((first, second, -normal), (second, first, normal)):
+                item = self._owners[geom].item
+                if item == NONE:
+                    continue
+                arm = holders[item]
+                if arm == NONE or self._owners[other].arm == arm:
                     continue
                 pushed.add(item)
                 if item in self._grasps:
-                    n = sign * normal
-                    back = _pose(d, self._hands[arm]) @ self._grasps[item][1] @ _back(d, self._items[item])
-                    would = back[:3, :3] @ (point - n * (depth / 2)) + back[:3, 3]
-                    slipped = max(float(n @ (point - n * (depth / 2) - would)), 0.0)
-                    yield arm, LocalPlane.at_tool(self._tool(d, arm), would, n, depth + slipped)
-        for i, arm in enumerate(holders):
-            if arm < 0:
-                self._grasps.pop(i, None)
-            elif i not in pushed or self._grasps.get(i, (-1,))[0] != arm:
+                    touched = point - outward * (depth / 2)
+                    T_world_hand = _pose(d, self._hands[arm])
+                    T_object_world = spatial.inverse(_pose(d, self._items[item]))
+                    undo_slip = T_world_hand @ self._grasps[item].T_hand_object @ T_object_world
+                    without_slip = undo_slip[:3, :3] @ touched + undo_slip[:3, 3]
+                    slip = max(float(outward @ (touched - without_slip)), 0.0)
+                    plane = LocalPlane.at_tool(self._tool(d, arm), without_slip, outward, depth + slip)
+                    planes[arm].append(plane)
+        self._store_grasps(d, holders, pushed)
+        return planes
+
+    def _store_grasps(self, d: mujoco.MjData, holders: Sequence[int], pushed: set[int]) -> None:
+        """Store the pose in the hand of each held object that is not `pushed` by anything else."""
+        for item, arm in enumerate(holders):
+            if arm == NONE:
+                self._grasps.pop(item, None)
+                continue
+            grasp = self._grasps.get(item)
+            if item not in pushed or grasp is None or grasp.arm != arm:
                 # While an object touches nothing else, its present pose in the jaws is the one without slip.
-                self._grasps[i] = arm, _back(d, self._hands[arm]) @ _pose(d, self._items[i])
+                T_hand_world = spatial.inverse(_pose(d, self._hands[arm]))
+                self._grasps[item] = _Grasp(arm, T_hand_world @ _pose(d, self._items[item]))
 
     def _tool(self, d: mujoco.MjData, arm: int) -> Array:
         return _pose(d, self._hands[arm]) @ self._grippers[arm].T_hand_tool
@@ -205,51 +294,62 @@ class _Proxy:
     def __init__(self) -> None:
         """Compile the function that computes the displacement from the tool to the proxy."""
         self.found: list[LocalPlane] = []
-        self.planes, self.away, self._T, self._place = np.zeros(SIZE), False, np.zeros(16), np.zeros(3)
-        planes, T = ca.SX.sym("planes", SIZE), ca.SX.sym("T", 16)
+        self.planes = np.zeros(SIZE)
+        self.away = False
+        self._T = np.zeros(16)
+        self._position = np.zeros(3)
+        planes = ca.SX.sym("planes", SIZE)
+        T = ca.SX.sym("T", 16)
         found = symbolic.unflat(planes, COUNT, WIDTH)
         levers = ca.horzcat(found[:, :3], found[:, :3], found[:, 6:])  # levers instead of normals
-        way, _ = proxy(levers, symbolic.unflat(T, 4, 4))
-        self._way, self._compute = attach(ca.Function("proxy", [planes, T], [ca.densify(way)]), self.planes, self._T)
+        displacement, _ = proxy(levers, symbolic.unflat(T, 4, 4))
+        function = ca.Function("proxy", [planes, T], [ca.densify(displacement)])
+        self._displacement, self._compute = attach(function, self.planes, self._T)
 
     def release(self) -> None:
         """Move the proxy to the tool."""
-        self.found, self.away = [], False
+        self.found = []
+        self.away = False
         self.planes[:] = 0
 
     def find(self, T: Array, planes: list[LocalPlane]) -> None:
         """Set the planes of a tool at T (4, 4); the first call after `release` starts the proxy at the tool."""
         if not self.away:
-            self._place, self.away = T[:3, 3].copy(), True
-        self.found, self.planes[:] = planes, rows(planes, T)
+            self._position = T[:3, 3].copy()
+            self.away = True
+        self.found = planes
+        self.planes[:] = rows(planes, T)
 
     def move(self, T: Array) -> Array:
         """Move the proxy towards its target for a tool at T (4, 4); return the offset (3,) in m from tool to proxy."""
         self._T[:] = T.ravel()
         self._compute()
-        move = T[:3, 3] + self._way - self._place
-        self._place = self._place + move * min(1.0, _FAR / max(float(np.linalg.norm(move)), 1e-12))
-        return self._place - T[:3, 3]
+        step = T[:3, 3] + self._displacement - self._position
+        length = max(float(np.linalg.norm(step)), 1e-12)  # not 0, by which it is divided
+        self._position = self._position + step * min(1.0, _FAR / length)
+        return self._position - T[:3, 3]
 
 
-def _deepest(d: mujoco.MjData, near: float = 0.0) -> Iterator[tuple[tuple[int, int], Array, Array, float]]:
-    """Yield (pair of geoms, normal from first to second geom, point midway, depth) of each pair's deepest contact.
+def _deepest(d: mujoco.MjData, near: float = 0.0) -> list[_PairContact]:
+    """Return the deepest contact of each pair of geoms.
 
     Pairs that do not touch but are closer than `near` in m are included; their depth is negative.
     """
     if not d.ncon:
-        return
-    contact, found = d.contact, {}
-    for k, (pair, distance) in enumerate(zip(contact.geom.tolist(), contact.dist.tolist(), strict=True)):
-        if distance < found.get(tuple(pair), (near, 0))[0]:
-            found[tuple(pair)] = distance, k
-    for pair, (distance, k) in found.items():
-        yield pair, contact.frame[k, :3].copy(), contact.pos[k].copy(), -distance
+        return []
+    contact = d.contact
+    distances = contact.dist.tolist()
+    indices: dict[tuple[int, int], int] = {}
+    for k, (first, second) in enumerate(contact.geom.tolist()):
+        previous = indices.get((first, second))
+        limit = near if previous is None else distances[previous]
+        if distances[k] < limit:
+            indices[first, second] = k
+    deepest = []
+    for pair, k in indices.items():
+        deepest.append(_PairContact(pair, contact.frame[k, :3].copy(), contact.pos[k].copy(), -distances[k]))
+    return deepest
 
 
 def _pose(d: mujoco.MjData, body: int) -> Array:
     return spatial.pose(d.xmat[body].reshape(3, 3), d.xpos[body])
-
-
-def _back(d: mujoco.MjData, body: int) -> Array:
-    return spatial.inverse(_pose(d, body))

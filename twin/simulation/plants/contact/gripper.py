@@ -76,17 +76,28 @@ class Gripper:
         """
         if not effort > 0:
             raise WorldError(f"'{robot}': the torque of a jaw is {effort:g} N m; it must be above 0")
-        self.robot, self.effort = robot, effort
+        self.robot = robot
+        self.effort = effort
         tool = mechanism.frame(mechanism.tool)
-        self.hand, self.T_hand_tool = mechanism.body(tool.body), tool.T_body_frame
-        names = [j.name for j in mechanism.active]
-        inward = _inward(robot, mechanism, tool.body)
-        self.links = (self.hand, *(mechanism.body(j.parent) for j in inward))
-        self.jaw = names.index(mechanism.auxiliary[0].name) if mechanism.auxiliary else -1
-        self.jaws = _jaws(mechanism, tool.body, self.jaw) if self.jaw >= 0 else ()
-        self._kin, self._q, self._tool = kin, np.zeros(len(names)), np.zeros(16)
-        outward = T_world_base, spatial.inverse(tool.T_body_frame)
-        chain = _chain(outward, [(names.index(j.name), j) for j in inward], len(names))
+        self.hand = mechanism.body(tool.body)
+        self.T_hand_tool = tool.T_body_frame
+        names = [joint.name for joint in mechanism.active]
+        links = [self.hand]
+        inward: list[tuple[int, Joint]] = []
+        for joint in _inward(robot, mechanism, tool.body):
+            links.append(mechanism.body(joint.parent))
+            inward.append((names.index(joint.name), joint))
+        self.links = tuple(links)
+        self.jaw = -1
+        self.jaws: tuple[Jaw, ...] = ()
+        if mechanism.auxiliary:
+            self.jaw = names.index(mechanism.auxiliary[0].name)
+            self.jaws = _jaws(mechanism, tool.body, self.jaw)
+        self._kin = kin
+        self._q = np.zeros(len(names))
+        self._tool = np.zeros(16)
+        outward = (T_world_base, spatial.inverse(tool.T_body_frame))
+        chain = _chain(outward, inward, len(names))
         if kin.closed_forward:
             self._tool, self._forward = attach(kin.program.forward.function, self._q)
         found, self._place = attach(chain, self._tool, self._q)
@@ -101,13 +112,18 @@ class Gripper:
         if self._kin.closed_forward:
             self._forward()
         else:
-            self._tool[...] = self._kin.forward(q, self._tool.reshape(4, 4) if self._tool.any() else None).ravel()
+            # The last pose is the start of the search, except in the first call, where there is none.
+            start = self._tool.reshape(4, 4) if self._tool.any() else None
+            self._tool[...] = self._kin.forward(q, start).ravel()
         self._place()
         return self._found
 
     def poses(self, q: Array) -> list[Array]:
         """Return T_world_link (4, 4) of each of `links` at joint values q (n,)."""
-        return [spatial.pose(row[3:].reshape(3, 3), row[:3]) for row in self.place(q)]
+        poses = []
+        for row in self.place(q):
+            poses.append(spatial.pose(row[3:].reshape(3, 3), row[:3]))
+        return poses
 
 
 def _chain(outward: tuple[Array, Array], inward: Sequence[tuple[int, Joint]], n: int) -> ca.Function:
@@ -115,51 +131,64 @@ def _chain(outward: tuple[Array, Array], inward: Sequence[tuple[int, Joint]], n:
 
     `outward`: (T_world_base, T_tool_hand). `inward`: (index in q, joint) of each joint, from the hand towards the base.
     """
-    tool, q = ca.SX.sym("tool", 16), ca.SX.sym("q", n)
-    T = ca.DM(outward[0]) @ ca.reshape(tool, 4, 4).T @ ca.DM(outward[1])
-    out = []
-    for index, joint in ((0, None), *inward):
-        if joint is not None:
-            c, s = ca.cos(q[index]), ca.sin(q[index])
-            back = ca.blockcat([[c, s, 0, 0], [-s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-            T = T @ ca.DM(joint.T_child_joint) @ back @ ca.DM(spatial.inverse(joint.T_parent_joint))
-        out += [T[:3, 3], ca.vec(T[:3, :3].T)]
-    return ca.Function("links", [tool, q], [ca.densify(ca.vertcat(*out))])
+    tool = ca.SX.sym("tool", 16)
+    q = ca.SX.sym("q", n)
+    T_world_base, T_tool_hand = outward
+    T = ca.DM(T_world_base) @ ca.reshape(tool, 4, 4).T @ ca.DM(T_tool_hand)
+    # CasADi stores columns: the transpose gives the rotation row by row.
+    values = [T[:3, 3], ca.vec(T[:3, :3].T)]
+    for index, joint in inward:
+        c = ca.cos(q[index])
+        s = ca.sin(q[index])
+        rotated_back = ca.blockcat([[c, s, 0, 0], [-s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        T_joint_parent = spatial.inverse(joint.T_parent_joint)
+        T = T @ ca.DM(joint.T_child_joint) @ rotated_back @ ca.DM(T_joint_parent)
+        values += [T[:3, 3], ca.vec(T[:3, :3].T)]
+    return ca.Function("links", [tool, q], [ca.densify(ca.vertcat(*values))])
 
 
 def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
     """Return the joints from the tool to the shaft (see `Gripper.links`), beginning with the joint of the tool."""
     path = mechanism.path(body)
     sliding = [i for i, j in enumerate(path) if j.type == "prismatic"]
-    first = sliding[-1] + 2 if sliding else len(path)
-    for joint in path[first:]:
+    first = len(path)
+    if sliding:
+        first = sliding[-1] + 2  # the joint after the prismatic one moves the shaft; the next one moves the wrist
+    wrist = path[first:]
+    for joint in wrist:
         if joint.type != "revolute" or not joint.active:
             raise WorldError(
                 f"'{robot}': {joint.name} moves link '{joint.child}'; between insertion and tool only active revolute "
                 "joints are simulated in contact"
             )
-    return list(path[first:][::-1])
+    return list(reversed(wrist))
 
 
 def _jaws(mechanism: Mechanism, hand: str, index: int) -> tuple[Jaw, ...]:
     """Return the links that the jaw's joint turns relative to the hand, from two solutions of the reference model."""
     model = ReferenceModel(mechanism)
-    q = np.array(mechanism.posture("home") if mechanism.postures else np.zeros(len(mechanism.active)), float)
-    solved = []
-    for value in (0.0, _TURN):
-        q[index] = value
-        solved.append(model.solve(q).link_poses)
-    out = []
+    q = np.zeros(len(mechanism.active))
+    if mechanism.postures:
+        q = np.array(mechanism.posture("home"), float)
+    q[index] = 0.0
+    closed = model.solve(q).link_poses
+    q[index] = _TURN
+    opened = model.solve(q).link_poses
+    jaw_joint = mechanism.active[index].name
+    jaws = []
     for body in mechanism.bodies:
-        shut, open_ = (spatial.inverse(poses[hand]) @ poses[body.name] for poses in solved)
-        D = open_ @ spatial.inverse(shut)
-        w = spatial.log_so3(D[:3, :3])
-        angle = float(np.linalg.norm(w))
-        if angle < 1e-6 or not any(j.name == mechanism.active[index].name for j in _carrying(mechanism, body.name)):
+        T_hand_closed = spatial.inverse(closed[hand]) @ closed[body.name]
+        T_hand_open = spatial.inverse(opened[hand]) @ opened[body.name]
+        D = T_hand_open @ spatial.inverse(T_hand_closed)
+        rotation = spatial.log_so3(D[:3, :3])
+        angle = float(np.linalg.norm(rotation))
+        if angle < 1e-6 or jaw_joint not in _carrying(mechanism, body.name):
             continue
-        p = np.linalg.lstsq(np.eye(3) - D[:3, :3], D[:3, 3], rcond=None)[0]
-        out.append(Jaw(body, w / angle, p, angle / _TURN, shut))
-    return tuple(out)
+        # the points of the axis do not move; their equation has rank 2, and its shortest solution is taken
+        solution = np.linalg.lstsq(np.eye(3) - D[:3, :3], D[:3, 3], rcond=None)
+        point = np.asarray(solution[0], float)
+        jaws.append(Jaw(body, rotation / angle, point, angle / _TURN, T_hand_closed))
+    return tuple(jaws)
 
 
 def grip_frame(mechanism: Mechanism) -> Array:
@@ -171,24 +200,33 @@ def grip_frame(mechanism: Mechanism) -> Array:
         WorldError: the robot has no jaws.
     """
     tool = mechanism.frame(mechanism.tool)
-    names = [j.name for j in mechanism.active]
-    jaws = _jaws(mechanism, tool.body, names.index(mechanism.auxiliary[0].name)) if mechanism.auxiliary else ()
+    jaws: tuple[Jaw, ...] = ()
+    if mechanism.auxiliary:
+        names = [joint.name for joint in mechanism.active]
+        jaws = _jaws(mechanism, tool.body, names.index(mechanism.auxiliary[0].name))
     if not jaws:
         raise WorldError(f"'{mechanism.name}' has no jaws that turn by an auxiliary joint")
     tips = []
     for jaw in jaws:
-        p = np.concatenate([part.vertices for part in jaw.body.meshes]) @ jaw.T_hand_jaw[:3, :3].T
-        off = p + jaw.T_hand_jaw[:3, 3] - jaw.point
-        off -= np.outer(off @ jaw.axis, jaw.axis)
-        tips.append(off[np.argmax(np.linalg.norm(off, axis=1))])
+        vertices = np.concatenate([part.vertices for part in jaw.body.meshes])
+        in_hand = vertices @ jaw.T_hand_jaw[:3, :3].T + jaw.T_hand_jaw[:3, 3]
+        from_axis = in_hand - jaw.point
+        from_axis -= np.outer(from_axis @ jaw.axis, jaw.axis)
+        farthest = np.argmax(np.linalg.norm(from_axis, axis=1))
+        tips.append(from_axis[farthest])
     tip = np.mean(tips, axis=0)
-    z, x = tip / np.linalg.norm(tip), jaws[0].axis
-    T_hand_grip = spatial.pose(np.column_stack([x, np.cross(z, x), z]), jaws[0].point + tip)
+    z = tip / np.linalg.norm(tip)
+    x = jaws[0].axis
+    R_hand_grip = np.column_stack([x, np.cross(z, x), z])
+    T_hand_grip = spatial.pose(R_hand_grip, jaws[0].point + tip)
     return spatial.inverse(tool.T_body_frame) @ T_hand_grip
 
 
-def _carrying(mechanism: Mechanism, body: str) -> list[Joint]:
-    """Return the joints of the path to a body, and the joints coupled to them."""
-    path = {j.name for j in mechanism.path(body)}
-    tied = {n for c in mechanism.couplings if path & set(c.joints) for n in c.joints}
-    return [j for j in mechanism.joints if j.name in path | tied]
+def _carrying(mechanism: Mechanism, body: str) -> set[str]:
+    """Return the names of the joints of the path to a body, and of the joints coupled to them."""
+    path = {joint.name for joint in mechanism.path(body)}
+    coupled: set[str] = set()
+    for coupling in mechanism.couplings:
+        if path.intersection(coupling.joints):
+            coupled.update(coupling.joints)
+    return path | coupled

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from twin.core.spatial import Array
@@ -10,9 +12,11 @@ from twin.simulation.plants.contact.gripper import Gripper
 _SMALL = 1e-5
 """Change in rad or m of a joint from which displacements of the links are computed."""
 
-_OFTEN, _OLD = 4, 20
-"""Number of steps after which the next joint is computed; number of steps without a call after which all joints are
-computed."""
+_OFTEN = 4
+"""Number of steps after which the next joint is computed."""
+
+_OLD = 20
+"""Number of steps without a call after which all joints are computed."""
 
 
 class Levers:
@@ -24,7 +28,11 @@ class Levers:
 
     def __init__(self, gripper: Gripper, phase: int = 0) -> None:
         """Store the instrument; `phase`: delay in steps, different for each instrument to spread the computing time."""
-        self._gripper, self._phase, self._step, self._next, self._renewed = gripper, phase, -_OLD, 0, 0
+        self._gripper = gripper
+        self._phase = phase
+        self._last_call = -_OLD
+        self._renewed = 0  # step in which a joint was computed last
+        self._next = 0  # joint to compute next
         self._twists: list[Array] = []
         self._joints: list[int] = []
         self._columns = np.zeros((0, 0))
@@ -38,27 +46,31 @@ class Levers:
             q: (n,) joint values.
             step: number of the step.
         """
-        if step - self._step >= _OLD:
+        unused = step - self._last_call
+        self._last_call = step
+        if unused >= _OLD:
             self._joints = [i for i in range(len(q)) if i != self._gripper.jaw]
             self._columns = np.zeros((6 + 6 * len(self._gripper.links), len(self._joints)))
-            now, self._renewed = range(len(self._joints)), step + self._phase
+            self._renewed = step + self._phase
+            self._compute(q, range(len(self._joints)))
         elif step - self._renewed >= _OFTEN:  # not in each step: planes are found in some steps only
             self._renewed = step
-            now, self._next = (self._next,), (self._next + 1) % len(self._joints)
-        else:
-            self._step = step
-            return self._twists
-        self._step = step
+            self._compute(q, [self._next])
+            self._next = (self._next + 1) % len(self._joints)
+        return self._twists
+
+    def _compute(self, q: Array, joints: Iterable[int]) -> None:
+        """Compute the effects of joints at joint values q (n,), then the twists."""
         start = self._poses(q)
-        for k in now:
+        for k in joints:
             shifted = q.copy()
             shifted[self._joints[k]] += _SMALL
-            pairs = zip(start, self._poses(shifted), strict=True)
-            self._columns[:, k] = np.concatenate([_twist(a, b) for a, b in pairs]) / _SMALL
+            twists = [_twist(T, T_shifted) for T, T_shifted in zip(start, self._poses(shifted), strict=True)]
+            self._columns[:, k] = np.concatenate(twists) / _SMALL
         # Small singular values: joints that hardly move the tool do not carry the links either.
-        per_tool = self._columns[6:] @ np.linalg.pinv(self._columns[:6], rcond=1e-6)[:, :3]
+        joints_per_twist = np.linalg.pinv(self._columns[:6], rcond=1e-6)
+        per_tool = self._columns[6:] @ joints_per_twist[:, :3]
         self._twists = np.split(per_tool, len(self._gripper.links))
-        return self._twists
 
     def _poses(self, q: Array) -> list[Array]:
         """Return the poses (4, 4) of the tool and of the links in the World."""

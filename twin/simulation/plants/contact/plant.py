@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -15,7 +16,7 @@ from twin.model.body import Body, Mesh
 from twin.model.movable import Movable
 from twin.simulation.plants.contact.feel import Feel
 from twin.simulation.plants.contact.gripper import Gripper
-from twin.simulation.plants.contact.shapes import Solid, add_object, add_part
+from twin.simulation.plants.contact.shapes import NONE, GeomOwner, Solid, add_object, add_part
 from twin.simulation.world import Block, Signals
 
 _LINK_MASS, _LINK_INERTIA = 10.0, 0.1
@@ -32,6 +33,23 @@ _PATCH = 0.5e-3
 
 _DEEPEST = 0.1e-3
 """Largest overlap in m of an object with anything at the start."""
+
+
+@dataclass
+class _Contacts:
+    """Contacts after a step.
+
+    Attributes:
+        holders: index of the gripper that holds each object; -1: none.
+        touches: instruments at fixed parts.
+        meets: instruments at each other.
+        rubs: objects that touch a part of `rubbed`.
+    """
+
+    holders: list[int]
+    touches: set[int]
+    meets: set[int]
+    rubs: set[int]
 
 
 class Contact(Block):
@@ -81,69 +99,69 @@ class Contact(Block):
             WorldError: a number is out of range, or an object overlaps something by more than 0.1 mm at the start.
         """
         for item in objects:
-            for what, value, low in (("mass", item.mass, 1e-6), ("friction", item.friction, 0.0)):
-                if not (value >= low and np.isfinite(value)):
-                    raise WorldError(
-                        f"object '{item.name}': {what} is {value:g}; it must be finite and at least {low:g}"
-                    )
-            if not all(s > 0 for s in item.size):
-                raise WorldError(f"object '{item.name}': its size is {item.size}; each length must be above 0")
-        self._objects, self._grippers, self.period = tuple(objects), tuple(grippers), period
+            _require_valid(item)
+        self._objects = tuple(objects)
+        self._grippers = tuple(grippers)
+        self.period = period
         spec = _empty(period, gravity)
         self._add(spec, solids, friction)
-        m = self._model = spec.compile()
-        d = self._data = mujoco.MjData(m)
+        self._model = spec.compile()
+        self._data = mujoco.MjData(self._model)
         self._start(q or {})
-        self._sort()
-        names = [part.name for solid in solids for part in solid.parts]  # in the order of the geoms of the World's body
-        fixed = np.flatnonzero(m.geom_bodyid == 0).tolist()
-        self._rubbed = {geom for geom, name in zip(fixed, names, strict=True) if name in rubbed}
-        mujoco.mj_forward(m, d)
+        self._owners = self._sort()
+        self._rubbed = self._geoms_of(solids, rubbed)
+        mujoco.mj_forward(self._model, self._data)
         self._require_apart()
         self._holding: list[list[int]] = [[] for _ in self._objects]  # grippers at each object, by time of grasp
-        self._said: tuple[list[int], set[int], set[int], set[int]] | None = None
+        self._last_contacts: _Contacts | None = None
         self.outputs = self._signals()
-        self._feel = Feel(m, self._grippers, [o.name for o in self._objects], self._whose) if feels else None
-        if self._feel is not None:
+        self._feel: Feel | None = None
+        if feels:
+            names = [item.name for item in self._objects]
+            self._feel = Feel(self._model, self._grippers, names, self._owners)
             self.outputs |= self._feel.outputs
 
     # -- the model ----------------------------------------------------------------------------------------
 
     def _add(self, spec: mujoco.MjSpec, solids: Sequence[Solid], friction: float) -> None:
+        """Add parts, objects and instruments; MuJoCo lets two geoms touch if their bits match.
+
+        Bit 1: objects; bit 2: fixed parts; bit 4 << k: instrument k.
+        """
         world = spec.worldbody
-        arms = sum(4 << k for k in range(len(self._grippers)))
+        all_arms = 0
+        for k in range(len(self._grippers)):
+            all_arms |= 4 << k
         for solid in solids:
+            surface = _surface(solid.friction, 2, 1 | all_arms, self.period)
             for part in solid.parts:
-                add_part(
-                    spec,
-                    world,
-                    part,
-                    solid.T_world_body,
-                    solid.name,
-                    **_surface(solid.friction, 2, 1 | arms, self.period),
-                )
+                add_part(spec, world, part, solid.T_world_body, solid.name, **surface)
         for item in self._objects:
             body = world.add_body(name=item.name)
             body.add_freejoint(name=item.name)
             add_object(body, item, **_surface(item.friction, 1, 1, self.period, item.shape))
         for k, gripper in enumerate(self._grippers):
             bit = 4 << k
-            others = 1 | arms & ~bit
-            skin = _surface(friction, bit, others, self.period) | {"mass": 0.0}
-            for link in gripper.links:
-                name = f"{gripper.robot}/{link.name}"
-                body = world.add_body(
-                    name=name, gravcomp=1.0, mass=_LINK_MASS, inertia=[_LINK_INERTIA] * 3, explicitinertial=True
-                )
-                body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
-                body.add_freejoint(name=name)
-                if link.meshes:
-                    add_part(spec, body, _whole(link), np.eye(4), gripper.robot, **skin)
-                if link is gripper.hand:
-                    self._add_jaws(spec, body, gripper, skin)
+            others = 1 | all_arms & ~bit
+            skin = _surface(friction, bit, others, self.period)
+            skin["mass"] = 0.0  # the link's body has the mass
+            self._add_links(spec, gripper, skin)
+
+    def _add_links(self, spec: mujoco.MjSpec, gripper: Gripper, skin: dict) -> None:
+        for link in gripper.links:
+            name = f"{gripper.robot}/{link.name}"
+            body = spec.worldbody.add_body(
+                name=name, gravcomp=1.0, mass=_LINK_MASS, inertia=[_LINK_INERTIA] * 3, explicitinertial=True
+            )
+            body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
+            body.add_freejoint(name=name)
+            if link.meshes:
+                add_part(spec, body, _whole(link), np.eye(4), gripper.robot, **skin)
+            if link is gripper.hand:
+                self._add_jaws(spec, body, gripper, skin)
 
     def _add_jaws(self, spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper, skin: dict) -> None:
-        first: tuple[str, float] | None = None
+        first_name = ""
         for jaw in gripper.jaws:
             name = f"{gripper.robot}/{jaw.body.name}"
             body = hand.add_body(
@@ -153,115 +171,155 @@ class Contact(Block):
             body.add_joint(name=name, type=hinge, axis=jaw.axis, pos=jaw.point, armature=_JAW_INERTIA)
             for part in jaw.body.meshes:
                 add_part(spec, body, part, jaw.T_hand_jaw, gripper.robot, **skin)
-            if first is None:
-                first = name, jaw.ratio
-            else:  # jaws rotate together, in proportion to their ratios
-                spec.add_equality(
-                    type=mujoco.mjtEq.mjEQ_JOINT,
-                    name1=name,
-                    name2=first[0],
-                    objtype=mujoco.mjtObj.mjOBJ_JOINT,
-                    data=[0, jaw.ratio / first[1], *([0] * 10)],
-                )
+            if not first_name:
+                first_name = name
+                continue
+            # Jaws rotate together, in proportion to their ratios: a polynomial of MuJoCo with only its linear term.
+            polynomial = [0.0] * 12
+            polynomial[1] = jaw.ratio / gripper.jaws[0].ratio
+            spec.add_equality(
+                type=mujoco.mjtEq.mjEQ_JOINT,
+                name1=name,
+                name2=first_name,
+                objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                data=polynomial,
+            )
 
     def _start(self, q: Mapping[str, Array]) -> None:
-        m, d = self._model, self._data
-        start = {name: np.asarray(values, float) for name, values in q.items()}
-        self._links = _Links(self._grippers, m, d, start, self.period)
-        self._q = [f"{g.robot}.q" for g in self._grippers]
+        """Set links and objects to their poses at the start."""
+        q_start = {robot: np.asarray(values, float) for robot, values in q.items()}
+        self._links = _Links(self._grippers, self._model, self._data, q_start, self.period)
+        self._q_names = [f"{gripper.robot}.q" for gripper in self._grippers]
         self._R = np.zeros(9)
-        self._places: list[tuple[str, Array]] = []
+        self._places: list[tuple[str, Array]] = []  # name of the signal, view on the object's pose in qpos
         for item in self._objects:
-            k = m.joint(item.name).qposadr[0]
-            place, T = d.qpos[k : k + 7], item.T_world_object
-            place[:3], place[3:] = T[:3, 3], spatial.quat_from_matrix_wxyz(T[:3, :3])
+            start = self._model.joint(item.name).qposadr[0]
+            place = self._data.qpos[start : start + 7]
+            place[:3] = item.T_world_object[:3, 3]
+            place[3:] = spatial.quat_from_matrix_wxyz(item.T_world_object[:3, :3])
             self._places.append((f"{item.name}.pose", place))
-        self._seen = [b""] * len(self._places)
+        self._last_places = [b""] * len(self._places)
 
-    def _sort(self) -> None:
-        """Store for each geom the indices of its object, instrument and jaw; -1: none."""
+    def _sort(self) -> list[GeomOwner]:
+        """Return for each geom its object, or its instrument and jaw."""
         m = self._model
-        whose = {m.body(item.name).id: (i, -1, -1) for i, item in enumerate(self._objects)}
+        nobody = GeomOwner()
+        by_body: dict[int, GeomOwner] = {}
+        for i, item in enumerate(self._objects):
+            by_body[m.body(item.name).id] = GeomOwner(item=i)
         for k, gripper in enumerate(self._grippers):
-            whose |= {m.body(f"{gripper.robot}/{b.name}").id: (-1, k, -1) for b in gripper.links}
-            whose |= {m.body(f"{gripper.robot}/{j.body.name}").id: (-1, k, i) for i, j in enumerate(gripper.jaws)}
-        self._whose = [whose.get(b, (-1, -1, -1)) for b in m.geom_bodyid.tolist()]
+            for link in gripper.links:
+                by_body[m.body(f"{gripper.robot}/{link.name}").id] = GeomOwner(arm=k)
+            for i, jaw in enumerate(gripper.jaws):
+                by_body[m.body(f"{gripper.robot}/{jaw.body.name}").id] = GeomOwner(arm=k, jaw=i)
+        return [by_body.get(body, nobody) for body in m.geom_bodyid.tolist()]
+
+    def _geoms_of(self, solids: Sequence[Solid], names: Sequence[str]) -> set[int]:
+        """Return the geoms of the fixed parts with these names."""
+        # MuJoCo keeps the order in which the geoms of the World's body were added.
+        fixed = np.flatnonzero(self._model.geom_bodyid == 0).tolist()
+        parts: list[Mesh] = []
+        for solid in solids:
+            parts.extend(solid.parts)
+        return {geom for geom, part in zip(fixed, parts, strict=True) if part.name in names}
 
     def _require_apart(self) -> None:
-        m, d = self._model, self._data
-        for contact in d.contact:
-            if contact.dist < -_DEEPEST and max(self._whose[g][0] for g in contact.geom) >= 0:
-                one, other = (m.body(m.geom_bodyid[g]).name for g in contact.geom)
+        m = self._model
+        for contact in self._data.contact:
+            first, second = contact.geom
+            is_object = self._owners[first].item != NONE or self._owners[second].item != NONE
+            if contact.dist < -_DEEPEST and is_object:
+                one = m.body(m.geom_bodyid[first]).name
+                other = m.body(m.geom_bodyid[second]).name
+                if other == "world":
+                    other = "a fixed part"
                 raise WorldError(
-                    f"'{one}' and '{other if other != 'world' else 'a fixed part'}' overlap by "
-                    f"{-contact.dist * 1e3:.2f} mm at the start (allowed: {_DEEPEST * 1e3:g} mm): move one of them"
+                    f"'{one}' and '{other}' overlap by {-contact.dist * 1e3:.2f} mm at the start "
+                    f"(allowed: {_DEEPEST * 1e3:g} mm): move one of them"
                 )
 
     # -- the tick -----------------------------------------------------------------------------------------
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
         """Move the instruments to their joint values, and the objects by the contact forces."""
-        now = signals.now
-        q = [now[name] for name in self._q]
+        q = [signals.now[name] for name in self._q_names]
         self._links.lead(q)
         mujoco.mj_step(self._model, self._data)
         self._links.settle()
-        out = self._signals()
-        if self._feel is not None and self._said is not None:
-            out |= self._feel.planes(self._data, self._links.place, q, self._said[0])
-        return out
+        changed = self._signals()
+        if self._feel is not None and self._last_contacts is not None:
+            changed |= self._feel.planes(self._data, self._links.place, q, self._last_contacts.holders)
+        return changed
 
     def _signals(self) -> dict[str, ArrayLike]:
         """Return the signals that have changed."""
-        out: dict[str, ArrayLike] = {}
+        changed: dict[str, ArrayLike] = {}
         for k, (name, place) in enumerate(self._places):
-            if (now := place.tobytes()) != self._seen[k]:
-                self._seen[k] = now
-                T = np.eye(4)
-                mujoco.mju_quat2Mat(self._R, place[3:])
-                T[:3, :3], T[:3, 3] = self._R.reshape(3, 3), place[:3]
-                out[name] = T.ravel()
-        said = self._contacts()
-        if said != self._said:
-            self._said = said
-            holders, touches, meets, rubs = said
-            out |= {f"{item.name}.holder": float(k) for item, k in zip(self._objects, holders, strict=True)}
-            for k, gripper in enumerate(self._grippers):
-                out[f"{gripper.robot}.touches"], out[f"{gripper.robot}.meets"] = float(k in touches), float(k in meets)
-            if self._rubbed:
-                out |= {f"{item.name}.rubs": float(k in rubs) for k, item in enumerate(self._objects)}
-        return out
+            content = place.tobytes()
+            if content == self._last_places[k]:
+                continue
+            self._last_places[k] = content
+            T = np.eye(4)
+            mujoco.mju_quat2Mat(self._R, place[3:])
+            T[:3, :3] = self._R.reshape(3, 3)
+            T[:3, 3] = place[:3]
+            changed[name] = T.ravel()
+        contacts = self._contacts()
+        if contacts == self._last_contacts:
+            return changed
+        self._last_contacts = contacts
+        for item, holder in zip(self._objects, contacts.holders, strict=True):
+            changed[f"{item.name}.holder"] = float(holder)
+        for k, gripper in enumerate(self._grippers):
+            changed[f"{gripper.robot}.touches"] = float(k in contacts.touches)
+            changed[f"{gripper.robot}.meets"] = float(k in contacts.meets)
+        if self._rubbed:
+            for k, item in enumerate(self._objects):
+                changed[f"{item.name}.rubs"] = float(k in contacts.rubs)
+        return changed
 
-    def _contacts(self) -> tuple[list[int], set[int], set[int], set[int]]:
-        """Return (holder of each object, instruments at fixed parts, instruments at each other, objects that rub)."""
-        holders, touches, meets, rubs = [-1] * len(self._objects), set[int](), set[int](), set[int]()
+    def _contacts(self) -> _Contacts:
+        """Sort the contacts of the last step."""
+        contacts = _Contacts([NONE] * len(self._objects), set(), set(), set())
         if not self._data.ncon:
             self._holding = [[] for _ in self._objects]
-            return holders, touches, meets, rubs
-        contact, whose = self._data.contact, self._whose
-        grips: dict[tuple[int, int], set[int]] = {}
+            return contacts
+        contact = self._data.contact
+        grips: dict[tuple[int, int], set[int]] = {}  # (object, instrument) -> jaws at the object
         for (g, h), distance in zip(contact.geom.tolist(), contact.dist.tolist(), strict=True):
             if distance >= 0:
                 continue
-            (item, arm, jaw), (item_h, arm_h, jaw_h) = whose[g], whose[h]
+            first = self._owners[g]
+            second = self._owners[h]
             if g in self._rubbed or h in self._rubbed:
-                rubs |= {max(item, item_h)} - {-1}
-            if arm < 0:
-                item, arm, jaw, item_h, arm_h = item_h, arm_h, jaw_h, item, arm
-            if arm < 0:
+                item = max(first.item, second.item)  # one of the two geoms is the fixed part
+                if item != NONE:
+                    contacts.rubs.add(item)
+            if first.arm == NONE:
+                first, second = second, first
+            if first.arm == NONE:
                 continue
-            if arm_h >= 0:
-                meets |= {arm, arm_h}
-            elif item_h < 0:
-                touches.add(arm)
-            elif jaw >= 0:
-                grips.setdefault((item_h, arm), set()).add(jaw)
-        for item, before in enumerate(self._holding):
-            hold = {a for (i, a), jaws in grips.items() if i == item and len(jaws) == len(self._grippers[a].jaws)}
-            self._holding[item] = [a for a in before if a in hold] + sorted(hold.difference(before))
-            if hold:
+            if second.arm != NONE:
+                contacts.meets.update((first.arm, second.arm))
+            elif second.item == NONE:
+                contacts.touches.add(first.arm)
+            elif first.jaw != NONE:
+                grips.setdefault((second.item, first.arm), set()).add(first.jaw)
+        self._find_holders(grips, contacts.holders)
+        return contacts
+
+    def _find_holders(self, grips: Mapping[tuple[int, int], set[int]], holders: list[int]) -> None:
+        """Write the instrument that holds each object, the latest one; `grips`: jaws at (object, instrument)."""
+        holding: list[set[int]] = [set() for _ in self._objects]
+        for (item, arm), jaws in grips.items():
+            if len(jaws) == len(self._grippers[arm].jaws):
+                holding[item].add(arm)
+        for item, arms in enumerate(holding):
+            before = self._holding[item]
+            kept = [arm for arm in before if arm in arms]
+            self._holding[item] = kept + sorted(arms.difference(before))
+            if arms:
                 holders[item] = self._holding[item][-1]
-        return holders, touches, meets, rubs
 
 
 class _Links:
@@ -270,66 +328,106 @@ class _Links:
     def __init__(
         self, grippers: Sequence[Gripper], m: mujoco.MjModel, d: mujoco.MjData, q: Mapping[str, Array], period: float
     ) -> None:
-        self._grippers, self._m, self._d, self._period = grippers, m, d, period
-        links = [m.joint(f"{g.robot}/{b.name}") for g in grippers for b in g.links]
-        jaws = [m.joint(f"{g.robot}/{j.body.name}") for g in grippers for j in g.jaws]
-        self._qpos = np.array([j.qposadr[0] + i for j in links for i in range(7)], int)
-        self._dofs = np.array([j.dofadr[0] + i for j in links for i in range(6)], int)
-        self._jaw_qpos = np.array([j.qposadr[0] for j in jaws], int)
-        self._jaw_dofs = np.array([j.dofadr[0] for j in jaws], int)
-        self._ratios = np.array([j.ratio for g in grippers for j in g.jaws])
-        self._efforts = np.array([g.effort for g in grippers for _ in g.jaws])
-        self._wanted, self._angles = np.zeros(len(self._qpos)), np.zeros(len(jaws))
-        self._all, self._v = d.qpos.copy(), np.zeros(m.nv)
-        each = iter(self._wanted.reshape(-1, 7))
-        self._rows = [[(row[:3], row[3:]) for _, row in zip(g.links, each, strict=False)] for g in grippers]
+        self._grippers = grippers
+        self._m = m
+        self._d = d
+        self._period = period
+        qpos: list[int] = []
+        dofs: list[int] = []
+        jaw_qpos: list[int] = []
+        jaw_dofs: list[int] = []
+        ratios: list[float] = []
+        efforts: list[float] = []
+        for gripper in grippers:
+            for link in gripper.links:
+                joint = m.joint(f"{gripper.robot}/{link.name}")
+                qpos.extend(range(joint.qposadr[0], joint.qposadr[0] + 7))
+                dofs.extend(range(joint.dofadr[0], joint.dofadr[0] + 6))
+            for jaw in gripper.jaws:
+                joint = m.joint(f"{gripper.robot}/{jaw.body.name}")
+                jaw_qpos.append(joint.qposadr[0])
+                jaw_dofs.append(joint.dofadr[0])
+                ratios.append(jaw.ratio)
+                efforts.append(gripper.effort)
+        self._qpos = np.array(qpos, int)
+        self._dofs = np.array(dofs, int)
+        self._jaw_qpos = np.array(jaw_qpos, int)
+        self._jaw_dofs = np.array(jaw_dofs, int)
+        self._ratios = np.array(ratios)
+        self._efforts = np.array(efforts)
+        self._wanted = np.zeros(len(qpos))
+        self._angles = np.zeros(len(jaw_qpos))
+        self._target = d.qpos.copy()
+        self._v = np.zeros(m.nv)
+        # views on `_wanted`: position and quaternion of each link of each instrument
+        self._rows: list[list[tuple[Array, Array]]] = []
+        row = 0
+        for gripper in grippers:
+            views = self._wanted.reshape(-1, 7)[row : row + len(gripper.links)]
+            self._rows.append([(view[:3], view[3:]) for view in views])
+            row += len(gripper.links)
         self._last = [b""] * len(grippers)
-        self._locate([q[g.robot] for g in grippers])
+        self._locate([q[gripper.robot] for gripper in grippers])
         self.settle()
         d.qpos[self._jaw_qpos] = self._angles
 
     def _locate(self, q: Sequence[Array]) -> None:
         """Compute link poses and jaw angles; `q` has joint values (n,) of each instrument."""
-        jaw = 0
-        for k, (gripper, values) in enumerate(zip(self._grippers, q, strict=True)):
-            count = len(gripper.jaws)
-            if (given := values.tobytes()) != self._last[k]:
-                self._last[k] = given
-                for (point, quat), found in zip(self._rows[k], gripper.place(values), strict=True):
-                    point[...] = found[:3]
-                    mujoco.mju_mat2Quat(quat, found[3:])
-                if count:
-                    self._angles[jaw : jaw + count] = self._ratios[jaw : jaw + count] * values[gripper.jaw]
-            jaw += count
+        first = 0
+        for k, gripper in enumerate(self._grippers):
+            end = first + len(gripper.jaws)
+            content = q[k].tobytes()
+            if content != self._last[k]:
+                self._last[k] = content
+                for (point, quaternion), pose in zip(self._rows[k], gripper.place(q[k]), strict=True):
+                    point[...] = pose[:3]
+                    mujoco.mju_mat2Quat(quaternion, pose[3:])
+                if gripper.jaws:
+                    self._angles[first:end] = self._ratios[first:end] * q[k][gripper.jaw]
+            first = end
 
     def lead(self, q: Sequence[Array]) -> None:
         """Set the torques of the jaws, and the velocities with which the links reach joint values q (n,) in a step."""
         self._locate(q)
-        d, dt = self._d, self._period
-        self._all[:] = d.qpos
-        self._all[self._qpos] = self._wanted
-        mujoco.mj_differentiatePos(self._m, self._v, dt, d.qpos, self._all)
+        d = self._d
+        dt = self._period
+        self._target[:] = d.qpos
+        self._target[self._qpos] = self._wanted
+        mujoco.mj_differentiatePos(self._m, self._v, dt, d.qpos, self._target)
         d.qvel[self._dofs] = self._v[self._dofs]
         # a jaw that touches nothing reaches its angle in this step
-        off = self._angles - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
-        torque = np.minimum(_JAW_INERTIA / dt**2 * off, self._efforts)
+        angle_error = self._angles - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
+        torque = np.minimum(_JAW_INERTIA / dt**2 * angle_error, self._efforts)
         d.qfrc_applied[self._jaw_dofs] = np.maximum(torque, -self._efforts)
 
     def place(self, qpos: Array) -> None:
         """Write the poses of all links and the angles of all jaws at the latest joint values into qpos."""
-        qpos[self._qpos], qpos[self._jaw_qpos] = self._wanted, self._angles
+        qpos[self._qpos] = self._wanted
+        qpos[self._jaw_qpos] = self._angles
 
     def settle(self) -> None:
         """Set the links exactly to the poses given by the joint values."""
         self._d.qpos[self._qpos] = self._wanted
 
 
+def _require_valid(item: Movable) -> None:
+    """Raise `WorldError` for an object whose mass, friction or size is out of range."""
+    for quantity, value, low in (("mass", item.mass, 1e-6), ("friction", item.friction, 0.0)):
+        if not (value >= low and np.isfinite(value)):
+            raise WorldError(f"object '{item.name}': {quantity} is {value:g}; it must be finite and at least {low:g}")
+    for length in item.size:
+        if not length > 0:  # also a size that is not a number
+            raise WorldError(f"object '{item.name}': its size is {item.size}; each length must be above 0")
+
+
 def _empty(period: float, gravity: tuple[float, float, float]) -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
     option = spec.option
-    option.timestep, option.gravity = period, gravity
+    option.timestep = period
+    option.gravity = gravity
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10.0
     option.noslip_iterations = 5  # without it, objects creep along surfaces on which friction holds them
     option.tolerance = 1e-12
     option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # objects at rest cost nothing until they are touched
@@ -337,9 +435,10 @@ def _empty(period: float, gravity: tuple[float, float, float]) -> mujoco.MjSpec:
 
 
 def _surface(friction: float, kind: int, touches: int, period: float, shape: str = "") -> dict:
+    condim = 4 if shape == "ball" else 3  # other shapes touch at several points, which resist turning
     return {
         "friction": [friction, friction * _PATCH, 0.0],
-        "condim": 4 if shape == "ball" else 3,  # other shapes touch at several points, which resist turning
+        "condim": condim,
         "contype": kind,
         "conaffinity": touches,
         "solref": [2 * period, 1.0],
@@ -349,4 +448,6 @@ def _surface(friction: float, kind: int, touches: int, period: float, shape: str
 
 def _whole(body: Body) -> Mesh:
     """Return all parts of a body as one mesh; its convex hull is the collision shape."""
-    return Mesh(body.name, np.concatenate([part.vertices for part in body.meshes]), np.zeros((0, 3), np.int32))
+    vertices = np.concatenate([part.vertices for part in body.meshes])
+    no_triangles = np.zeros((0, 3), np.int32)
+    return Mesh(body.name, vertices, no_triangles)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -21,6 +22,18 @@ RING = 12
 
 _ALIKE = 0.03
 """Largest relative difference between the volumes of a part and of a box or capsule that replaces the part."""
+
+
+NONE = -1
+"""Index of an object, instrument or jaw where there is none; the signal `<object>.holder` has this value, too."""
+
+
+class GeomOwner(NamedTuple):
+    """What a collision shape belongs to: index of the object, or of the instrument and its jaw."""
+
+    item: int = NONE
+    arm: int = NONE
+    jaw: int = NONE
 
 
 @dataclass(frozen=True)
@@ -42,11 +55,11 @@ def add_object(body: mujoco.MjsBody, item: Movable, **more: object) -> None:
         body.add_geom(type=kinds.mjGEOM_SPHERE, size=[item.size[0], 0, 0], mass=item.mass, **more)
     else:
         radius, wire = item.size
-        a = np.arange(RING + 1) * (2 * np.pi / RING)
+        angles = np.arange(RING + 1) * (2 * np.pi / RING)
         # the capsules' middles and ends are equally far inside and outside the wire's centre line
-        corner = 2 * radius / (1 + np.cos(np.pi / RING))
-        p = corner * np.column_stack([np.cos(a), np.sin(a), np.zeros(RING + 1)])
-        for start, end in pairwise(p):
+        corner_radius = 2 * radius / (1 + np.cos(np.pi / RING))
+        corners = corner_radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(RING + 1)])
+        for start, end in pairwise(corners):
             ends = [*start.tolist(), *end.tolist()]
             body.add_geom(type=kinds.mjGEOM_CAPSULE, fromto=ends, size=[wire, 0, 0], mass=item.mass / RING, **more)
 
@@ -67,21 +80,28 @@ def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Arra
     """
     kinds = mujoco.mjtGeom
     require_hull(f"{owner}: part '{part.name}'", part.vertices)
-    corners, volume, to_box, edges = _hull(np.ascontiguousarray(part.vertices, float).tobytes())
-    long = int(np.argmax(edges))
-    others = np.delete(edges, long)
-    radius, length = float(others.mean()) / 2, float(edges[long])
-    capsule = np.pi * radius**2 * (length - 2 * radius / 3)
-    turn = spatial.frame_from_axes(np.eye(3)[long], np.eye(3)[(long + 1) % 3])
-    T = T_body @ spatial.inverse(to_box)
-    if abs(volume / np.prod(edges) - 1) < _ALIKE:
-        _placed(body, T, type=kinds.mjGEOM_BOX, size=(edges / 2).tolist(), **more)
-    elif np.ptp(others) < _ALIKE * radius and abs(volume / capsule - 1) < _ALIKE:
-        T = T @ spatial.pose(turn)
-        _placed(body, T, type=kinds.mjGEOM_CAPSULE, size=[radius, length / 2 - radius, 0], **more)
+    vertices = np.ascontiguousarray(part.vertices, float)
+    corners, volume, to_box, edges = _hull(vertices.tobytes())
+    longest = int(np.argmax(edges))
+    others = np.delete(edges, longest)
+    radius = float(others.mean()) / 2
+    length = float(edges[longest])
+    capsule_volume = np.pi * radius**2 * (length - 2 * radius / 3)
+    T_body_box = T_body @ spatial.inverse(to_box)
+    is_box = abs(volume / np.prod(edges) - 1) < _ALIKE
+    is_round = np.ptp(others) < _ALIKE * radius
+    if is_box:
+        _placed(body, T_body_box, type=kinds.mjGEOM_BOX, size=(edges / 2).tolist(), **more)
+    elif is_round and abs(volume / capsule_volume - 1) < _ALIKE:
+        # a capsule of MuJoCo is along z
+        R_box_capsule = spatial.frame_from_axes(np.eye(3)[longest], np.eye(3)[(longest + 1) % 3])
+        T_body_capsule = T_body_box @ spatial.pose(R_box_capsule)
+        size = [radius, length / 2 - radius, 0]
+        _placed(body, T_body_capsule, type=kinds.mjGEOM_CAPSULE, size=size, **more)
     else:
         name = f"{owner}/{part.name}"
-        spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+        convex = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=convex)
         _placed(body, T_body, type=kinds.mjGEOM_MESH, meshname=name, **more)
 
 
@@ -102,4 +122,5 @@ def _hull(vertices: bytes) -> tuple[Array, float, Array, Array]:
 
 
 def _placed(body: mujoco.MjsBody, T: Array, **more: object) -> None:
-    body.add_geom(pos=T[:3, 3].tolist(), quat=spatial.quat_from_matrix_wxyz(T[:3, :3]).tolist(), **more)
+    quaternion = spatial.quat_from_matrix_wxyz(T[:3, :3])
+    body.add_geom(pos=T[:3, 3].tolist(), quat=quaternion.tolist(), **more)

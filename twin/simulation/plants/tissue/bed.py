@@ -57,21 +57,32 @@ class Grip:
 
 def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
     """Add the constraints of the bed's nodes and of the jaws; `joints`: names of three joints per node."""
+    solref = [2 * spec.option.timestep, 1.0]  # twice the step: the stiffest constraint that is stable
     for node in held.tolist():
         for axis in range(3):
             spec.add_equality(
-                name=f"bed_{node}_{axis}", type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT,
-                name1=joints[3 * node + axis], solref=[2 * spec.option.timestep, 1.0], solimp=_STIFF,
-            )  # fmt: skip
+                name=f"bed_{node}_{axis}",
+                type=mujoco.mjtEq.mjEQ_JOINT,
+                objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                name1=joints[3 * node + axis],
+                solref=solref,
+                solimp=_STIFF,
+            )
     for k in range(GRIPS):
         for axis in range(3):
-            tendon = spec.add_tendon(name=f"grip_{k}_{axis}")
+            name = f"grip_{k}_{axis}"
+            tendon = spec.add_tendon(name=name)
             for joint in joints[axis::3]:
-                tendon.wrap_joint(joint, 3.0 / len(joints))
+                tendon.wrap_joint(joint, 3.0 / len(joints))  # `grasp` writes the weights of the held point
             spec.add_equality(
-                name=f"grip_{k}_{axis}", type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON,
-                name1=f"grip_{k}_{axis}", active=False, solref=[2 * spec.option.timestep, 1.0], solimp=_STIFF,
-            )  # fmt: skip
+                name=name,
+                type=mujoco.mjtEq.mjEQ_TENDON,
+                objtype=mujoco.mjtObj.mjOBJ_TENDON,
+                name1=name,
+                active=False,
+                solref=solref,
+                solimp=_STIFF,
+            )
 
 
 class Hold:
@@ -95,12 +106,20 @@ class Hold:
             free: (k,) indices of the nodes that can move.
             R_world_grid: (3, 3) orientation of the grid.
         """
-        self._m, self._d, self._dofs, self._free = m, d, dofs, free
-        self._bed, self._R = held, R_world_grid
+        self._m = m
+        self._d = d
+        self._dofs = dofs
+        self._free = free
+        self._bed = held
+        self._R = R_world_grid
         self._mass = m.body_mass[m.dof_bodyid[dofs[::3]]]
         m.dof_damping[dofs] = _DRAG * np.repeat(self._mass, 3)
-        self._equality = [[m.equality(f"grip_{k}_{axis}").id for axis in range(3)] for k in range(GRIPS)]
-        self._tendon = [[m.tendon(f"grip_{k}_{axis}").id for axis in range(3)] for k in range(GRIPS)]
+        self._equality: list[list[int]] = []
+        self._tendon: list[list[int]] = []
+        for k in range(GRIPS):
+            names = [f"grip_{k}_{axis}" for axis in range(3)]
+            self._equality.append([m.equality(name).id for name in names])
+            self._tendon.append([m.tendon(name).id for name in names])
         self.reset()
 
     def reset(self) -> None:
@@ -124,6 +143,7 @@ class Hold:
             tendon = self._tendon[k][axis]
             start = self._m.tendon_adr[tendon]
             self._m.wrap_prm[start : start + len(w)] = w
+            # MuJoCo scales the constraint by the inverse mass that it computed for the weights at compilation
             self._m.tendon_invweight0[tendon] = float((w * w / self._mass).sum())
             self._d.eq_active[self._equality[k][axis]] = 1
 
@@ -143,7 +163,8 @@ class Hold:
             rest: (k, 3) positions of the nodes at rest in the World in m.
         """
         for k, grip in self.grips.items():
-            self._m.eq_data[self._equality[k], 0] = (grip.p + grip.offset - grip.weights @ rest) @ self._R
+            displacement = grip.p + grip.offset - grip.weights @ rest
+            self._m.eq_data[self._equality[k], 0] = displacement @ self._R
         pulled = float(np.abs(self._pull).sum()) > _PULLS
         self._d.qfrc_applied[self._dofs] = (self._pull @ self._R).ravel()
         self._pull[:] = 0.0
@@ -153,9 +174,11 @@ class Hold:
         """Read the forces of the jaws after a step; let the jaws slide if their friction limit is exceeded."""
         d = self._d
         rows = np.flatnonzero(d.efc_type[: d.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-        by_id = dict(zip(d.efc_id[rows].tolist(), d.efc_force[rows].tolist(), strict=True))
+        by_equality = dict(zip(d.efc_id[rows].tolist(), d.efc_force[rows].tolist(), strict=True))
         for k, grip in self.grips.items():
-            grip.force = self._R @ np.array([by_id.get(e, 0.0) for e in self._equality[k]])
-            size = float(np.linalg.norm(grip.force))
-            if size > grip.limit:
-                grip.offset = grip.offset - grip.force / size * min(size / grip.limit - 1.0, 2.0) * _SLIDE
+            along_grid = np.array([by_equality.get(equality, 0.0) for equality in self._equality[k]])
+            grip.force = self._R @ along_grid
+            magnitude = float(np.linalg.norm(grip.force))
+            if magnitude > grip.limit:
+                excess = min(magnitude / grip.limit - 1.0, 2.0)
+                grip.offset = grip.offset - grip.force / magnitude * excess * _SLIDE

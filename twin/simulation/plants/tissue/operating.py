@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,15 +24,29 @@ from twin.model.surface import inside, nearest
 from twin.model.tissue import Tissue
 from twin.model.tool import ToolTable
 from twin.model.vessel import Vessel
-from twin.simulation.plants.tissue.bed import Hold
+from twin.simulation.plants.tissue.bed import Grip, Hold
 from twin.simulation.plants.tissue.organs import PERIOD
 from twin.simulation.plants.tissue.plant import Links, Tissues
 from twin.simulation.plants.tissue.sight import Sight
 from twin.simulation.plants.tissue.tubes import Held, Tube
 from twin.simulation.world import Signals
 
-UNUSED, ON_NOTHING = -2, -1
-"""Values of `clip_<k>.on` for a clip that is still in its applier, and for one that was closed around no vessel."""
+
+class ClipPlace(IntEnum):
+    """Values of `clip_<k>.on` for a clip on no vessel; other values are the index of the clip's vessel."""
+
+    UNUSED = -2
+    """The clip is still in its applier."""
+    ON_NOTHING = -1
+    """The clip was closed around no vessel."""
+
+
+class Grasped(IntEnum):
+    """Values of `<robot>.holds`; a value k above 0 is the k-th vessel."""
+
+    NOTHING = -1
+    ORGAN = 0
+
 
 _CLIP = (0.75 * MM, 0.75 * MM)
 """Half the width and half the height of a clip in m, across its length; ASSUMED."""
@@ -74,18 +89,28 @@ class Instrument:
 
 @dataclass
 class _State:
-    """State of an instrument: tool, whether jaws are open, what they hold (-1: nothing, 0: organ, k: k-th vessel)."""
+    """State of an instrument.
+
+    Attributes:
+        tool: name of the tool.
+        T: (4, 4) pose of the tip in the World.
+        opened: whether the jaws are open.
+        holds: what the jaws hold; a value of `Grasped`, or k for the k-th vessel.
+        rest: (3,) rest position of the held point in m.
+    """
 
     tool: str
     T: Array
     opened: bool = True
-    holds: int = -1
+    holds: int = Grasped.NOTHING
     rest: Array = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass
 class _Clip:
-    on: int = UNUSED
+    """State of a clip; see the signals of `Operating`. T: (4, 4) pose in the World; None: still in its applier."""
+
+    on: int = ClipPlace.UNUSED
     at: float = 0.0
     cover: float = 0.0
     T: Array | None = None
@@ -93,14 +118,14 @@ class _Clip:
 
 def clips_of(tools: Mapping[str, ToolTable]) -> list[Movable]:
     """Return the clips of all appliers, at the origin of the World."""
-    out: list[Movable] = []
+    clips: list[Movable] = []
     for tool in tools.values():
-        size = (*_CLIP, (tool.jaw_mm / 2) * MM)
-        out += [
-            Movable(f"clip_{len(out) + 1 + k}", "box", size, 1e-4, 0.2, color_rgba=(0.75, 0.75, 0.8, 1.0))
-            for k in range(tool.clips or 0)
-        ]
-    return out
+        half_length = (tool.jaw_mm / 2) * MM
+        for _ in range(tool.clips or 0):
+            name = f"clip_{len(clips) + 1}"
+            size = (*_CLIP, half_length)
+            clips.append(Movable(name, "box", size, 1e-4, 0.2, color_rgba=(0.75, 0.75, 0.8, 1.0)))
+    return clips
 
 
 class Operating(Tissues):
@@ -147,40 +172,57 @@ class Operating(Tissues):
             WorldError: as `Tissues`; or a vessel does not begin at its organ, or belongs to an organ that is not
                 operated on.
         """
-        self._instruments, self._tools, self._procedure = tuple(instruments), dict(tools), procedure
-        self._names, self._sight, self._steps = [*tools], sight, 0
-        self._organ = next(t for t in tissues if t.name == procedure.organ)
-        self._spared = [t for t in tissues if t.name in procedure.spare]
-        self._energy, self._freed = (np.zeros(len(self._organ.held)) for _ in range(2))
-        self._tubes = [Tube(v, period) for v in vessels]
-        self._roots = [self._root(v) for v in vessels]
-        self._states = {i.robot: _State(i.tool, i.T_world_tip()) for i in instruments}
+        self._instruments = tuple(instruments)
+        self._tools = dict(tools)
+        self._tool_names = list(tools)
+        self._procedure = procedure
+        self._sight = sight
+        self._steps = 0
+        self._organ = next(tissue for tissue in tissues if tissue.name == procedure.organ)
+        self._spared = [tissue for tissue in tissues if tissue.name in procedure.spare]
+        self._energy = np.zeros(len(self._organ.held))
+        self._freed = np.zeros(len(self._organ.held))
+        self._tubes = [Tube(vessel, period) for vessel in vessels]
+        self._roots = [self._root(vessel) for vessel in vessels]
+        self._states: dict[str, _State] = {}
+        for instrument in instruments:
+            self._states[instrument.robot] = _State(instrument.tool, instrument.T_world_tip())
         self._clips = [_Clip() for _ in clips_of(tools)]
         self._depths = dict.fromkeys(procedure.spare, 0.0)
-        self._seen, self.period = 0.0, period
-        self._at = dict[int, Array]()
+        self._seen = 0.0
+        self.period = period
+        self._tip_before: dict[int, Array] = {}  # of the instruments that hold something
         super().__init__(tissues, robots, period, procedure.organ)
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
         """Move instruments and organs, and compute the effects of the tools."""
-        hold = self._hold
-        for k, i in enumerate(self._instruments):
-            self._use(k, i, signals)
+        for k, instrument in enumerate(self._instruments):
+            self._use(k, instrument, signals)
         for tube, root in zip(self._tubes, self._roots, strict=True):
             if root is not None:
-                hold.pull(root, tube.reaction)
+                self._hold.pull(root, tube.reaction)
         super().step(signals, t, dt)
         nodes = self.organs.nodes[self._organ.name]
         for tube, root in zip(self._tubes, self._roots, strict=True):
-            tube.step(tube.points[0] if root is None else root @ nodes)
-        for k, i in enumerate(self._instruments):
-            self._after(k, i)
+            first = tube.points[0] if root is None else root @ nodes
+            tube.step(first)
+        self._depths = dict.fromkeys(self._depths, 0.0)
+        for k, instrument in enumerate(self._instruments):
+            self._release_torn(k, instrument)
+            self._measure_depth(self._states[instrument.robot])
         if self._steps % _LOOK == 0:
-            surfaces = [(self.organs.vertices(t.name), t.surface.triangles) for t in self.organs.tissues]
-            tube = next(x for x in self._tubes if x.vessel.name == self._procedure.vessel)
-            self._seen = self._sight.seen(tube.points[3:-1], surfaces)
+            self._look()
         self._steps += 1
         return self._signals()
+
+    def _look(self) -> None:
+        """Compute the visible fraction of the procedure's vessel."""
+        surfaces = []
+        for tissue in self.organs.tissues:
+            surfaces.append((self.organs.vertices(tissue.name), tissue.surface.triangles))
+        tube = next(tube for tube in self._tubes if tube.vessel.name == self._procedure.vessel)
+        # without the ends, which are in the organs
+        self._seen = self._sight.seen(tube.points[3:-1], surfaces)
 
     @property
     def _hold(self) -> Hold:
@@ -196,10 +238,11 @@ class Operating(Tissues):
         if v.organ != self._organ.name:
             raise WorldError(f"vessel '{v.name}' is on '{v.organ}'; only '{self._organ.name}' is operated on")
         p, weights = self._surface_point(v.points[0], self._organ.nodes)
-        if (far := float(np.linalg.norm(p - v.points[0]))) > v.radius:
+        distance = float(np.linalg.norm(p - v.points[0]))
+        if distance > v.radius:
             raise WorldError(
-                f"vessel '{v.name}' begins {far / MM:.1f} mm from '{v.organ}'; begin it on the surface, within its "
-                f"radius of {v.radius / MM:g} mm"
+                f"vessel '{v.name}' begins {distance / MM:.1f} mm from '{v.organ}'; begin it on the surface, within "
+                f"its radius of {v.radius / MM:g} mm"
             )
         return weights
 
@@ -207,20 +250,20 @@ class Operating(Tissues):
         """Return the point (3,) of the organ's surface nearest to p (3,), and the weights (k,) of the nodes there."""
         organ = self._organ
         point, triangle, shares = nearest(p, organ.weights @ nodes, organ.surface.triangles)
-        return point, shares @ organ.weights[organ.surface.triangles[triangle]]
+        corners = organ.surface.triangles[triangle]
+        return point, shares @ organ.weights[corners]
 
     # -- tools -----------------------------------------------------------------------------------------------
 
-    def _use(self, k: int, i: Instrument, signals: Signals) -> None:
+    def _use(self, k: int, instrument: Instrument, signals: Signals) -> None:
         """Change the tool, move the jaws, or apply the cautery of instrument k, as the signals request."""
-        state, robot = self._states[i.robot], i.robot
-        i.links.poses(signals.now[i.links.signal])
-        T = state.T = i.T_world_tip()
-        wanted = self._names[int(np.clip(signals.now[f"{robot}.tool"][0], 0, len(self._names) - 1))]
-        drawn_back = np.linalg.norm(T[:3, 3] - i.port) <= self._procedure.change_mm * MM
-        if wanted != state.tool and state.holds < 0 and drawn_back and robot in self._tools[wanted].robots:
-            state.tool = wanted
-        tool, opened = self._tools[state.tool], bool(signals.now[f"{robot}.opening"][0] > 0.5)
+        robot = instrument.robot
+        state = self._states[robot]
+        instrument.links.poses(signals.now[instrument.links.signal])
+        state.T = instrument.T_world_tip()
+        self._change_tool(instrument, state, signals)
+        tool = self._tools[state.tool]
+        opened = bool(signals.now[f"{robot}.opening"][0] > 0.5)
         if state.opened and not opened:
             match tool.kind:
                 case "grasper":
@@ -232,45 +275,71 @@ class Operating(Tissues):
                 case "cautery":
                     pass
         elif opened and not state.opened:
-            self._open(k, i, state)
+            self._open(k, instrument, state)
         state.opened = opened
+        tip = state.T[:3, 3]
         if tool.kind == "cautery" and signals.now[f"{robot}.pedal"][0] > 0.5:
-            self._burn(T[:3, 3], tool)
-        if state.holds >= 0:
-            held = self._hold.grips[k] if state.holds == 0 else self._tubes[state.holds - 1].held[k]
-            held.p = held.p + T[:3, 3] - self._at[k]
-            self._at[k] = T[:3, 3].copy()
+            self._burn(tip, tool)
+        held = self._held(k, state)
+        if held is not None:
+            # the held point moves as the tip does, and keeps its distance from the tip
+            held.p = held.p + tip - self._tip_before[k]
+            self._tip_before[k] = tip.copy()
+
+    def _change_tool(self, instrument: Instrument, state: _State, signals: Signals) -> None:
+        """Change to the requested tool, if the jaws hold nothing and the instrument is drawn back to its port."""
+        requested = signals.now[f"{instrument.robot}.tool"][0]
+        wanted = self._tool_names[int(np.clip(requested, 0, len(self._tool_names) - 1))]
+        if wanted == state.tool or state.holds >= 0:
+            return
+        distance = np.linalg.norm(state.T[:3, 3] - instrument.port)
+        drawn_back = distance <= self._procedure.change_mm * MM
+        if drawn_back and instrument.robot in self._tools[wanted].robots:
+            state.tool = wanted
 
     def _grasp(self, k: int, state: _State, tool: ToolTable) -> None:
         """Hold the point of organ or vessel nearest to the tip, if its distance is at most half the gap of the jaws."""
         assert tool.open_mm is not None
-        tip, reach = state.T[:3, 3], tool.open_mm / 2 * MM
+        tip = state.T[:3, 3]
+        reach = tool.open_mm / 2 * MM
         nodes = self.organs.nodes[self._organ.name]
         p, weights = self._surface_point(tip, nodes)
-        best = float(np.linalg.norm(p - tip))
-        holds, at = 0 if best <= reach else -1, 0
+        least = float(np.linalg.norm(p - tip))
+        state.holds = Grasped.ORGAN if least <= reach else Grasped.NOTHING
+        vessel_node = 0
         for v, tube in enumerate(self._tubes):
-            far = np.linalg.norm(tube.points - tip, axis=1)
-            node = int(np.argmin(far))
-            if 0 < node < len(far) - 1 and far[node] < min(best, reach):
-                best, holds, at = float(far[node]), v + 1, node
-        if holds == 0:
+            distances = np.linalg.norm(tube.points - tip, axis=1)
+            node = int(np.argmin(distances))
+            is_end = node in (0, len(distances) - 1)  # the ends are attached, and cannot be held
+            if not is_end and distances[node] < min(least, reach):
+                least = float(distances[node])
+                state.holds = v + 1
+                vessel_node = node
+        if state.holds == Grasped.ORGAN:
             self._hold.grasp(k, weights, p, tool.slips_at)
             state.rest = weights @ self._organ.nodes
             self.organs.mute(self._instruments[k].robot, True)
-        elif holds > 0:
-            tube = self._tubes[holds - 1]
-            tube.held[k] = Held(at, tube.points[at].copy(), tool.slips_at, np.zeros(3))
-            state.rest = tube.vessel.points[at]
-        state.holds, self._at[k] = holds, tip.copy()
+        elif state.holds > 0:
+            tube = self._tubes[state.holds - 1]
+            tube.held[k] = Held(vessel_node, tube.points[vessel_node].copy(), tool.slips_at, np.zeros(3))
+            state.rest = tube.vessel.points[vessel_node]
+        self._tip_before[k] = tip.copy()
 
-    def _open(self, k: int, i: Instrument, state: _State) -> None:
-        if state.holds == 0:
+    def _held(self, k: int, state: _State) -> Grip | Held | None:
+        """Return what the jaws of instrument k hold: a point of the organ or a node of a vessel; None: nothing."""
+        if state.holds == Grasped.NOTHING:
+            return None
+        if state.holds == Grasped.ORGAN:
+            return self._hold.grips[k]
+        return self._tubes[state.holds - 1].held[k]
+
+    def _open(self, k: int, instrument: Instrument, state: _State) -> None:
+        if state.holds == Grasped.ORGAN:
             self._hold.release(k)
-            self.organs.mute(i.robot, False)
+            self.organs.mute(instrument.robot, False)
         elif state.holds > 0:
             del self._tubes[state.holds - 1].held[k]
-        state.holds = -1
+        state.holds = Grasped.NOTHING
 
     def _between(self, state: _State, tool: ToolTable) -> tuple[int, float, float]:
         """Return (index of the vessel between the jaws, position along it in m, fraction of its width in the jaws).
@@ -279,25 +348,29 @@ class Operating(Tissues):
         most half of the gap of the jaws.
         """
         assert tool.open_mm is not None
-        tip, z, long = state.T[:3, 3], state.T[:3, 2], tool.jaw_mm * MM
-        best = (ON_NOTHING, 0.0, 0.0)
+        tip = state.T[:3, 3]
+        z = state.T[:3, 2]
+        jaw_length = tool.jaw_mm * MM
+        best = (int(ClipPlace.ON_NOTHING), 0.0, 0.0)
         for v, tube in enumerate(self._tubes):
-            far, along, at, sine = tube.crossed(tip - long * z, tip)
-            if far > tool.open_mm / 2 * MM:
+            distance, along_jaw, position, sine = tube.crossed(tip - jaw_length * z, tip)
+            if distance > tool.open_mm / 2 * MM:
                 continue
-            half = tube.vessel.radius / sine
-            cover = (min(along + half, long) - max(along - half, 0.0)) / (2 * half)
+            half_width = tube.vessel.radius / sine  # along the jaws; wider if the vessel crosses them at an angle
+            covered = min(along_jaw + half_width, jaw_length) - max(along_jaw - half_width, 0.0)
+            cover = covered / (2 * half_width)
             if cover > best[2]:
-                best = (v, at, cover)
+                best = (v, position, cover)
         return best
 
     def _clip(self, state: _State, tool: ToolTable) -> None:
         """Close the next clip."""
-        clip = next((c for c in self._clips if c.on == UNUSED), None)
+        clip = next((clip for clip in self._clips if clip.on == ClipPlace.UNUSED), None)
         if clip is None:
             return
         clip.on, clip.at, clip.cover = self._between(state, tool)
-        clip.T = state.T @ spatial.pose(p=[0, 0, -tool.jaw_mm / 2 * MM])
+        middle_of_jaws = -tool.jaw_mm / 2 * MM
+        clip.T = state.T @ spatial.pose(p=[0, 0, middle_of_jaws])
         if clip.on >= 0:
             tube = self._tubes[clip.on]
             node = int(np.argmin(np.abs(tube.vessel.arc - clip.at)))
@@ -307,80 +380,103 @@ class Operating(Tissues):
 
     def _cut(self, state: _State, tool: ToolTable) -> None:
         """Cut the vessel between the blades, if all of its width is between them and no clip is in the way."""
-        v, at, cover = self._between(state, tool)
-        if v < 0 or cover < 1.0 - 1e-9:
+        v, position, cover = self._between(state, tool)
+        if v == ClipPlace.ON_NOTHING or cover < 1.0 - 1e-9:
             return
-        if all(c.on != v or abs(c.at - at) >= _APART for c in self._clips):
-            self._tubes[v].sever(at)
+        for clip in self._clips:
+            if clip.on == v and abs(clip.at - position) < _APART:
+                return
+        self._tubes[v].sever(position)
 
     def _burn(self, tip: Array, tool: ToolTable) -> None:
         """Heat the cell of the bed nearest to the tip; free the cell when its energy reaches the procedure's limit."""
         nodes = self.organs.nodes[self._organ.name][self._organ.held]
-        far = np.linalg.norm(nodes - tip, axis=1)
-        far[self._freed > 0.5] = np.inf
-        cell = int(np.argmin(far))
-        if far[cell] <= tool.jaw_mm * MM:
+        distances = np.linalg.norm(nodes - tip, axis=1)
+        distances[self._freed > 0.5] = np.inf
+        cell = int(np.argmin(distances))
+        if distances[cell] <= tool.jaw_mm * MM:
             self._energy[cell] += (tool.power_w or 0.0) * self.period
             if self._energy[cell] >= self._procedure.bed_j:
                 self._freed[cell] = 1.0
                 self._hold.let_go(int(self._organ.held[cell]))
 
-    def _after(self, k: int, i: Instrument) -> None:
-        """Release a point that has slipped out of the jaws, and measure the depth of the tip in organs to be spared."""
-        state = self._states[i.robot]
-        if self._slipped(k, state) > _TORN:
-            self._open(k, i, state)
-        if k == 0:
-            self._depths = dict.fromkeys(self._depths, 0.0)
-        for t in self._spared:
-            tip = state.T[None, :3, 3]
-            if inside(tip, t.surface.vertices, t.surface.triangles)[0]:
-                p, _, _ = nearest(tip[0], t.surface.vertices, t.surface.triangles)
-                self._depths[t.name] = max(self._depths[t.name], float(np.linalg.norm(p - tip[0])))
+    def _release_torn(self, k: int, instrument: Instrument) -> None:
+        """Release a point that has slipped out of the jaws."""
+        state = self._states[instrument.robot]
+        held = self._held(k, state)
+        if held is not None and held.slipped > _TORN:
+            self._open(k, instrument, state)
 
-    def _slipped(self, k: int, state: _State) -> float:
-        if state.holds == 0:
-            return self._hold.grips[k].slipped
-        return self._tubes[state.holds - 1].held[k].slipped if state.holds > 0 else 0.0
+    def _measure_depth(self, state: _State) -> None:
+        """Measure the depth of the tip in organs to be spared; the deepest tip counts."""
+        tip = state.T[:3, 3]
+        for tissue in self._spared:
+            surface = tissue.surface
+            if inside(tip[None], surface.vertices, surface.triangles)[0]:
+                p, _, _ = nearest(tip, surface.vertices, surface.triangles)
+                depth = float(np.linalg.norm(p - tip))
+                self._depths[tissue.name] = max(self._depths[tissue.name], depth)
 
     # -- signals ---------------------------------------------------------------------------------------------
 
     def _signals(self) -> dict[str, ArrayLike]:
-        out = super()._signals()
-        nodes = self.organs.nodes[self._organ.name]
-        for k, i in enumerate(self._instruments):
-            state, name = self._states[i.robot], i.robot
-            pull, lifted = np.zeros(3), np.zeros(3)
-            if state.holds == 0:
-                grip = self._hold.grips[k]
-                pull, lifted = grip.force, grip.weights @ nodes - state.rest
-            elif state.holds > 0:
-                tube = self._tubes[state.holds - 1]
-                held = tube.held[k]
-                pull, lifted = held.force, tube.points[held.node] - state.rest
-            out |= {f"{name}.tip": state.T[:3, 3], f"{name}.carries": float(self._names.index(state.tool))}
-            out |= {f"{name}.holds": float(state.holds), f"{name}.pull": pull, f"{name}.lifted": lifted}
-            out[f"{name}.slipped"] = self._slipped(k, state)
+        values = super()._signals()
+        for k, instrument in enumerate(self._instruments):
+            self._add_instrument(values, k, instrument.robot)
         organ = self._organ.name
-        out |= {f"{organ}.energy": self._energy.copy(), f"{organ}.freed": self._freed.copy()}
-        out |= {f"{name}.depth": depth for name, depth in self._depths.items()}
+        values[f"{organ}.energy"] = self._energy.copy()
+        values[f"{organ}.freed"] = self._freed.copy()
+        for name, depth in self._depths.items():
+            values[f"{name}.depth"] = depth
         for tube in self._tubes:
-            name = tube.vessel.name
-            out |= {f"{name}.nodes": tube.nodes().ravel(), f"{name}.cut": tube.cut.astype(float)}
-        out[f"{self._procedure.vessel}.seen"] = self._seen
-        applier = next(
-            (i for i in self._instruments if self._tools[self._states[i.robot].tool].kind == "clip_applier"), None
-        )
-        left = 0
+            values[f"{tube.vessel.name}.nodes"] = tube.nodes().ravel()
+            values[f"{tube.vessel.name}.cut"] = tube.cut.astype(float)
+        values[f"{self._procedure.vessel}.seen"] = self._seen
+        self._add_clips(values)
+        return values
+
+    def _add_instrument(self, values: dict[str, ArrayLike], k: int, robot: str) -> None:
+        """Add the signals of instrument k."""
+        state = self._states[robot]
+        pull = np.zeros(3)
+        lifted = np.zeros(3)
+        slipped = 0.0
+        held = self._held(k, state)
+        if held is not None:
+            pull = held.force
+            slipped = held.slipped
+            if isinstance(held, Grip):
+                p = held.weights @ self.organs.nodes[self._organ.name]
+            else:
+                p = self._tubes[state.holds - 1].points[held.node]
+            lifted = p - state.rest
+        values[f"{robot}.tip"] = state.T[:3, 3]
+        values[f"{robot}.carries"] = float(self._tool_names.index(state.tool))
+        values[f"{robot}.holds"] = float(state.holds)
+        values[f"{robot}.pull"] = pull
+        values[f"{robot}.lifted"] = lifted
+        values[f"{robot}.slipped"] = slipped
+
+    def _add_clips(self, values: dict[str, ArrayLike]) -> None:
+        """Add the signals of the clips; a clip on a vessel moves with the vessel."""
+        T_applier = self._states[self._applier().robot].T
+        in_applier = 0
         for k, clip in enumerate(self._clips, 1):
-            out |= {f"clip_{k}.on": float(clip.on), f"clip_{k}.at": clip.at, f"clip_{k}.cover": clip.cover}
-            if clip.on >= 0 and clip.T is not None:
-                clip.T[:3, 3] = self._tubes[clip.on].at(clip.at)
+            values[f"clip_{k}.on"] = float(clip.on)
+            values[f"clip_{k}.at"] = clip.at
+            values[f"clip_{k}.cover"] = clip.cover
             T = clip.T
-            if T is None:
-                i = applier or self._instruments[0]
-                state = self._states[i.robot]
-                T = state.T @ spatial.pose(p=[0, 0, -(30 + 11 * left) * MM])  # in the tube of the applier
-                left += 1
-            out[f"clip_{k}.pose"] = T.ravel()
-        return out
+            if T is None:  # in the tube of the applier, one behind the other
+                T = T_applier @ spatial.pose(p=[0, 0, -(30 + 11 * in_applier) * MM])
+                in_applier += 1
+            elif clip.on >= 0:
+                T[:3, 3] = self._tubes[clip.on].at(clip.at)
+            values[f"clip_{k}.pose"] = T.ravel()
+
+    def _applier(self) -> Instrument:
+        """Return the instrument that carries the clip applier; the first instrument, if none carries it."""
+        for instrument in self._instruments:
+            tool = self._tools[self._states[instrument.robot].tool]
+            if tool.kind == "clip_applier":
+                return instrument
+        return self._instruments[0]

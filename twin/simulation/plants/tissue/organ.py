@@ -60,10 +60,15 @@ class Organ:
 
     def __init__(self, tissue: Tissue, index: int, operable: bool) -> None:
         """Compute constants of the organ, before the model is compiled; `index`: number of the organ in the model."""
-        self.tissue, self._index, self._operable = tissue, index, operable
-        self.bit, self.other_bit = 1 << index, 1 << MOST + index
+        self.tissue = tissue
+        self._index = index
+        self._operable = operable
+        self.bit = 1 << index
+        self.other_bit = 1 << MOST + index
+        # the bed of an operable organ is a constraint for each node, so that it can be freed node by node
         self.fixed = np.zeros(0, int) if operable else tissue.held
-        self._triangles, self._origin = tissue.surface.triangles, tissue.nodes[0]
+        self._triangles = tissue.surface.triangles
+        self._origin = tissue.nodes[0]
         self._R = tissue.T_world_grid[:3, :3]
         self._volume = Volume(tissue.weights, self._triangles)
         self._content, self._by_node = self._volume.at(tissue.nodes - self._origin)
@@ -72,36 +77,48 @@ class Organ:
         corners = tissue.surface.vertices[self._triangles]
         edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
         self._reach = 2 * SAMPLE + edge / np.sqrt(3)  # no point of a triangle is further from all of its corners
-        self.nodes, self.touch, self.hold = tissue.nodes, NOTHING, None
-        self.within, self._muted = set[int](), set[int]()
+        self.nodes = tissue.nodes
+        self.touch = NOTHING
+        self.hold: bed.Hold | None = None
+        self.within: set[int] = set()
+        self._muted: set[int] = set()
 
     # -- the model ----------------------------------------------------------------------------------------
 
     def xml(self, period: float) -> str:
         """Return the organ as an XML element for MuJoCo."""
-        t, T = self.tissue, self.tissue.T_world_grid
-        affinity = self.bit | sum(1 << MOST + k for k in range(self._index))
+        t = self.tissue
+        affinity = self.bit
+        for k in range(self._index):
+            affinity |= 1 << MOST + k  # the organs of smaller numbers
+        T = t.T_world_grid
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T[:3, :3]).ravel())
+        mass = t.density * t.surface.volume
+        pin = ""
+        if len(self.fixed):
+            pin = f'<pin id="{_numbers(self.fixed)}"/>'
         return (
             f'<body name="{t.name}:grid" pos="{_numbers(T[:3, 3])}" quat="{_numbers(quaternion)}">'
             f'<flexcomp name="{t.name}" type="direct" dim="2" dof="trilinear" cellcount="{_numbers(t.cells)}" '
-            f'mass="{t.density * t.surface.volume!r}" radius="{RADIUS!r}" '
+            f'mass="{mass!r}" radius="{RADIUS!r}" '
             f'point="{_numbers(t.local)}" element="{_numbers(self._triangles)}">'
             f'<elasticity young="{t.young!r}" poisson="{t.poisson!r}" damping="{t.damping!r}"/>'
             f'<contact selfcollide="none" contype="{self.other_bit}" conaffinity="{affinity}" condim="3" '
             f'friction="{t.friction!r} 0 0" solref="{2 * period!r} 1" solimp="0.95 0.99 0.0005"/>'
-            + (f'<pin id="{_numbers(self.fixed)}"/>' if len(self.fixed) else "")
-            + "</flexcomp></body>"
+            f"{pin}</flexcomp></body>"
         )
 
     def constrain(self, spec: mujoco.MjSpec) -> None:
         """Add the constraint of the volume, linear in the joint values of the nodes, and those of bed and jaws."""
-        t, self._joints = self.tissue, list[str]()
-        tendon = spec.add_tendon(name=f"{t.name}_volume")
+        t = self.tissue
+        volume = f"{t.name}_volume"
+        self._joints: list[str] = []
+        tendon = spec.add_tendon(name=volume)
+        nodes_along = [cells + 1 for cells in t.cells]
         for index in np.setdiff1d(np.arange(len(t.nodes)), self.fixed).tolist():
-            cells = np.unravel_index(index, [c + 1 for c in t.cells])
-            body = spec.body(f"{t.name}_" + "_".join(map(str, cells)))
+            place = np.unravel_index(index, nodes_along)
+            body = spec.body(f"{t.name}_" + "_".join(map(str, place)))  # the name that MuJoCo gave
             if body is None:
                 continue  # the cells around this node are empty, and no vertex depends on it
             factors = (self._by_node[index] @ self._R / self._area).tolist()  # MuJoCo scales the constraint by these
@@ -110,20 +127,26 @@ class Organ:
                 self._joints.append(joint.name)
                 tendon.wrap_joint(joint.name, factor)
         spec.add_equality(
-            name=f"{t.name}_volume", type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON,
-            name1=f"{t.name}_volume", solref=[2 * spec.option.timestep, 1.0], solimp=[0.99, 0.999, 1e-4, 0.5, 2.0],
-        )  # fmt: skip
+            name=volume,
+            type=mujoco.mjtEq.mjEQ_TENDON,
+            objtype=mujoco.mjtObj.mjOBJ_TENDON,
+            name1=volume,
+            solref=[2 * spec.option.timestep, 1.0],
+            solimp=[0.99, 0.999, 1e-4, 0.5, 2.0],
+        )
         if self._operable:
             bed.add(spec, t.held, self._joints)
 
     def connect(self, m: mujoco.MjModel, d: mujoco.MjData) -> None:
         """Find the organ in the compiled model."""
-        self._m, self._d = m, d
+        self._m = m
+        self._d = d
         first = m.flex_nodeadr[self._index]
         nodes = m.flex_nodebodyid[first : first + m.flex_nodenum[self._index]]
         self._free = np.flatnonzero(m.body_dofnum[nodes])
-        self.qpos = np.array([m.joint(name).qposadr[0] for name in self._joints], int)
-        self.dofs = np.array([m.joint(name).dofadr[0] for name in self._joints], int)
+        joints = [m.joint(name) for name in self._joints]
+        self.qpos = np.array([joint.qposadr[0] for joint in joints], int)
+        self.dofs = np.array([joint.dofadr[0] for joint in joints], int)
         self._equality = m.equality(f"{self.tissue.name}_volume").id
         start = m.tendon_adr[m.tendon(f"{self.tissue.name}_volume").id]
         self._wraps = slice(start, start + len(self._joints))
@@ -163,7 +186,8 @@ class Organ:
         The organ keeps its total volume, but MuJoCo's elasticity does not keep the volume of small parts.
         """
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (self.tissue.gradients @ self.nodes).transpose(0, 2, 1)
-        return float((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)).min())
+        determinants = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+        return float(determinants.min())
 
     # -- links ----------------------------------------------------------------------------------------------
 
@@ -175,17 +199,21 @@ class Organ:
             corners: (8, 3) corners of the box around the points.
             T: (4, 4) T_world_link.
         """
-        low, high = self.nodes.min(axis=0) - 2 * SAMPLE, self.nodes.max(axis=0) + 2 * SAMPLE
-        at = corners @ T[:3, :3].T + T[:3, 3]
-        if (at.min(axis=0) > high).any() or (at.max(axis=0) < low).any():
+        low = self.nodes.min(axis=0) - 2 * SAMPLE
+        high = self.nodes.max(axis=0) + 2 * SAMPLE
+        box = corners @ T[:3, :3].T + T[:3, 3]
+        if (box.min(axis=0) > high).any() or (box.max(axis=0) < low).any():
             return np.zeros((0, 3))
-        at = points @ T[:3, :3].T + T[:3, 3]
-        return at[((at > low) & (at < high)).all(axis=1)]
+        in_world = points @ T[:3, :3].T + T[:3, 3]
+        return in_world[((in_world > low) & (in_world < high)).all(axis=1)]
 
     def approached(self, points: Array, corners: Array, T: Array) -> bool:
         """Return whether a link is so near that it may touch the organ; valid only for an organ at rest."""
         near = self._near(points, corners, T)
-        return len(near) > 0 and float(self._tree.query(near)[0].min()) < self._reach
+        if not len(near):
+            return False
+        distances, _ = self._tree.query(near)
+        return float(distances.min()) < self._reach
 
     def contains(self, points: Array, corners: Array, T: Array) -> bool:
         """Return whether a point of a link is inside the organ."""
@@ -193,17 +221,22 @@ class Organ:
         if not len(near):
             return False
         vertices = self.tissue.weights @ self.nodes
-        # usually ends early: if a link is inside, one of its first points usually is
-        return any(inside(p, vertices, self._triangles)[0] for p in near)
+        # One by one, because this usually ends early: if a link is inside, one of its first points usually is.
+        return any(inside(point, vertices, self._triangles)[0] for point in near)
 
-    def look(self, k: int, is_inside: bool) -> bool:
-        """Store whether link k is inside the organ; return whether this link may touch the organ."""
-        (self.within.add if is_inside else self.within.discard)(k)
-        return self.may_touch(k)
+    def set_inside(self, k: int, is_inside: bool) -> None:
+        """Store whether link k is inside the organ."""
+        if is_inside:
+            self.within.add(k)
+        else:
+            self.within.discard(k)
 
     def mute(self, links: Sequence[int], on: bool) -> None:
         """Switch off contact of links with the organ if `on` (jaws hold the organ); otherwise, switch it on again."""
-        (self._muted.update if on else self._muted.difference_update)(links)
+        if on:
+            self._muted.update(links)
+        else:
+            self._muted.difference_update(links)
 
     def may_touch(self, k: int) -> bool:
         """Return whether contact of link k with the organ is switched on."""
@@ -212,7 +245,7 @@ class Organ:
 
 def require_valid(t: Tissue) -> None:
     """Raise `WorldError` for a parameter outside the tested range."""
-    for what, value, low, high, unit in (
+    ranges = (
         ("Young's modulus", t.young, 100.0, 1e6, "Pa"),
         ("Poisson's ratio", t.poisson, 0.0, 0.49, ""),
         ("damping", t.damping, 0.0, 1.0, "s"),
@@ -220,9 +253,11 @@ def require_valid(t: Tissue) -> None:
         ("friction", t.friction, 0.0, 2.0, ""),
         ("number of cells", min(t.cells), 1, CELLS, "along an axis"),
         ("number of cells", max(t.cells), 1, CELLS, "along an axis"),
-    ):
+    )
+    for quantity, value, low, high, unit in ranges:
         if not low <= value <= high:
-            raise WorldError(f"tissue '{t.name}': {what} is {value:g}; it must be {low:g} to {high:g} {unit}".rstrip())
+            text = f"tissue '{t.name}': {quantity} is {value:g}; it must be {low:g} to {high:g} {unit}"
+            raise WorldError(text.rstrip())
 
 
 def _numbers(values: np.ndarray | Sequence[float]) -> str:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from twin.core.errors import WorldError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, Index
 from twin.core.units import MM
 from twin.model.body import Body
 from twin.model.hull import require_hull
@@ -109,44 +109,70 @@ class Organs:
             TwinError: the pins of an organ do not hold the organ in place.
             WorldError: a number is out of range, two organs overlap, or a link is inside an organ.
         """
-        self.tissues, self.tools, self.period = tuple(tissues), tuple(tools), period
-        for t in tissues:
-            require_valid(t)
+        self.tissues = tuple(tissues)
+        self.tools = tuple(tools)
+        self.period = period
+        for tissue in tissues:
+            require_valid(tissue)
         if len(tissues) > MOST:
             raise WorldError(f"there are {len(tissues)} organs; at most {MOST} are simulated")
-        self.crossed = set[tuple[int, int]]()
-        self._organs = {t.name: Organ(t, k, t.name == held) for k, t in enumerate(tissues)}
+        self.crossed: set[tuple[int, int]] = set()
+        self._organs: dict[str, Organ] = {}
+        for k, tissue in enumerate(tissues):
+            self._organs[tissue.name] = Organ(tissue, k, tissue.name == held)
         self.operable = self._organs[held] if held else None
         self._samples = [_samples(tool) for tool in tools]
         self._corners = [_corners(points) for points in self._samples]
-        m = self._model = self._compiled()
-        d = self._data = mujoco.MjData(m)
+        self._model = self._compiled()
+        self._data = mujoco.MjData(self._model)
         for organ in self._organs.values():
-            organ.connect(m, d)
+            organ.connect(self._model, self._data)
         self._soft = _joined(organ.qpos for organ in self._organs.values())
         self._soft_dofs = _joined(organ.dofs for organ in self._organs.values())
-        free = [m.joint(_PREFIX + tool.name) for tool in tools]
-        self._qpos = np.array([j.qposadr[0] + i for j in free for i in range(7)], int)
-        self._dofs = np.array([j.dofadr[0] + i for j in free for i in range(6)], int)
-        self._geoms = [np.flatnonzero(m.geom_bodyid == m.body(_PREFIX + tool.name).id) for tool in tools]
-        self._link_of = np.zeros(m.ngeom, int)
-        for k, geoms in enumerate(self._geoms):
-            self._link_of[geoms] = k
-        self._wanted, self._v, self._all = np.zeros(len(self._qpos)), np.zeros(m.nv), d.qpos.copy()
-        self._steps, self._poses = 0, [np.array(T, float) for T in poses]
+        self._find_links()
+        self._wanted = np.zeros(len(self._qpos))
+        self._v = np.zeros(self._model.nv)
+        self._target = self._data.qpos.copy()
+        self._steps = 0
+        self._poses = [np.array(T, float) for T in poses]
         self._place(poses)
         self.reset()
+        self._require_links_outside()
+        self._require_apart()
+
+    def _find_links(self) -> None:
+        """Find the joints and geoms of the links in the compiled model."""
+        m = self._model
+        qpos: list[int] = []
+        dofs: list[int] = []
+        self._geoms: list[Index] = []
+        self._link_of = np.zeros(m.ngeom, int)
+        for k, tool in enumerate(self.tools):
+            joint = m.joint(_PREFIX + tool.name)
+            qpos.extend(range(joint.qposadr[0], joint.qposadr[0] + 7))
+            dofs.extend(range(joint.dofadr[0], joint.dofadr[0] + 6))
+            geoms = np.flatnonzero(m.geom_bodyid == m.body(_PREFIX + tool.name).id)
+            self._geoms.append(geoms)
+            self._link_of[geoms] = k
+        self._qpos = np.array(qpos, int)
+        self._dofs = np.array(dofs, int)
+
+    def _require_links_outside(self) -> None:
+        """Raise `WorldError` if a link is inside an organ."""
         for organ in self._organs.values():
-            for k, tool in enumerate(tools):
+            for k, tool in enumerate(self.tools):
                 if organ.contains(self._samples[k], self._corners[k], self._poses[k]):
                     raise WorldError(
                         f"'{tool.name}' is inside '{organ.tissue.name}' at the start; start the robot outside, or move "
                         "the organ"
                     )
-        self._require_apart()
 
     def _compiled(self) -> mujoco.MjModel:
-        elements = "".join(organ.xml(self.period) for organ in self._organs.values())
+        elements = ""
+        bits = 0
+        for organ in self._organs.values():
+            elements += organ.xml(self.period)
+            bits |= organ.bit
         spec = mujoco.MjSpec.from_string(
             f'<mujoco><option timestep="{self.period!r}" integrator="discrete" gravity="0 0 0" '
             f'iterations="{_ITERATIONS}"/>'
@@ -154,7 +180,7 @@ class Organs:
         )
         links = mujoco.MjSpec()
         for tool in self.tools:
-            _add(links, tool, self.period, sum(organ.bit for organ in self._organs.values()))
+            _add(links, tool, self.period, bits)
         spec.attach(links, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
         for organ in self._organs.values():
             organ.constrain(spec)
@@ -162,15 +188,16 @@ class Organs:
 
     def _require_apart(self) -> None:
         """Raise `WorldError` if two organs touch at rest, or if one is inside another one."""
-        m, d = self._model, self._data
-        mujoco.mj_forward(m, d)
-        names = [t.name for t in self.tissues]
-        for c in d.contact[: d.ncon]:
-            if (c.flex >= 0).all():
-                a, b = (names[k] for k in c.flex)
+        d = self._data
+        mujoco.mj_forward(self._model, d)
+        for contact in d.contact[: d.ncon]:
+            first, second = contact.flex
+            if first >= 0 and second >= 0:  # MuJoCo's index of a soft body; -1: a link
+                one = self.tissues[first].name
+                other = self.tissues[second].name
                 raise WorldError(
-                    f"'{a}' and '{b}' overlap or are less than {2 * RADIUS / MM:g} mm apart at the start; draw them "
-                    "further apart"
+                    f"'{one}' and '{other}' overlap or are less than {2 * RADIUS / MM:g} mm apart at the start; draw "
+                    "them further apart"
                 )
         for a, b in permutations(self.tissues, 2):
             if inside(a.surface.vertices[:1], b.surface.vertices, b.surface.triangles)[0]:
@@ -185,7 +212,11 @@ class Organs:
     @property
     def within(self) -> dict[str, tuple[str, ...]]:
         """For each organ, the names of the links that are inside the organ, and therefore do not touch the organ."""
-        return {name: tuple(self.tools[k].name for k in sorted(organ.within)) for name, organ in self._organs.items()}
+        names: dict[str, tuple[str, ...]] = {}
+        for name, organ in self._organs.items():
+            links = [self.tools[k].name for k in sorted(organ.within)]
+            names[name] = tuple(links)
+        return names
 
     def vertices(self, name: str) -> Array:
         """Return the vertices (n, 3) of an organ in the World in m."""
@@ -211,32 +242,35 @@ class Organs:
 
     def step(self, poses: Sequence[Array]) -> bool:
         """Set the links to `poses` T_world_link (4, 4), step the organs, and return whether an organ moved."""
-        m, d, organs = self._model, self._data, self._organs.values()
+        d = self._data
+        organs = self._organs.values()
         before = self._poses
-        jumped, moved = self._place(poses), any(map(_differ, before, poses))
+        jumped = self._place(poses)
+        moved = not all(map(np.array_equal, before, poses))
         for k in jumped:
             d.qpos[self._qpos[7 * k : 7 * k + 7]] = self._wanted[7 * k : 7 * k + 7]
-        self._look(jumped)
+        self._test_inside(jumped)
         self._part()
         self._steps += 1
-        led = any(organ.hold is not None and organ.hold.begin(organ.tissue.nodes) for organ in organs)
+        led = self._begin_holds()
         if self._rests and not led and not (moved and self._approached()):
             d.qpos[self._qpos] = self._wanted
             return False
-        self._all[:] = d.qpos
-        self._all[self._qpos] = self._wanted
-        mujoco.mj_differentiatePos(m, self._v, self.period, d.qpos, self._all)
+        # The velocities of the links bring them to their poses at the end of the step.
+        self._target[:] = d.qpos
+        self._target[self._qpos] = self._wanted
+        mujoco.mj_differentiatePos(self._model, self._v, self.period, d.qpos, self._target)
         d.qvel[self._dofs] = self._v[self._dofs]
         last = [organ.nodes for organ in organs]
         for organ in organs:
             organ.begin()
-        mujoco.mj_step(m, d)
+        mujoco.mj_step(self._model, d)
         self._require_finite()
         for organ in organs:
             organ.read()
             if organ.hold is not None:
                 organ.hold.end()
-        self._touch()
+        self._read_contacts()
         d.qpos[self._qpos] = self._wanted
         self._rests = d.ncon == 0 and not led and self._still()
         if self._rests:
@@ -246,10 +280,17 @@ class Organs:
                 organ.end()
         return not all(map(np.array_equal, (organ.nodes for organ in organs), last))
 
+    def _begin_holds(self) -> bool:
+        """Set the constraints of bed and jaws; return whether they may move the operable organ."""
+        if self.operable is None or self.operable.hold is None:
+            return False
+        return self.operable.hold.begin(self.operable.tissue.nodes)
+
     def _require_finite(self) -> None:
         """Raise `WorldError` for a state that is not finite, which MuJoCo resets with only a warning."""
-        w = mujoco.mjtWarning
-        if any(self._data.warning[k].number for k in (w.mjWARN_BADQPOS, w.mjWARN_BADQVEL, w.mjWARN_BADQACC)):
+        warnings = mujoco.mjtWarning
+        kinds = (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC)
+        if any(self._data.warning[kind].number for kind in kinds):
             names = ", ".join(f"'{t.name}'" for t in self.tissues)
             raise WorldError(
                 f"the simulation of the organs {names} became unstable in step {self._steps} of {self.period * 1e3:g} "
@@ -259,64 +300,79 @@ class Organs:
     def _still(self) -> bool:
         if not len(self._soft):
             return True
-        d = self._data
-        off, speed = np.abs(d.qpos[self._soft]).max(), np.abs(d.qvel[self._soft_dofs]).max()
-        return bool(max(off, speed * self.period) < _STILL)
+        displacement = np.abs(self._data.qpos[self._soft]).max()
+        speed = np.abs(self._data.qvel[self._soft_dofs]).max()
+        return bool(max(displacement, speed * self.period) < _STILL)
 
-    def _touch(self) -> None:
+    def _read_contacts(self) -> None:
         """Read the contacts of the last step."""
-        m, d = self._model, self._data
+        d = self._data
         for organ in self._organs.values():
             organ.touch = NOTHING
         if not d.ncon:
             return
-        local, contact = np.zeros((d.ncon, 6)), d.contact
+        contact = d.contact
+        local = np.zeros((d.ncon, 6))
         for k, row in enumerate(local):
-            mujoco.mj_contactForce(m, d, k, row)
+            mujoco.mj_contactForce(self._model, d, k, row)
         F = np.einsum("ki,kij->kj", local[:, :3], contact.frame.reshape(-1, 3, 3))
-        flex, dist, elements, corners = contact.flex, contact.dist, contact.elem, contact.vert
-        for pair in {(min(x), max(x)) for x in flex[(flex >= 0).all(axis=1) & (dist < -_CROSSED)].tolist()}:
-            self._let_meet(pair, False)
+        flex = contact.flex
+        of_two_organs = (flex >= 0).all(axis=1)
+        self._separate(flex[of_two_organs & (contact.dist < -_CROSSED)])
         for index, organ in enumerate(self._organs.values()):
-            here = flex == index
-            which = np.flatnonzero(here.any(axis=1))
-            if not len(which):
+            at_organ = flex == index
+            rows = np.flatnonzero(at_organ.any(axis=1))
+            if not len(rows):
                 continue
             pressed = organ.compression < _PIERCED
-            self._look_through(index, organ, pressed)
-            for pair in {(min(x), max(x)) for x in flex[which].tolist() if pressed and min(x) >= 0}:
-                self._let_meet(pair, False)
-            k = which[np.argmin(dist[which])]
-            side = int(np.argmax(here[k]))
-            triangles, element = organ.tissue.surface.triangles, int(elements[k, side])
-            if element < 0:
-                element = int(np.argmax((triangles == corners[k, side]).any(axis=1)))
+            self._test_pierced(index, organ, pressed)
+            if pressed:
+                self._separate(flex[rows])
+            deepest = rows[np.argmin(contact.dist[rows])]
+            side = int(np.argmax(at_organ[deepest]))
             # MuJoCo gives the force on the second body of a contact
-            organ.touch = Touch(element, F[here[:, 1]].sum(axis=0) - F[here[:, 0]].sum(axis=0))
+            force = F[at_organ[:, 1]].sum(axis=0) - F[at_organ[:, 0]].sum(axis=0)
+            organ.touch = Touch(self._triangle(organ, deepest, side), force)
+
+    def _triangle(self, organ: Organ, contact: int, side: int) -> int:
+        """Return the organ's triangle at a contact; if MuJoCo names only a vertex, its first triangle."""
+        element = int(self._data.contact.elem[contact, side])
+        if element >= 0:
+            return element
+        vertex = self._data.contact.vert[contact, side]
+        at_vertex = (organ.tissue.surface.triangles == vertex).any(axis=1)
+        return int(np.argmax(at_vertex))
 
     # -- organs that cross ---------------------------------------------------------------------------------
 
     def _let_meet(self, pair: tuple[int, int], on: bool) -> None:
         """Let two organs touch each other (`on`), or pass through each other."""
-        (self.crossed.discard if on else self.crossed.add)(pair)
         first, second = pair
         bit = self._organs[self.tissues[first].name].other_bit
         if on:
+            self.crossed.discard(pair)
             self._model.flex_conaffinity[second] |= bit
         else:
+            self.crossed.add(pair)
             self._model.flex_conaffinity[second] &= ~bit
+
+    def _separate(self, flex: Index) -> None:
+        """Let the organs of contacts (k, 2) pass through each other; rows with a link (-1) are ignored."""
+        for first, second in np.sort(flex, axis=1).tolist():
+            if first >= 0:
+                self._let_meet((first, second), False)
 
     def _part(self) -> None:
         """Let organs that have crossed touch each other again if they are apart."""
         if not self.crossed or self._steps % _LOOK:
             return
-        m, d, pairs = self._model, self._data, tuple(self.crossed)
+        pairs = tuple(self.crossed)
         for pair in pairs:
             self._let_meet(pair, True)
-        mujoco.mj_fwdPosition(m, d)
-        meet = {(min(x), max(x)) for x in d.contact.flex[: d.ncon].tolist()}
-        for pair in meet.intersection(pairs):
-            self._let_meet(pair, False)
+        mujoco.mj_fwdPosition(self._model, self._data)
+        for first, second in np.sort(self._data.contact.flex[: self._data.ncon], axis=1).tolist():
+            if (first, second) in pairs:
+                self._let_meet((first, second), False)
 
     # -- links --------------------------------------------------------------------------------------------
 
@@ -334,40 +390,48 @@ class Organs:
 
     def _approached(self) -> bool:
         """Return whether a link is so near that it may touch an organ; valid only for organs at rest."""
-        return any(
-            organ.approached(self._samples[k], self._corners[k], self._poses[k])
-            for organ in self._organs.values()
-            for k in range(len(self.tools))
-        )
+        for organ in self._organs.values():
+            for k, T in enumerate(self._poses):
+                if organ.approached(self._samples[k], self._corners[k], T):
+                    return True
+        return False
 
-    def _look(self, jumped: Sequence[int]) -> None:
+    def _test_inside(self, jumped: Sequence[int]) -> None:
         """Switch off contact between an organ and the links that jumped into it, until these links are outside."""
         for organ in self._organs.values():
-            for k in {*jumped, *(organ.within if self._steps % _LOOK == 0 else ())}:
-                self._look_at(organ, k)
+            links = set(jumped)
+            if self._steps % _LOOK == 0:
+                links |= organ.within
+            for k in links:
+                self._test_link(organ, k)
 
-    def _look_through(self, index: int, organ: Organ, pressed: bool) -> None:
+    def _test_pierced(self, index: int, organ: Organ, pressed: bool) -> None:
         """Treat touching links as inside an organ that is compressed too far (`pressed`) or has jumped over them."""
         contact = self._data.contact
-        at = np.flatnonzero((contact.flex[:, 1] == index) & (contact.geom[:, 0] >= 0) & (contact.elem[:, 1] >= 0))
-        if not len(at):
+        by_links = (contact.flex[:, 1] == index) & (contact.geom[:, 0] >= 0) & (contact.elem[:, 1] >= 0)
+        rows = np.flatnonzero(by_links)
+        if not len(rows):
             return
-        links = self._link_of[contact.geom[at, 0]]
+        links = self._link_of[contact.geom[rows, 0]]
         if not pressed:
-            corners = organ.tissue.surface.triangles[contact.elem[at, 1]] + self._model.flex_vertadr[index]
-            a, b, c = (self._data.flexvert_xpos[corners[:, k]] for k in range(3))
+            corners = organ.tissue.surface.triangles[contact.elem[rows, 1]] + self._model.flex_vertadr[index]
+            a = self._data.flexvert_xpos[corners[:, 0]]
+            b = self._data.flexvert_xpos[corners[:, 1]]
+            c = self._data.flexvert_xpos[corners[:, 2]]
             outwards = np.cross(b - a, c - a)
             outwards /= np.linalg.norm(outwards, axis=1, keepdims=True) + 1e-30
             # a contact's normal points from the link to the organ: inwards, if the link is outside
-            inwards, weights = -np.einsum("ij,ij->i", contact.frame[at, :3], outwards), -contact.dist[at]
+            inwards = -np.einsum("ij,ij->i", contact.frame[rows, :3], outwards)
+            weights = -contact.dist[rows]
             least = _BEFORE * np.bincount(links, weights, len(self.tools))
-            links = links[(np.bincount(links, inwards * weights, len(self.tools)) < least)[links]]
-        for k in {*links.tolist()}:
-            organ.look(k, True)
+            in_front = np.bincount(links, inwards * weights, len(self.tools))
+            links = links[(in_front < least)[links]]
+        for k in set(links.tolist()):
+            organ.set_inside(k, True)
             self._let_touch(organ, k)
 
-    def _look_at(self, organ: Organ, k: int) -> None:
-        organ.look(k, organ.contains(self._samples[k], self._corners[k], self._poses[k]))
+    def _test_link(self, organ: Organ, k: int) -> None:
+        organ.set_inside(k, organ.contains(self._samples[k], self._corners[k], self._poses[k]))
         self._let_touch(organ, k)
 
     def mute(self, robot: str, on: bool) -> None:
@@ -380,7 +444,7 @@ class Organs:
             if on:
                 self._let_touch(organ, k)
             else:
-                self._look_at(organ, k)
+                self._test_link(organ, k)
 
     def _let_touch(self, organ: Organ, k: int) -> None:
         bits = self._model.geom_contype
@@ -395,38 +459,45 @@ def _add(spec: mujoco.MjSpec, tool: Tool, period: float, bits: int) -> None:
         name=tool.name, gravcomp=1.0, mass=_LINK_MASS, inertia=[_LINK_INERTIA] * 3, explicitinertial=True
     )
     body.add_freejoint(name=tool.name)
+    # conaffinity 0: links never touch each other; the friction is that of the organ, the larger of the two
+    surface = {
+        "contype": bits,
+        "conaffinity": 0,
+        "condim": 3,
+        "friction": [0, 0, 0],
+        "mass": 0.0,
+        "solref": [2 * period, 1.0],
+    }
     for part in tool.body.meshes:
-        add_part(
-            spec, body, part, np.eye(4), tool.name,
-            contype=bits, conaffinity=0, condim=3, friction=[0, 0, 0], mass=0.0, solref=[2 * period, 1.0],
-        )  # fmt: skip
+        add_part(spec, body, part, np.eye(4), tool.name, **surface)
 
 
 def _samples(tool: Tool) -> Array:
     """Return points (n, 3) on the convex hulls of a link's parts, in its frame in m."""
     import trimesh  # imported here, because the import takes a second
 
-    out = [np.zeros((0, 3))]
+    samples = [np.zeros((0, 3))]
     for part in tool.body.meshes:
         require_hull(f"{tool.name}: part '{part.name}'", part.vertices)
         hull = trimesh.convex.convex_hull(part.vertices)
         points = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, SAMPLE, max_iter=20)[0]
-        out.append(np.unique(np.rint(points / (SAMPLE / 2)), axis=0) * (SAMPLE / 2))
-    return np.unique(np.concatenate(out), axis=0)
+        # rounded, so that points that nearly coincide become one
+        rounded = np.unique(np.rint(points / (SAMPLE / 2)), axis=0)
+        samples.append(rounded * (SAMPLE / 2))
+    return np.unique(np.concatenate(samples), axis=0)
 
 
 def _corners(points: Array) -> Array:
     """Return the corners (8, 3) of the box around points."""
-    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
+    if not len(points):
+        return np.zeros((8, 3))
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     return np.array([np.where(corner, high, low) for corner in np.ndindex(2, 2, 2)])
 
 
 def _joined(parts: Iterable[Array]) -> Array:
     return np.concatenate([np.zeros(0, int), *parts])
-
-
-def _differ(a: Array, b: Array) -> bool:
-    return not np.array_equal(a, b)
 
 
 def _moved(points: Array, before: Array, after: Array) -> float:

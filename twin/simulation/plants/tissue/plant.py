@@ -27,13 +27,14 @@ class Links:
             WorldError: the robot has no body with one of the given names.
             AssemblyError: the loops of the mechanism cannot be closed.
         """
-        known = {b.name: b for b in mechanism.bodies}
+        known = {body.name: body for body in mechanism.bodies}
         for name in bodies:
             if name not in known:
                 raise WorldError(unknown(f"body of {robot}", name, known))
         self.signal = f"{robot}.q"
         self.tools = [Tool(robot, known[name]) for name in bodies]
-        self._T_world_base, self._loops = np.array(T_world_base, float), LinkPoses(LoopSolver(mechanism))
+        self._T_world_base = np.array(T_world_base, float)
+        self._loops = LinkPoses(LoopSolver(mechanism))
         self._solve(np.array(q, float))
 
     def poses(self, q: Array | None = None) -> list[Array]:
@@ -47,7 +48,8 @@ class Links:
         return self._T_world_base @ self._links[body]
 
     def _solve(self, q: Array) -> None:
-        self._q, self._links = q, self._loops(q)
+        self._q = q
+        self._links = self._loops(q)
 
 
 class Tissues(Block):
@@ -69,21 +71,31 @@ class Tissues(Block):
         Raises:
             WorldError: a number is out of range, the period is longer than 20 ms, or a link is inside an organ.
         """
-        self.period, self._robots = period, tuple(robots)
+        self.period = period
+        self._robots = tuple(robots)
         if not period <= SLOWEST:
             raise WorldError(f"organs step every {period * 1e3:g} ms; at most {SLOWEST * 1e3:g} ms is allowed")
-        poses = [T for r in robots for T in r.poses()]
-        self.organs = Organs(tissues, [t for r in robots for t in r.tools], poses, period, held)
+        tools: list[Tool] = []
+        poses: list[Array] = []
+        for robot in robots:
+            tools.extend(robot.tools)
+            poses.extend(robot.poses())
+        self.organs = Organs(tissues, tools, poses, period, held)
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
         """Move the links to their joint values, and the organs by the contact forces."""
-        self.organs.step([T for r in self._robots for T in r.poses(signals.now[r.signal])])
+        poses: list[Array] = []
+        for robot in self._robots:
+            poses.extend(robot.poses(signals.now[robot.signal]))
+        self.organs.step(poses)
         return self._signals()
 
     def _signals(self) -> dict[str, ArrayLike]:
-        out: dict[str, ArrayLike] = {}
+        values: dict[str, ArrayLike] = {}
+        nodes = self.organs.nodes
         for name, touch in self.organs.touches().items():
-            out |= {f"{name}.nodes": self.organs.nodes[name].ravel(), f"{name}.force": touch.force}
-            out[f"{name}.touched"] = float(touch.triangle)
-        return out
+            values[f"{name}.nodes"] = nodes[name].ravel()
+            values[f"{name}.force"] = touch.force
+            values[f"{name}.touched"] = float(touch.triangle)
+        return values

@@ -62,12 +62,16 @@ class Tube:
 
     def __init__(self, vessel: Vessel, period: float) -> None:
         """Start at rest; `period`: time in s between two steps."""
-        self.vessel, self.points = vessel, vessel.points.copy()
-        n = vessel.segments
-        self.cut, self.flat = np.zeros(n, int), np.zeros(n + 1)
-        self.across, self.held = np.array([0.0, 0.0, 1.0]), dict[int, Held]()
+        self.vessel = vessel
+        self.points = vessel.points.copy()
+        self.cut = np.zeros(vessel.segments, int)
+        self.flat = np.zeros(vessel.segments + 1)
+        self.across = np.array([0.0, 0.0, 1.0])
+        self.held: dict[int, Held] = {}
         self.reaction = np.zeros(3)
-        self._creeps, self._drawn = True, ((), np.zeros((0, 3)))
+        self._creeps = True
+        self._drawn_state: tuple[bytes, ...] = ()
+        self._drawn = np.zeros((0, 3))  # nodes of the deformable in this state
         self._stiff = vessel.young * np.pi * vessel.radius**2 / vessel.lengths
         self._drag = _DRAG * float(vessel.lengths.mean()) / period
 
@@ -75,60 +79,80 @@ class Tube:
         """Step the chain, with its first node at `first` (3,) in the World in m; a chain at rest is not computed."""
         if not self._creeps and not self.held and np.abs(first - self.points[0]).max() < _STILL:
             return
-        x, n = self.points, self.vessel.segments
-        whole = self.cut == 0
-        d = np.diff(x, axis=0)
-        size = np.maximum(np.linalg.norm(d, axis=1), 1e-9)
-        along = d / size[:, None]
-        tension = np.where(whole, self._stiff * (size - self.vessel.lengths), 0.0)
+        x = self.points
+        n = self.vessel.segments
         F = np.zeros_like(x)
-        F[:-1] += tension[:, None] * along
-        F[1:] -= tension[:, None] * along
         H = np.zeros((n + 1, 3, n + 1, 3))
-        outer = along[:, :, None] * along[:, None, :]
-        slack = np.maximum(0.0, 1.0 - self.vessel.lengths / size)[:, None, None]
-        block = (whole * self._stiff)[:, None, None] * (outer + slack * (np.eye(3) - outer))
-        i = np.arange(n)
-        H[i, :, i, :] += block
-        H[i + 1, :, i + 1, :] += block
-        H[i, :, i + 1, :] -= block
-        H[i + 1, :, i, :] -= block
-        bend = _BEND * self._stiff[1:] * whole[1:] * whole[:-1]
-        curve = x[:-2] - 2 * x[1:-1] + x[2:]
-        for offset, factor in ((0, 1.0), (1, -2.0), (2, 1.0)):
-            F[offset : n - 1 + offset] -= factor * bend[:, None] * curve
-            for other, second in ((0, 1.0), (1, -2.0), (2, 1.0)):
-                a, b = np.arange(n - 1) + offset, np.arange(n - 1) + other
-                H[a, :, b, :] += (factor * second * bend)[:, None, None] * np.eye(3)
+        self._add_stretching(F, H)
+        self._add_bending(F, H)
         K = H.reshape(3 * n + 3, 3 * n + 3)
         K[np.diag_indices(3 * n + 3)] += self._drag
-        given = {0: first, n: x[n]} | {h.node: h.p for h in self.held.values()}
+        given = {0: first, n: x[n]}  # both ends are attached
+        for held in self.held.values():
+            given[held.node] = held.p
         dx = np.zeros_like(x)
         for node, p in given.items():
             dx[node] = p - x[node]
         free = np.setdiff1d(np.arange(n + 1), list(given))
         rows = (3 * free[:, None] + np.arange(3)).ravel()
-        dx[free] = np.linalg.solve(K[np.ix_(rows, rows)], (F.ravel() - K @ dx.ravel())[rows]).reshape(-1, 3)
-        rest = (F.ravel() - K @ dx.ravel()).reshape(-1, 3) + self._drag * dx
+        load = (F.ravel() - K @ dx.ravel())[rows]
+        dx[free] = np.linalg.solve(K[np.ix_(rows, rows)], load).reshape(-1, 3)
+        # what the forces of the chain leave over at the nodes with given positions
+        remaining = (F.ravel() - K @ dx.ravel()).reshape(-1, 3) + self._drag * dx
         self.points = x + dx
         self._creeps = float(np.abs(dx).max()) > _STILL
-        self.reaction = rest[0]
-        for h in self.held.values():
-            h.force = -rest[h.node]  # force of the jaws on the node
-            much = float(np.linalg.norm(h.force)) / h.limit
-            if much > 1.0:
-                slide = min(much - 1.0, 2.0) * _SLIDE
-                h.p = h.p - h.force / np.linalg.norm(h.force) * slide
-                h.slipped += slide
+        self.reaction = remaining[0]
+        for held in self.held.values():
+            held.force = -remaining[held.node]  # force of the jaws on the node
+            load_ratio = float(np.linalg.norm(held.force)) / held.limit
+            if load_ratio > 1.0:
+                slide = min(load_ratio - 1.0, 2.0) * _SLIDE
+                held.p = held.p - held.force / np.linalg.norm(held.force) * slide
+                held.slipped += slide
+
+    def _add_stretching(self, F: Array, H: Array) -> None:
+        """Add the forces of the springs to F (n + 1, 3), their stiffness to H (n + 1, 3, n + 1, 3)."""
+        whole = self.cut == 0
+        d = np.diff(self.points, axis=0)
+        size = np.maximum(np.linalg.norm(d, axis=1), 1e-9)
+        along = d / size[:, None]
+        tension = np.where(whole, self._stiff * (size - self.vessel.lengths), 0.0)
+        F[:-1] += tension[:, None] * along
+        F[1:] -= tension[:, None] * along
+        outer = along[:, :, None] * along[:, None, :]
+        # A compressed spring has a negative stiffness across its direction, which is left out: see the module.
+        stretch = np.maximum(0.0, 1.0 - self.vessel.lengths / size)[:, None, None]
+        block = (whole * self._stiff)[:, None, None] * (outer + stretch * (np.eye(3) - outer))
+        i = np.arange(self.vessel.segments)
+        H[i, :, i, :] += block
+        H[i + 1, :, i + 1, :] += block
+        H[i, :, i + 1, :] -= block
+        H[i + 1, :, i, :] -= block
+
+    def _add_bending(self, F: Array, H: Array) -> None:
+        """Add forces and stiffness of bending: the second difference of three nodes is drawn to zero."""
+        whole = self.cut == 0
+        x = self.points
+        inner = np.arange(self.vessel.segments - 1)
+        stiffness = _BEND * self._stiff[1:] * whole[1:] * whole[:-1]
+        curvature = x[:-2] - 2 * x[1:-1] + x[2:]
+        differences = (1.0, -2.0, 1.0)
+        for offset, factor in enumerate(differences):
+            F[offset : len(inner) + offset] -= factor * stiffness[:, None] * curvature
+            for other, second in enumerate(differences):
+                H[inner + offset, :, inner + other, :] += (factor * second * stiffness)[:, None, None] * np.eye(3)
 
     # -- places along the vessel --------------------------------------------------------------------------
 
     def at(self, s: float) -> Array:
         """Return the point (3,) in the World at arc length s in m; s is measured on the vessel at rest."""
-        arc = self.vessel.arc
-        k = int(np.clip(np.searchsorted(arc, s) - 1, 0, self.vessel.segments - 1))
-        part = (s - arc[k]) / self.vessel.lengths[k]
-        return (1 - part) * self.points[k] + part * self.points[k + 1]
+        k = self._segment(s)
+        fraction = (s - self.vessel.arc[k]) / self.vessel.lengths[k]
+        return (1 - fraction) * self.points[k] + fraction * self.points[k + 1]
+
+    def _segment(self, s: float) -> int:
+        """Return the index of the segment at arc length s in m."""
+        return int(np.clip(np.searchsorted(self.vessel.arc, s) - 1, 0, self.vessel.segments - 1))
 
     def crossed(self, base: Array, tip: Array) -> tuple[float, float, float, float]:
         """Find where the vessel is nearest to a straight line from base (3,) to tip (3,), both in m in the World.
@@ -138,35 +162,43 @@ class Tube:
             the vessel, sine of the angle between vessel and line). The first distance is infinite if the whole vessel
             is cut away.
         """
-        a, d = self.points[:-1], np.diff(self.points, axis=0)
         best = (np.inf, 0.0, 0.0, 1.0)
-        long = float(np.linalg.norm(tip - base))
-        u = (tip - base) / long
+        line_length = float(np.linalg.norm(tip - base))
+        u = (tip - base) / line_length
         for k in np.flatnonzero(self.cut == 0).tolist():
-            L = float(np.linalg.norm(d[k]))
-            if L < 1e-9:
+            start = self.points[k]
+            d = self.points[k + 1] - start
+            length = float(np.linalg.norm(d))
+            if length < 1e-9:
                 continue
-            v, w = d[k] / L, base - a[k]
-            b = float(u @ v)
-            down = 1 - b * b
-            t = np.clip(float(((w @ v) - b * (w @ u)) / down) if down > 1e-9 else 0.0, 0.0, L)
-            s = float(np.clip((a[k] + t * v - base) @ u, 0.0, long))
-            t = float(np.clip((base + s * u - a[k]) @ v, 0.0, L))
-            far = float(np.linalg.norm(base + s * u - a[k] - t * v))
-            if far < best[0] - 1e-12:
-                arc = float(self.vessel.arc[k] + t / L * self.vessel.lengths[k])
-                best = (far, s, arc, max(down, 1e-6) ** 0.5)
+            v = d / length
+            w = base - start
+            cosine = float(u @ v)
+            sine_squared = 1 - cosine * cosine
+            # Nearest point of the segment to the endless line, then of the line to it, then of the segment again.
+            t = 0.0
+            if sine_squared > 1e-9:  # not parallel
+                t = float(((w @ v) - cosine * (w @ u)) / sine_squared)
+            t = np.clip(t, 0.0, length)
+            s = float(np.clip((start + t * v - base) @ u, 0.0, line_length))
+            t = float(np.clip((base + s * u - start) @ v, 0.0, length))
+            distance = float(np.linalg.norm(base + s * u - start - t * v))
+            if distance < best[0] - 1e-12:
+                position = float(self.vessel.arc[k] + t / length * self.vessel.lengths[k])
+                best = (distance, s, position, max(sine_squared, 1e-6) ** 0.5)
         return best
 
     def sever(self, s: float) -> int:
         """Cut away the segment at a position s in m along the vessel; return the index of the segment."""
-        k = int(np.clip(np.searchsorted(self.vessel.arc, s) - 1, 0, self.vessel.segments - 1))
-        self.cut[k], self._creeps = 1, True
+        k = self._segment(s)
+        self.cut[k] = 1
+        self._creeps = True
         return k
 
     def nodes(self) -> Array:
         """Return the nodes (6 n, 3) of the deformable in the World in m."""
-        state = tuple(x.tobytes() for x in (self.points, self.cut, self.flat, self.across))
-        if state != self._drawn[0]:
-            self._drawn = state, self.vessel.rings(self.points, self.cut, self.flat, self.across)
-        return self._drawn[1]
+        state = (self.points.tobytes(), self.cut.tobytes(), self.flat.tobytes(), self.across.tobytes())
+        if state != self._drawn_state:
+            self._drawn_state = state
+            self._drawn = self.vessel.rings(self.points, self.cut, self.flat, self.across)
+        return self._drawn

@@ -16,18 +16,28 @@ class Volume:
     def __init__(self, weights: Array, triangles: Index) -> None:
         n = weights.shape[1]
         sums = np.zeros((n, n * n))
+        # in parts, because the products of all triangles at once would take much memory
         for part in np.array_split(triangles, max(1, len(triangles) // 256)):
-            a, b, c = (weights[part[:, k]] for k in range(3))
-            sums += a.T @ (b[:, :, None] * c[:, None, :]).reshape(len(part), n * n)
+            a = weights[part[:, 0]]
+            b = weights[part[:, 1]]
+            c = weights[part[:, 2]]
+            products = b[:, :, None] * c[:, None, :]
+            sums += a.T @ products.reshape(len(part), n * n)
         cube = sums.reshape(n, n, n) / 6
         cube = cube + cube.transpose(2, 0, 1) + cube.transpose(1, 2, 0)  # a determinant is the same in cyclic order
         j, k = np.triu_indices(n, 1)
         factors = cube[:, j, k] - cube[:, k, j]
         used = factors.any(axis=0)  # two nodes that do not move the same triangle have the factor 0
-        self._j, self._k, self._factors = j[used], k[used], factors[:, used]
+        self._j = j[used]
+        self._k = k[used]
+        self._factors = factors[:, used]
 
     def at(self, nodes: Array) -> tuple[float, Array]:
         """Return the volume in m3 at nodes (k, 3), and its derivatives (k, 3) in m2 with respect to the nodes."""
-        (ax, ay, az), (bx, by, bz) = nodes[self._j].T, nodes[self._k].T
-        by_node = self._factors @ np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
-        return float(np.vdot(nodes, by_node)) / 3, by_node
+        ax, ay, az = nodes[self._j].T
+        bx, by, bz = nodes[self._k].T
+        cross = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+        by_node = self._factors @ cross
+        # Euler's theorem for a homogeneous polynomial of third degree
+        volume = float(np.vdot(nodes, by_node)) / 3
+        return volume, by_node
