@@ -93,8 +93,11 @@ def quatd_array(wxyz: ArrayLike) -> Vt.QuatdArray:
 def quat_array_wxyz(quaternions) -> Array:
     """Return a Vt quaternion array, or a list of Gf quaternions of one type, as float64 (n, 4), w first."""
     if isinstance(quaternions, list):
-        kind = Vt.QuatdArray if isinstance(quaternions[0], Gf.Quatd) else Vt.QuatfArray
-        quaternions = kind(quaternions)  # one call for all quaternions: numpy would query each of them
+        # one call for all quaternions: numpy would query each of them
+        if isinstance(quaternions[0], Gf.Quatd):
+            quaternions = Vt.QuatdArray(quaternions)
+        else:
+            quaternions = Vt.QuatfArray(quaternions)
     return np.array(quaternions, float).reshape(-1, 4)[:, [3, 0, 1, 2]]
 
 

@@ -13,8 +13,11 @@ from twin.core.units import DEG
 
 _NUMBER = re.compile(r"(?<![\w.])-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])")
 
-ABSOLUTE, RELATIVE = 1e-9, 1e-6
-"""Absolute tolerance in m and rad, and relative tolerance, for joint frames and meshes in single precision."""
+ABSOLUTE = 1e-9
+"""Absolute tolerance in m and rad for joint frames and meshes in single precision."""
+
+RELATIVE = 1e-6
+"""Relative tolerance for joint frames and meshes in single precision."""
 
 
 def same_layer(a: Path, b: Path) -> bool:
@@ -22,11 +25,14 @@ def same_layer(a: Path, b: Path) -> bool:
 
     Files of the same robot may differ in some bytes, because processors round sums differently.
     """
-    texts = [Sdf.Layer.OpenAsAnonymous(str(p)).ExportToString() for p in (a, b)]
-    if _NUMBER.sub("#", texts[0]) != _NUMBER.sub("#", texts[1]):
+    text_a = Sdf.Layer.OpenAsAnonymous(str(a)).ExportToString()
+    text_b = Sdf.Layer.OpenAsAnonymous(str(b)).ExportToString()
+    if _NUMBER.sub("#", text_a) != _NUMBER.sub("#", text_b):
         return False
-    (first, tolerance), (second, _) = map(_numbers, texts)
-    return bool((np.isclose(first, second, rtol=RELATIVE, atol=tolerance, equal_nan=True)).all())
+    numbers_a, tolerances = _numbers(text_a)
+    numbers_b, _ = _numbers(text_b)
+    close = np.isclose(numbers_a, numbers_b, rtol=RELATIVE, atol=tolerances, equal_nan=True)
+    return bool(close.all())
 
 
 def _numbers(text: str) -> tuple[Array, Array]:
@@ -34,11 +40,15 @@ def _numbers(text: str) -> tuple[Array, Array]:
 
     The angles of joint drives and joint states, and the tolerances of these angles, are in degrees.
     """
-    numbers, tolerances, unit = [], [], 1.0
+    numbers: list[str] = []
+    tolerances: list[float] = []
+    tolerance = ABSOLUTE
     for line in text.splitlines():
         if " = " in line:  # an attribute begins; its samples are in the next lines
-            unit = DEG if ":angular:" in line else 1.0
-        found = _NUMBER.findall(line)
-        numbers += found
-        tolerances += [ABSOLUTE / unit] * len(found)
+            tolerance = ABSOLUTE
+            if ":angular:" in line:
+                tolerance = ABSOLUTE / DEG
+        in_line = _NUMBER.findall(line)
+        numbers += in_line
+        tolerances += [tolerance] * len(in_line)
     return np.array(numbers, float), np.array(tolerances)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -33,6 +33,14 @@ SYMMETRIC = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
 TURNS = {"X": SYMMETRIC, "Y": SYMMETRIC @ SYMMETRIC, "Z": np.eye(3)}
 """Rotation (3, 3) of the joint frame that makes z the axis of the joint, by axis token (X, Y, Z)."""
 
+
+_SCHEMA_KINDS = (
+    (UsdPhysics.FixedJoint, "fixed"),
+    (UsdPhysics.RevoluteJoint, "revolute"),
+    (UsdPhysics.PrismaticJoint, "prismatic"),
+    (UsdPhysics.SphericalJoint, "spherical"),
+)
+"""Schemas of joints with the joint type of a mechanism that each of them is."""
 
 SCALE_TOL = 1e-5
 """Maximum difference of a scale from 1 that is taken as a rounding error of a transform in single precision."""
@@ -88,10 +96,19 @@ class RawJoint:
     @property
     def fault(self) -> str:
         """Reason why the joint is invalid: unknown type, invalid side, or both sides on one body; "" if valid."""
-        problem = self.problem or next((e.problem for e in self.ends if e.problem), "")
+        problem = self.problem or self.ends[0].problem or self.ends[1].problem
         if problem or self.ends[0].body != self.ends[1].body:
             return problem
         return f"both sides of the joint are on {self.ends[0].body or 'the world'}"
+
+    @property
+    def is_grounded(self) -> bool:
+        """Whether a side of the joint is on the world."""
+        return not (self.ends[0].body and self.ends[1].body)
+
+    def touches(self, bodies: Container[str]) -> bool:
+        """Return whether a side of the joint is on one of the bodies with the prim paths `bodies`."""
+        return self.ends[0].body in bodies or self.ends[1].body in bodies
 
     @property
     def is_angle(self) -> bool:
@@ -118,8 +135,10 @@ class Scene:
         self.stage = _open(Path(path))
         self.meters = UsdGeom.GetStageMetersPerUnit(self.stage)
         self.kilograms = UsdPhysics.GetStageKilogramsPerUnit(self.stage)
-        y_up = UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.y
-        self.R_world_stage = spatial.exp_so3([np.pi / 2, 0, 0]).round() if y_up else np.eye(3)
+        self.R_world_stage = np.eye(3)
+        if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.y:
+            # rounded: a turn by 90 degrees has only the numbers -1, 0 and 1
+            self.R_world_stage = spatial.exp_so3([np.pi / 2, 0, 0]).round()
 
     @cached_property
     def prims(self) -> list[Usd.Prim]:
@@ -140,12 +159,20 @@ class Scene:
     @cached_property
     def joints(self) -> list[RawJoint]:
         """Joints in the order of the stage, including joints of unknown type."""
-        return [self._joint(p) for p in self.prims if p.IsA(UsdPhysics.Joint) or str(p.GetTypeName()).endswith("Joint")]
+        joints: list[RawJoint] = []
+        for prim in self.prims:
+            # joint types of other software do not derive from UsdPhysics.Joint, but have "Joint" in their name
+            if prim.IsA(UsdPhysics.Joint) or str(prim.GetTypeName()).endswith("Joint"):
+                joints.append(self._joint(prim))
+        return joints
 
     @cached_property
     def sample_codes(self) -> Array:
         """Time codes (k,) at which the transform of a body or of an ancestor has samples."""
-        prims = {a.GetPath(): a for b in self.bodies.values() for a in _ancestry(b)}
+        prims: dict[Sdf.Path, Usd.Prim] = {}
+        for body in self.bodies.values():
+            for ancestor in _ancestry(body):
+                prims[ancestor.GetPath()] = ancestor
         codes = set()
         for prim in prims.values():
             if prim.IsA(UsdGeom.Xformable):
@@ -159,8 +186,10 @@ class Scene:
     def is_stated_base(self, body: str) -> bool:
         """Return whether the attribute `twin:base` of the robot names the body at the prim path `body`."""
         prim = self.bodies.get(body)
-        name = prim.GetParent().GetAttribute("twin:base") if prim else None
-        return bool(prim and name and str(name.Get()) == prim.GetName())
+        if not prim:
+            return False
+        name = prim.GetParent().GetAttribute("twin:base")
+        return bool(name and str(name.Get()) == prim.GetName())
 
     def owner(self, prim: Usd.Prim) -> Usd.Prim | None:
         """Return the rigid body that a prim belongs to (itself or its nearest ancestor); None if there is none."""
@@ -179,7 +208,10 @@ class Scene:
 
         `codes` are time codes; None: only the default time (k = 1).
         """
-        times = [Usd.TimeCode.Default()] if codes is None else [Usd.TimeCode(c) for c in np.asarray(codes).tolist()]
+        if codes is None:
+            times = [Usd.TimeCode.Default()]
+        else:
+            times = [Usd.TimeCode(c) for c in np.asarray(codes).tolist()]
         raw = np.zeros((len(prims), len(times), 4, 4))
         cache = UsdGeom.XformCache()
         with self._evaluating():
@@ -187,7 +219,7 @@ class Scene:
                 cache.SetTime(time)
                 for i, prim in enumerate(prims):
                     raw[i, k] = cache.GetLocalToWorldTransform(prim)
-        T = rigid(np.swapaxes(raw, -1, -2))
+        T = rigid(np.swapaxes(raw, -1, -2))  # Gf matrices act on row vectors
         T[..., :3, 3] *= self.meters
         if not np.array_equal(self.R_world_stage, np.eye(3)):
             T = spatial.pose(self.R_world_stage) @ T
@@ -201,8 +233,11 @@ class Scene:
         axes = self.raw_transform(prim)[:3, :3]
         sizes = np.linalg.norm(axes, axis=0)
         if np.ptp(sizes) <= SCALE_TOL * sizes.max():
-            sizes = np.full(3, np.cbrt(abs(np.linalg.det(axes))))
-        return np.ones(3) if np.abs(sizes - 1).max() <= SCALE_TOL else sizes
+            volume = abs(np.linalg.det(axes))
+            sizes = np.full(3, np.cbrt(volume))
+        if np.abs(sizes - 1).max() <= SCALE_TOL:
+            return np.ones(3)
+        return sizes
 
     def relative(self, prim: Usd.Prim, body: Usd.Prim) -> Array:
         """Return T_body_prim (4, 4) of a prim below a body, in units of the body, with scale.
@@ -225,60 +260,66 @@ class Scene:
     def _joint(self, prim: Usd.Prim) -> RawJoint:
         joint = UsdPhysics.Joint(prim)
         kind, free, token, problem = _freedom(prim)
-        ends = tuple(
-            self._end(joint, rel, pos, rot, TURNS[token])
-            for rel, pos, rot in (
-                (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
-                (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
-            )
-        )
+        turn = TURNS[token]
+        end0 = self._end(joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr(), turn)
+        end1 = self._end(joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr(), turn)
         instance, limits = _coordinate(prim, kind, free)
+        unit = self.meters
+        if kind == "revolute":
+            unit = 1.0  # the stage has degrees, as the checks
+        enabled = joint.GetJointEnabledAttr().Get() is not False
         return RawJoint(
             prim,
             kind,
-            (ends[0], ends[1]),
+            (end0, end1),
             instance,
             limits,
-            1.0 if kind == "revolute" else self.meters,
+            unit,
             bool(joint.GetExcludeFromArticulationAttr().Get()),
-            joint.GetJointEnabledAttr().Get() is not False or bool(prim.GetAttribute("twin:free").Get()),
+            enabled or bool(prim.GetAttribute("twin:free").Get()),
             problem,
         )
 
-    def _end(self, joint, rel: Usd.Relationship, pos, rot, turn: Array) -> End:
-        targets = rel.GetForwardedTargets() if rel else []
-        p = np.array(pos.Get() if pos and pos.Get() is not None else (0, 0, 0), float)
-        q = rot.Get() if rot else None
+    def _end(self, body: Usd.Relationship, position: Usd.Attribute, rotation: Usd.Attribute, turn: Array) -> End:
+        targets = body.GetForwardedTargets() if body else []
+        p = np.zeros(3)
+        if position and position.Get() is not None:
+            p = np.array(position.Get(), float)
+        q = rotation.Get() if rotation else None
         try:
             R = np.eye(3) if q is None else gf.rotation(q)
         except ValueError as error:
-            return End("", np.eye(4), f"{rot.GetName()}: {error}")
+            return End("", np.eye(4), f"{rotation.GetName()}: {error}")
+        R_turned = R @ turn
         if not targets:
-            return End("", spatial.pose(self.R_world_stage) @ spatial.pose(R @ turn, p * self.meters))
+            return End("", spatial.pose(self.R_world_stage) @ spatial.pose(R_turned, p * self.meters))
         target = self.stage.GetPrimAtPath(targets[0])
         if len(targets) > 1 or not target:
-            return End(
-                "", np.eye(4), f"{rel.GetName()} points to {', '.join(map(str, targets))}, but must point to one prim"
-            )
+            listed = ", ".join(map(str, targets))
+            return End("", np.eye(4), f"{body.GetName()} points to {listed}, but must point to one prim")
         owner = self.owner(target)
-        local = spatial.pose(R @ turn, p * self.meters * self.size(target))
+        T_target_joint = spatial.pose(R_turned, p * self.meters * self.size(target))
         if owner is None:  # a prim without a rigid body is fixed to the world
-            return End("", self.poses([target])[0, 0] @ local)
+            return End("", self.poses([target])[0, 0] @ T_target_joint)
         if owner == target:
-            return End(str(owner.GetPath()), local)
-        T = rigid(self.relative(target, owner))
-        T[:3, 3] *= self.meters * self.size(owner)
-        return End(str(owner.GetPath()), T @ local)
+            return End(str(owner.GetPath()), T_target_joint)
+        T_owner_target = rigid(self.relative(target, owner))
+        T_owner_target[:3, 3] *= self.meters * self.size(owner)
+        return End(str(owner.GetPath()), T_owner_target @ T_target_joint)
 
 
 def rigid(M: Array) -> Array:
     """Return the poses (..., 4, 4) of affine matrices (..., 4, 4), without scale and with an orthonormal rotation."""
     T = M.copy()
-    size = np.linalg.norm(T[..., :3, :3], axis=-2, keepdims=True)
+    axes = T[..., :3, :3]
+    size = np.linalg.norm(axes, axis=-2, keepdims=True)
     # An orthonormal rotation is returned unchanged; a rounded or scaled rotation is made orthonormal.
-    R = np.where(np.abs(size - 1) < 1e-15, T[..., :3, :3], T[..., :3, :3] / np.where(size > 0, size, 1.0))
-    R = np.where(np.linalg.det(R)[..., None, None] < 0, -R, R)
-    exact = np.all(np.swapaxes(R, -1, -2) @ R == np.eye(3), axis=(-1, -2))[..., None, None]
+    unscaled = axes / np.where(size > 0, size, 1.0)
+    R = np.where(np.abs(size - 1) < 1e-15, axes, unscaled)
+    mirrored = np.linalg.det(R)[..., None, None] < 0
+    R = np.where(mirrored, -R, R)
+    products = np.swapaxes(R, -1, -2) @ R
+    exact = np.all(products == np.eye(3), axis=(-1, -2))[..., None, None]
     fixed = spatial.matrix_from_quat_wxyz(spatial.quat_from_matrix_wxyz(R))
     T[..., :3, :3] = np.where(exact, R, fixed)
     T[..., 3, :] = [0.0, 0.0, 0.0, 1.0]
@@ -310,10 +351,14 @@ def said(error: object) -> str:
         text = str(error).strip()
     except UnicodeDecodeError:
         return "the file contains text that is not UTF-8"
-    if reasons := _REASON.findall(text):
-        return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", " ".join(reasons[0].split()))
+    reasons = _REASON.findall(text)
+    if reasons:
+        reason = " ".join(reasons[0].split())
+        return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", reason)
     lines = text.splitlines()
-    return lines[-1].strip() if lines else "unknown format"
+    if not lines:
+        return "unknown format"
+    return lines[-1].strip()
 
 
 def _ancestry(prim: Usd.Prim):
@@ -324,28 +369,17 @@ def _ancestry(prim: Usd.Prim):
 
 def _freedom(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
     """Return (type, free directions as authored, axis token, problem) of a joint prim."""
-    for schema, kind in (
-        (UsdPhysics.FixedJoint, "fixed"),
-        (UsdPhysics.RevoluteJoint, "revolute"),
-        (UsdPhysics.PrismaticJoint, "prismatic"),
-        (UsdPhysics.SphericalJoint, "spherical"),
-    ):
+    for schema, kind in _SCHEMA_KINDS:
         if prim.IsA(schema):
-            token = "Z" if kind == "fixed" else str(schema(prim).GetAxisAttr().Get())
+            token = "Z"
+            if kind != "fixed":
+                token = str(schema(prim).GetAxisAttr().Get())
             if token not in TURNS:
                 return "", frozenset(), "Z", f"axis '{token}' is not X, Y or Z"
             return kind, frozenset(FREE_AXES[kind]), token, ""
     if prim.GetTypeName() != "PhysicsJoint":
         return "", frozenset(), "Z", f"joints of type {prim.GetTypeName()} are not supported"
-    free = []
-    for axis, name in enumerate(DIRECTIONS):
-        if not prim.HasAPI(UsdPhysics.LimitAPI, name):
-            free.append(axis)
-            continue
-        limit = UsdPhysics.LimitAPI(prim, name)
-        low, high = limit.GetLowAttr().Get(), limit.GetHighAttr().Get()
-        if low < high:
-            free.append(axis)
+    free = _free_axes(prim)
     if prim.HasAPI(UsdPhysics.LimitAPI, "distance"):
         return "", frozenset(free), "Z", "a distance limit is not supported"
     for i, token in enumerate("XYZ"):
@@ -355,8 +389,21 @@ def _freedom(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
     for kind in ("fixed", "spherical", "free"):
         if free == list(FREE_AXES[kind]):
             return kind, frozenset(free), "Z", ""
-    names = ", ".join(DIRECTIONS[a] for a in free)
+    names = ", ".join(DIRECTIONS[axis] for axis in free)
     return "", frozenset(free), "Z", f"a joint that is free in {names} is not supported; split it into two joints"
+
+
+def _free_axes(prim: Usd.Prim) -> list[int]:
+    """Return the directions of a generic joint that its limits leave free, in increasing order."""
+    free: list[int] = []
+    for axis, name in enumerate(DIRECTIONS):
+        if not prim.HasAPI(UsdPhysics.LimitAPI, name):
+            free.append(axis)
+            continue
+        limit = UsdPhysics.LimitAPI(prim, name)
+        if limit.GetLowAttr().Get() < limit.GetHighAttr().Get():  # in UsdPhysics, low > high locks an axis
+            free.append(axis)
+    return free
 
 
 def _coordinate(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, tuple[float, float] | None]:
@@ -365,13 +412,20 @@ def _coordinate(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, t
         return "", None
     if prim.GetTypeName() == "PhysicsJoint":
         instance = DIRECTIONS[min(free)]
+        if not prim.HasAPI(UsdPhysics.LimitAPI, instance):
+            return instance, None
         limit = UsdPhysics.LimitAPI(prim, instance)
-        has = prim.HasAPI(UsdPhysics.LimitAPI, instance)
-        low, high = (limit.GetLowAttr().Get(), limit.GetHighAttr().Get()) if has else (-np.inf, np.inf)
+        low = limit.GetLowAttr().Get()
+        high = limit.GetHighAttr().Get()
     else:
-        schema = UsdPhysics.RevoluteJoint if kind == "revolute" else UsdPhysics.PrismaticJoint
-        instance = "angular" if kind == "revolute" else "linear"
-        low, high = schema(prim).GetLowerLimitAttr().Get(), schema(prim).GetUpperLimitAttr().Get()
+        if kind == "revolute":
+            instance = "angular"
+            joint = UsdPhysics.RevoluteJoint(prim)
+        else:
+            instance = "linear"
+            joint = UsdPhysics.PrismaticJoint(prim)
+        low = joint.GetLowerLimitAttr().Get()
+        high = joint.GetUpperLimitAttr().Get()
     if np.isneginf(low) and np.isposinf(high):
         return instance, None
     return instance, (float(low), float(high))

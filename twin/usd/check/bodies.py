@@ -9,13 +9,13 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.core.errors import StageError
-from twin.core.findings import Finding, Kind, finding, info
+from twin.core.findings import Finding, Kind, info, warning
 from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.inertia import Inertia
 from twin.usd import gf
-from twin.usd.read.bodies import below, mesh_triangles, shows_all
+from twin.usd.read.bodies import below, mesh_points, mesh_triangles, shows_all
 from twin.usd.scan import Scene, quaternion_attributes
 
 QUATERNION_TOL = 1e-4
@@ -78,23 +78,26 @@ def check_bodies(scene: Scene) -> Iterator[Finding]:
 
 
 def _check_nesting(scene: Scene, path: str, prim: Usd.Prim) -> Iterator[Finding]:
-    above = scene.owner(prim.GetParent())
-    reset = UsdGeom.Xformable(prim).GetResetXformStack() if prim.IsA(UsdGeom.Xformable) else False
-    if above and not reset:
-        yield _NESTED(
-            path, f"rigid body {path} is nested in rigid body {above.GetPath()}: engines interpret nesting differently"
-        )
+    outer = scene.owner(prim.GetParent())
+    if not outer:
+        return
+    if prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).GetResetXformStack():
+        return  # the body does not move with the outer body
+    yield _NESTED(
+        path, f"rigid body {path} is nested in rigid body {outer.GetPath()}: engines interpret nesting differently"
+    )
 
 
 def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
     """Return (low (3,), high (3,)) in m of the meshes' bounding box in the body's frame; None without meshes."""
-    corners = []
+    corners: list[Array] = []
     for prim in below(scene, body):
-        if prim.IsA(UsdGeom.Mesh):
-            points = np.array(UsdGeom.Mesh(prim).GetPointsAttr().Get() or []).reshape(-1, 3)
-            if len(points):
-                M = scene.relative(prim, body)
-                corners.append(points.astype(float) @ M[:3, :3].T + M[:3, 3])
+        if not prim.IsA(UsdGeom.Mesh):
+            continue
+        points = mesh_points(UsdGeom.Mesh(prim))
+        if len(points):
+            M = scene.relative(prim, body)
+            corners.append(points @ M[:3, :3].T + M[:3, 3])
     if not corners:
         return None
     stacked = np.vstack(corners) * scene.meters
@@ -102,57 +105,66 @@ def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
 
 
 def _check_size(path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]:
-    diagonal = 0.0 if box is None else float(np.linalg.norm(box[1] - box[0]))
+    if box is None:
+        return
+    diagonal = float(np.linalg.norm(box[1] - box[0]))
     if diagonal > LARGEST:
         text = f"body {path} seems to be in millimetres, but the stage is in metres; diagonal of the body's meshes"
         yield _SIZE(path, text, Quantity(diagonal, "m"), LARGEST)
 
 
 def _has_mass(prim: Usd.Prim) -> bool:
-    api = UsdPhysics.MassAPI(prim)
-    return bool(prim.HasAPI(UsdPhysics.MassAPI) and (api.GetMassAttr().Get() or api.GetDensityAttr().Get() > 0))
+    if not prim.HasAPI(UsdPhysics.MassAPI):
+        return False
+    mass = UsdPhysics.MassAPI(prim)
+    return bool(mass.GetMassAttr().Get() or mass.GetDensityAttr().Get() > 0)
 
 
 def _check_mass(
     scene: Scene, path: str, prim: Usd.Prim, box: tuple[Array, Array] | None, weighed: bool
 ) -> Iterator[Finding]:
     api = UsdPhysics.MassAPI(prim)
-    has = prim.HasAPI(UsdPhysics.MassAPI)
-    mass = float(api.GetMassAttr().Get()) * scene.kilograms if has else 0.0
-    density = float(api.GetDensityAttr().Get()) if has else 0.0
+    mass = 0.0
+    density = 0.0
+    if prim.HasAPI(UsdPhysics.MassAPI):
+        mass = float(api.GetMassAttr().Get()) * scene.kilograms
+        density = float(api.GetDensityAttr().Get())
     if mass < 0:
         yield _MASS(path, f"body {path} has a negative mass", Quantity(mass, "kg"), 0.0)
         return
-    if not mass and not density > 0 and scene.is_stated_base(path):
-        yield info("stage.mass_missing", path, f"body {path} has no mass: it is the fixed base")
-        return
     if not mass and not density > 0:
-        yield finding(
-            "warning" if weighed else "info",
-            "stage.mass_missing",
-            path,
-            f"body {path} has no mass"
-            + (
-                ": simulators assume a density of 1000 kg/m³ for the body's colliders, or a mass of 1 kg"
-                if weighed
-                else "; no body of the stage has a mass"
-            ),
-            suggestion="author physics:mass with PhysicsMassAPI"
-            + ("" if weighed else ", if a simulator needs the mass"),
-        )
+        yield _missing_mass(scene, path, weighed)
         return
     # Meshes that do not show the whole body cannot show that its mass is wrong.
     whole = shows_all(scene, prim)
     center = np.array(api.GetCenterOfMassAttr().Get(), float) * scene.meters
     if box is not None and np.all(np.isfinite(center)):
-        outside = np.maximum(np.maximum(box[0] - center, center - box[1]), 0)
+        low, high = box
+        outside = np.maximum(np.maximum(low - center, center - high), 0)
         gap = float(np.linalg.norm(outside))
         if gap > COM_MARGIN:
+            kind = _COM if whole else _COM_NOTE
             text = f"the centre of mass of body {path} is outside the bounding box of the body's meshes"
-            yield (_COM if whole else _COM_NOTE)(path, text, mm(gap), mm(COM_MARGIN))
+            yield kind(path, text, mm(gap), mm(COM_MARGIN))
     moments = np.array(api.GetDiagonalInertiaAttr().Get(), float) * scene.kilograms * scene.meters**2
     if np.any(moments):
         yield from _check_inertia(path, mass, moments, box, whole)
+
+
+def _missing_mass(scene: Scene, path: str, weighed: bool) -> Finding:
+    """Return the finding on a body without a mass; `weighed`: another body of the stage has a mass."""
+    code = "stage.mass_missing"
+    if scene.is_stated_base(path):
+        return info(code, path, f"body {path} has no mass: it is the fixed base")
+    suggestion = "author physics:mass with PhysicsMassAPI"
+    if weighed:
+        text = (
+            f"body {path} has no mass: simulators assume a density of 1000 kg/m³ for the body's colliders, or a mass "
+            "of 1 kg"
+        )
+        return warning(code, path, text, suggestion=suggestion)
+    text = f"body {path} has no mass; no body of the stage has a mass"
+    return info(code, path, text, suggestion=f"{suggestion}, if a simulator needs the mass")
 
 
 def _check_inertia(
@@ -160,20 +172,28 @@ def _check_inertia(
 ) -> Iterator[Finding]:
     tensor = Inertia(mass or 1.0, np.zeros(3), np.diag(moments))
     ordered = np.sort(moments)
+    largest = ordered[2]
+    sum_of_others = ordered[:2].sum()
     for text in tensor.violations():
-        yield _INERTIA(
-            path, f"body {path}: {text}", Quantity(ordered[2], "kg m2"), Quantity(ordered[:2].sum(), "kg m2")
-        )
-    if mass and box is not None and np.max(moments) > 0:
-        diagonal = float(np.linalg.norm(box[1] - box[0]))
-        gyration = float(np.sqrt(np.max(moments) / mass))
-        limit = GYRATION[gyration > diagonal * GYRATION[0]] * diagonal
-        if diagonal > 0 and not GYRATION[0] < gyration / diagonal < GYRATION[1]:
-            message = (
-                f"the radius of gyration of body {path} is not plausible: the diagonal of the body's meshes is "
-                f"{mm(diagonal)}, the radius of gyration"
-            )
-            yield (_INERTIA_SIZE if whole else _INERTIA_SIZE_NOTE)(path, message, mm(gyration), mm(limit))
+        yield _INERTIA(path, f"body {path}: {text}", Quantity(largest, "kg m2"), Quantity(sum_of_others, "kg m2"))
+    if not mass or box is None or not np.max(moments) > 0:
+        return
+    diagonal = float(np.linalg.norm(box[1] - box[0]))
+    if not diagonal > 0:
+        return
+    gyration = float(np.sqrt(np.max(moments) / mass))
+    smallest, greatest = GYRATION
+    if smallest < gyration / diagonal < greatest:
+        return
+    limit = smallest * diagonal
+    if gyration > limit:
+        limit = greatest * diagonal
+    kind = _INERTIA_SIZE if whole else _INERTIA_SIZE_NOTE
+    message = (
+        f"the radius of gyration of body {path} is not plausible: the diagonal of the body's meshes is "
+        f"{mm(diagonal)}, the radius of gyration"
+    )
+    yield kind(path, message, mm(gyration), mm(limit))
 
 
 def _check_quaternions(prim: Usd.Prim) -> Iterator[Finding]:
@@ -194,8 +214,8 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
     for prim in scene.prims:
         if not prim.IsA(UsdGeom.Mesh):
             continue
-        mesh, path = UsdGeom.Mesh(prim), str(prim.GetPath())
-        points = np.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
+        mesh = UsdGeom.Mesh(prim)
+        path = str(prim.GetPath())
         try:
             triangles = mesh_triangles(mesh)
         except StageError as failed:
@@ -205,23 +225,43 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
             continue
         if mesh.GetSubdivisionSchemeAttr().Get() != UsdGeom.Tokens.none:
             yield _SUBDIVISION(path, f"mesh {path} is a subdivision surface: viewers round its edges")
-        extent = np.array(mesh.GetExtentAttr().Get() or []).reshape(-1, 3)
-        real = np.array([points.min(axis=0), points.max(axis=0)])
-        slack = 1e-4 * float(np.linalg.norm(real[1] - real[0]))
-        if len(extent) == 2 and (off := float(np.max(np.abs(extent - real)))) > slack:
-            text = f"the extent of mesh {path}, which viewers use for culling, differs from the points"
-            yield _EXTENT(path, text, mm(off * scene.meters), mm(slack * scene.meters))
+        points = mesh_points(mesh)
+        yield from _check_extent(scene, path, mesh, points)
         if _is_closed(triangles):
-            a, b, c = ((points - real.mean(axis=0))[triangles[:, i]] for i in range(3))
-            volume = float(np.sum(a * np.cross(b, c)) / 6) * scene.meters**3
-            area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2) * scene.meters**2
-            diagonal = float(np.linalg.norm(real[1] - real[0])) * scene.meters
-            if volume < -FLAT * area * diagonal:
-                yield _WINDING(path, f"mesh {path} is inside out: its volume is negative", Quantity(volume, "m3"), 0.0)
+            yield from _check_winding(scene, path, points, triangles)
+
+
+def _check_extent(scene: Scene, path: str, mesh: UsdGeom.Mesh, points: Array) -> Iterator[Finding]:
+    extent = np.array(mesh.GetExtentAttr().Get() or []).reshape(-1, 3)
+    if len(extent) != 2:
+        return
+    box = np.array([points.min(axis=0), points.max(axis=0)])
+    slack = 1e-4 * float(np.linalg.norm(box[1] - box[0]))
+    difference = float(np.max(np.abs(extent - box)))
+    if difference > slack:
+        text = f"the extent of mesh {path}, which viewers use for culling, differs from the points"
+        yield _EXTENT(path, text, mm(difference * scene.meters), mm(slack * scene.meters))
+
+
+def _check_winding(scene: Scene, path: str, points: Array, triangles: np.ndarray) -> Iterator[Finding]:
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    centered = points - np.array([low, high]).mean(axis=0)  # far from the origin, the sum of volumes loses digits
+    a = centered[triangles[:, 0]]
+    b = centered[triangles[:, 1]]
+    c = centered[triangles[:, 2]]
+    volume = float(np.sum(a * np.cross(b, c)) / 6) * scene.meters**3
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2) * scene.meters**2
+    diagonal = float(np.linalg.norm(high - low)) * scene.meters
+    if volume < -FLAT * area * diagonal:
+        yield _WINDING(path, f"mesh {path} is inside out: its volume is negative", Quantity(volume, "m3"), 0.0)
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
     """Return whether each directed edge has exactly one opposite edge, so that the sign of the volume is defined."""
-    edges = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
-    n = int(edges.max()) + 1
-    return np.array_equal(np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0]))
+    a, b, c = triangles.astype(np.int64).T
+    start = np.concatenate([a, b, c])
+    end = np.concatenate([b, c, a])
+    n = int(triangles.max()) + 1
+    # an edge as one number, so that edges can be sorted
+    return np.array_equal(np.sort(start * n + end), np.sort(end * n + start))

@@ -76,7 +76,17 @@ def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -
 
 def _unit(joint: RawJoint) -> tuple[str, float]:
     """Return (unit in messages, factor that converts results of `coordinate` to this unit)."""
-    return ("deg", 1.0) if joint.is_angle else ("mm", 1 / MM)
+    if joint.is_angle:
+        return "deg", 1.0
+    return "mm", 1 / MM
+
+
+def _limits(joint: RawJoint) -> tuple[float, float]:
+    """Return (lower, upper) limit in degrees or metres; infinite without limits."""
+    if joint.limits is None:
+        return -np.inf, np.inf
+    low, high = joint.limits
+    return low * joint.unit, high * joint.unit
 
 
 def _radians(joint: RawJoint, text: str, size: float) -> Finding:
@@ -89,26 +99,38 @@ def _breach(q: Array, low: float, high: float, wraps: bool) -> Array:
     If `wraps`, the same number of full turns, -3 to 3, is added to all samples; this number minimises the largest
     distance.
     """
-    turns = 360.0 * np.arange(-3, 4) if wraps else np.zeros(1)
-    each = [np.maximum(np.maximum(low - (q + t), q + t - high), 0) for t in turns]
-    return min(each, key=lambda b: float(np.max(b)))
+    turns = np.zeros(1)
+    if wraps:
+        turns = 360.0 * np.arange(-3, 4)
+    shifted = q + turns[:, None]
+    distances = np.maximum(np.maximum(low - shifted, shifted - high), 0)
+    best = np.argmin(distances.max(axis=1))
+    return distances[best]
 
 
 def _check_limits(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
-    low, high = (v * joint.unit for v in joint.limits or (-np.inf, np.inf))
-    if joint.is_angle and max(abs(low), abs(high)) <= 2 * np.pi + 1e-3:
-        typical = [v for v in (abs(low), abs(high)) if any(abs(v - r) < 2e-3 for r in RADIAN_LOOKS)]
-        inside = np.max(_breach(q, low / DEG, high / DEG, True)) <= LIMIT_TOL
-        outside = np.max(_breach(q, low, high, True)) > LIMIT_TOL
-        if inside and (typical or outside):
-            yield _radians(joint, f"the limits {low:.5g} .. {high:.5g} deg look like radians", high)
-            return
+    low, high = _limits(joint)
+    if _limits_look_like_radians(joint, q, low, high):
+        yield _radians(joint, f"the limits {low:.5g} .. {high:.5g} deg look like radians", high)
+        return
     unit, shown = _unit(joint)
     breach = _breach(q, low, high, joint.is_angle) * shown
     worst = int(np.argmax(breach))
     if breach[worst] > LIMIT_TOL:
         text = f"joint {joint.path} exceeds its limits {low * shown:.5g} .. {high * shown:.5g} {unit}"
         yield _BEYOND_LIMITS(joint.path, text, Quantity(breach[worst], unit), LIMIT_TOL, when=line.labels[worst])
+
+
+def _limits_look_like_radians(joint: RawJoint, q: Array, low: float, high: float) -> bool:
+    """Return whether the motion fits the limits in radians, and the limits are typical in radians or too narrow."""
+    if not joint.is_angle or max(abs(low), abs(high)) > 2 * np.pi + 1e-3:
+        return False
+    fits_radians = np.max(_breach(q, low / DEG, high / DEG, True)) <= LIMIT_TOL
+    if not fits_radians:
+        return False
+    typical = np.abs(np.abs([[low], [high]]) - np.array(RADIAN_LOOKS)) < 2e-3
+    exceeds_degrees = np.max(_breach(q, low, high, True)) > LIMIT_TOL
+    return bool(typical.any() or exceeds_degrees)
 
 
 def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
@@ -121,11 +143,11 @@ def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
 def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
     """Compare the joint state, which is the initial state of simulations, with the coordinate from the poses."""
     unit, shown = _unit(joint)
-    factor = joint.unit
     attribute = joint.prim.GetAttribute(f"state:{joint.instance}:physics:position")
     rest = attribute.Get() if attribute else None
     if rest is None:
-        if not joint.excluded and float(_difference(joint, q[:1], np.zeros(1))[0]) > STATE_TOL:
+        distance_from_zero = float(_difference(joint, q[:1], np.zeros(1))[0])
+        if not joint.excluded and distance_from_zero > STATE_TOL:
             yield _STATE_MISSING(
                 joint.path,
                 f"joint {joint.path} has no joint state, so simulators start the joint at zero instead of at the "
@@ -135,14 +157,16 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
                 f"apply PhysicsJointStateAPI:{joint.instance} to the joint and author the position of this state",
             )
         return
-    sampled = attribute.GetNumTimeSamples() > 0 and len(line.codes)
-    query = Usd.AttributeQuery(attribute)
-    codes = line.codes.tolist() if sampled else []
-    state = [float(rest), *(float(query.Get(Usd.TimeCode(c))) for c in codes)]
-    states, actual = np.array(state) * factor, q[: len(state)]
-    off = _difference(joint, states, actual)
-    worst = int(np.argmax(off))
-    if off[worst] <= STATE_TOL:
+    authored = [float(rest)]
+    if attribute.GetNumTimeSamples() > 0:
+        query = Usd.AttributeQuery(attribute)
+        for code in line.codes.tolist():
+            authored.append(float(query.Get(Usd.TimeCode(code))))
+    states = np.array(authored) * joint.unit
+    actual = q[: len(states)]
+    differences = _difference(joint, states, actual)
+    worst = int(np.argmax(differences))
+    if differences[worst] <= STATE_TOL:
         return
     if joint.is_angle and np.max(_difference(joint, states / DEG, actual)) < 10 * STATE_TOL:
         text = f"the joint state {states[worst]:.5g} deg equals the coordinate {actual[worst]:.5g} deg in radians"
@@ -152,44 +176,51 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         f"joint {joint.path}: the joint state {Quantity(states[worst] * shown, unit)} differs from the coordinate "
         f"{Quantity(actual[worst] * shown, unit)} computed from the poses of the joint's bodies"
     )
-    yield _STATE(joint.path, text, Quantity(off[worst], unit), STATE_TOL, when=line.labels[worst])
+    yield _STATE(joint.path, text, Quantity(differences[worst], unit), STATE_TOL, when=line.labels[worst])
 
 
 def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
-    kinds = [k for k in joint.prim.GetAppliedSchemas() if k.startswith("PhysicsDriveAPI:")]
-    wrong = [k.partition(":")[2] for k in kinds if k.partition(":")[2] != joint.instance]
+    instances: list[str] = []
+    for schema in joint.prim.GetAppliedSchemas():
+        if schema.startswith("PhysicsDriveAPI:"):
+            instances.append(schema.partition(":")[2])
+    wrong = [instance for instance in instances if instance != joint.instance]
     if wrong:
         text = (
             f"joint {joint.path} ({joint.type}) has a drive '{wrong[0]}', which has no effect; expected "
             f"'{joint.instance}'"
         )
         yield disagreement("stage.drive_axis", joint.path, text, suggestion=f"apply PhysicsDriveAPI:{joint.instance}")
-    drive = UsdPhysics.DriveAPI(joint.prim, joint.instance) if len(kinds) > len(wrong) else None
-    if drive is None:
+    if joint.instance not in instances:
         return
+    drive = UsdPhysics.DriveAPI(joint.prim, joint.instance)
     unit, shown = _unit(joint)
     target = drive.GetTargetPositionAttr().Get() * joint.unit
-    low, high = (v * joint.unit for v in joint.limits or (-np.inf, np.inf))
+    low, high = _limits(joint)
     if joint.is_angle and abs(target) > 1e-3 and abs(target / DEG - q) < 0.05 and abs(target - q) > 0.5:
         text = f"the drive target {target:.5g} deg equals the coordinate {q:.5g} deg in radians"
         yield _radians(joint, text, target)
     elif low <= high and max(low - target, target - high) * shown > LIMIT_TOL:
+        exceeded = low
+        if target > high:
+            exceeded = high
         yield _DRIVE_TARGET(
             joint.path,
             f"joint {joint.path}: the drive target is outside the joint limits {low * shown:.5g} .. "
             f"{high * shown:.5g} {unit}",
             Quantity(target * shown, unit),
-            Quantity((high if target > high else low) * shown, unit),
+            Quantity(exceeded * shown, unit),
         )
 
 
 def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
     attribute = joint.prim.GetAttribute("physxJoint:maxJointVelocity")
-    limit = attribute.Get() if attribute else None
-    if limit is None or not np.isfinite(limit) or len(line.times_s) < 2:
+    stated = attribute.Get() if attribute else None
+    if stated is None or not np.isfinite(stated) or len(line.times_s) < 2:
         return
     unit, shown = _unit(joint)
-    limit *= joint.unit * shown
+    limit = stated * (joint.unit * shown)
+    # q starts with the coordinate at rest, which is no sample
     speed = np.abs(np.diff(q[1:]) / np.diff(line.times_s)) * shown
     worst = int(np.argmax(speed))
     if speed[worst] <= limit * SPEED_MARGIN:

@@ -86,10 +86,12 @@ def check_joints(scene: Scene, line: Timeline) -> Iterator[Finding]:
         ordered = True
         if joint.limits and not joint.limits[0] <= joint.limits[1]:
             ordered = False
-            (low, high), unit = joint.limits, "deg" if joint.is_angle else "m"
-            yield _LIMITS(
-                joint.path, f"joint {joint.path}: the lower limit is above the upper limit", Quantity(low, unit), high
-            )
+            low, high = joint.limits
+            unit = "m"
+            if joint.is_angle:
+                unit = "deg"
+            text = f"joint {joint.path}: the lower limit is above the upper limit"
+            yield _LIMITS(joint.path, text, Quantity(low, unit), high)
         if UsdPhysics.Joint(joint.prim).GetCollisionEnabledAttr().Get():
             message = (
                 f"joint {joint.path} lets its two bodies collide: the hulls overlap at the joint and push the bodies "

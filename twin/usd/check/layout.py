@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
-from twin.core.findings import Finding, Kind, disagreement, finding, warning
+from twin.core.findings import Finding, Kind, Severity, disagreement, finding, warning
 from twin.core.quantity import Quantity
 from twin.usd.scan import Scene
 
@@ -60,67 +60,89 @@ def check_units(scene: Scene) -> Iterator[Finding]:
     stage = scene.stage
     if not stage.GetDefaultPrim():
         yield _DEFAULT_PRIM("/", "no default prim: other stages cannot reference this stage")
-    up = str(UsdGeom.GetStageUpAxis(stage)) if stage.HasAuthoredMetadata("upAxis") else ""
-    if up != "Z":
-        said = f"is {up}" if up else "is not authored, so USD assumes Y"
-        yield finding(
-            "warning" if up else "disagreement",
-            "stage.up_axis",
-            "/",
-            f"upAxis {said}; twin, Isaac Sim and Newton expect Z",
-            suggestion='author upAxis = "Z" and rotate the geometry once',
-        )
-    for code, name, authored, value, default in (
-        (
-            "stage.meters_per_unit",
-            "metersPerUnit",
-            UsdGeom.StageHasAuthoredMetersPerUnit(stage),
-            scene.meters,
-            "0.01 (centimetres)",
-        ),
-        (
-            "stage.kilograms_per_unit",
-            "kilogramsPerUnit",
-            UsdPhysics.StageHasAuthoredKilogramsPerUnit(stage),
-            scene.kilograms,
-            "1",
-        ),
-    ):
-        if not authored or value != 1:
-            said = f"is {value:g}" if authored else f"is not authored, so USD assumes {default}"
-            yield finding(
-                "warning" if authored else "disagreement",
-                code,
-                "/",
-                f"{name} {said}; USD references do not convert units: parts in another unit get wrong values",
-                Quantity(value),
-                1.0,
-                f"author {name} = 1 and convert the numbers",
-                word="",
-            )
-    codes, frames = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
+    yield from _check_up_axis(stage)
+    yield from _check_unit(
+        "stage.meters_per_unit",
+        "metersPerUnit",
+        UsdGeom.StageHasAuthoredMetersPerUnit(stage),
+        scene.meters,
+        "0.01 (centimetres)",
+    )
+    yield from _check_unit(
+        "stage.kilograms_per_unit",
+        "kilogramsPerUnit",
+        UsdPhysics.StageHasAuthoredKilogramsPerUnit(stage),
+        scene.kilograms,
+        "1",
+    )
+    codes = stage.GetTimeCodesPerSecond()
+    frames = stage.GetFramesPerSecond()
     if codes != frames:
-        text = f"viewers that use framesPerSecond play the motion in {codes / frames:.3g} times the duration: "
-        text += "timeCodesPerSecond"
+        ratio = codes / frames
+        text = f"viewers that use framesPerSecond play the motion in {ratio:.3g} times the duration: timeCodesPerSecond"
         yield _FRAME_RATE("/", text, Quantity(codes, "1/s"), Quantity(frames, "1/s"))
     yield from _check_layers(scene)
 
 
+def _check_up_axis(stage: Usd.Stage) -> Iterator[Finding]:
+    severity: Severity = "disagreement"
+    problem = "is not authored, so USD assumes Y"
+    if stage.HasAuthoredMetadata("upAxis"):
+        up = str(UsdGeom.GetStageUpAxis(stage))
+        if up == "Z":
+            return
+        severity = "warning"
+        problem = f"is {up}"
+    yield finding(
+        severity,
+        "stage.up_axis",
+        "/",
+        f"upAxis {problem}; twin, Isaac Sim and Newton expect Z",
+        suggestion='author upAxis = "Z" and rotate the geometry once',
+    )
+
+
+def _check_unit(code: str, name: str, authored: bool, value: float, default: str) -> Iterator[Finding]:
+    """Yield a finding if the stage does not state the unit `name` as 1; `default` is the value that USD assumes."""
+    severity: Severity = "disagreement"
+    problem = f"is not authored, so USD assumes {default}"
+    if authored:
+        if value == 1:
+            return
+        severity = "warning"
+        problem = f"is {value:g}"
+    yield finding(
+        severity,
+        code,
+        "/",
+        f"{name} {problem}; USD references do not convert units: parts in another unit get wrong values",
+        Quantity(value),
+        1.0,
+        f"author {name} = 1 and convert the numbers",
+        word="",
+    )
+
+
 def _check_layers(scene: Scene) -> Iterator[Finding]:
     """Compare the metadata of each used layer with the root layer: USD converts time, but not units, between layers."""
-    root = scene.stage.GetRootLayer().pseudoRoot
+    root_layer = scene.stage.GetRootLayer()
+    layers = []
     for layer in scene.stage.GetUsedLayers(includeClipLayers=False):
-        if layer.anonymous or layer == scene.stage.GetRootLayer():
-            continue
+        if not layer.anonymous and layer != root_layer:
+            layers.append(layer)
+    layers.sort(key=lambda layer: layer.identifier)  # USD returns them in the order of their addresses in memory
+    for layer in layers:
+        layer_name = layer.GetDisplayName()
         for field, code in LAYER_FIELDS.items():
-            if not layer.pseudoRoot.HasInfo(field) or not root.HasInfo(field):
+            if not layer.pseudoRoot.HasInfo(field) or not root_layer.pseudoRoot.HasInfo(field):
                 continue
-            mine, its = root.GetInfo(field), layer.pseudoRoot.GetInfo(field)
-            if mine != its:
+            in_root = root_layer.pseudoRoot.GetInfo(field)
+            in_layer = layer.pseudoRoot.GetInfo(field)
+            if in_root != in_layer:
                 yield disagreement(
                     code,
-                    layer.GetDisplayName(),
-                    f"layer {layer.GetDisplayName()} has {field} {its}, but the root layer has {mine}",
+                    layer_name,
+                    f"layer {layer_name} has {field} {in_layer}, but the root layer has {in_root}",
                     suggestion="give all layers the same value: USD rescales times, but not units, between layers",
                 )
 
@@ -142,11 +164,13 @@ def check_transforms(scene: Scene) -> Iterator[Finding]:
         yield from _check_reset(scene, prim)
         axes = scene.raw_transform(prim)[:3, :3]
         size = np.linalg.norm(axes, axis=0)
+        deviations = np.abs(size - 1)
         if np.linalg.det(axes) < 0 and (is_body or prim.IsA(UsdGeom.Gprim)):
             text = f"{path} is mirrored, so its faces are inside out: determinant of the transform"
             yield _MIRRORED(path, text, Quantity(np.linalg.det(axes)), 0.0)
-        elif is_body and np.max(np.abs(size - 1)) > SCALE_TOL:
-            yield _SCALE(path, f"rigid body {path} is scaled", Quantity(size[np.argmax(np.abs(size - 1))]), 1.0)
+        elif is_body and np.max(deviations) > SCALE_TOL:
+            worst = size[np.argmax(deviations)]
+            yield _SCALE(path, f"rigid body {path} is scaled", Quantity(worst), 1.0)
 
 
 def _check_reset(scene: Scene, prim: Usd.Prim) -> Iterator[Finding]:
@@ -162,10 +186,9 @@ def _check_reset(scene: Scene, prim: Usd.Prim) -> Iterator[Finding]:
 
 def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
     path = str(prim.GetPath())
-    order = [str(t) for t in UsdGeom.Xformable(prim).GetXformOpOrderAttr().Get() or []]
-    names = [t.removeprefix("!invert!") for t in order if t != "!resetXformStack!"]
-    authored = [a.GetName() for a in prim.GetAuthoredAttributes() if a.GetName().startswith("xformOp:")]
-    for name in sorted(set(authored) | set(names)):
+    names = _op_order(prim)
+    authored = {a.GetName() for a in prim.GetAuthoredAttributes() if a.GetName().startswith("xformOp:")}
+    for name in sorted(authored | set(names)):
         kind = name.split(":")[1]
         attribute = prim.GetAttribute(name)
         if name in names and not attribute:
@@ -184,7 +207,8 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
         elif name not in names:
             text = f"{path}: {name} has no effect, because it is not in xformOpOrder"
             yield disagreement("stage.xform_order", path, text, suggestion="list the op in xformOpOrder")
-    rank = [_rank(n) for n in names if n.count(":") == 1]
+    # an op with a suffix, such as xformOp:translate:pivot, may stand anywhere
+    rank = [_rank(name) for name in names if name.count(":") == 1]
     if is_body and rank != sorted(rank):
         text = (
             f"{path}: the order of the transform ops is {', '.join(names)}; in this order, a rotation or scale also "
@@ -193,10 +217,23 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
         yield warning("stage.xform_order", path, text, suggestion="list the ops in the order translate, orient, scale")
 
 
+def _op_order(prim: Usd.Prim) -> list[str]:
+    """Return the names of the transform ops in their order, without resets and without the mark of inverse ops."""
+    names: list[str] = []
+    for token in UsdGeom.Xformable(prim).GetXformOpOrderAttr().Get() or []:
+        if token != "!resetXformStack!":
+            names.append(str(token).removeprefix("!invert!"))
+    return names
+
+
 def _rank(name: str) -> int:
     """Return the position of an op in the usual order translate, rotate, scale."""
     kind = name.split(":")[1]
-    return 0 if kind.startswith("translate") else 2 if kind.startswith("scale") else 1
+    if kind.startswith("translate"):
+        return 0
+    if kind.startswith("scale"):
+        return 2
+    return 1
 
 
 def check_names(scene: Scene) -> Iterator[Finding]:

@@ -28,9 +28,6 @@ _SAMPLE_STEP = Kind("stage.sample_step", "disagreement", "bake more samples")
 
 def check_samples(scene: Scene) -> Iterator[Finding]:
     """Yield findings on all attributes with time samples."""
-    stage = scene.stage
-    start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    ranged = stage.HasAuthoredTimeCodeRange()
     told = False
     for prim in scene.prims:
         for attribute in prim.GetAuthoredAttributes():
@@ -38,34 +35,46 @@ def check_samples(scene: Scene) -> Iterator[Finding]:
             if not codes:
                 continue
             path = str(attribute.GetPath())
-            if not ranged and not told:
+            if scene.stage.HasAuthoredTimeCodeRange():
+                yield from _check_range(scene, path, codes)
+            elif not told:
                 told = True
                 text = (
                     f"{path} has time samples, but the stage has no startTimeCode and endTimeCode: players show only "
                     "one frame"
                 )
                 yield disagreement("stage.time_range", path, text, suggestion="author startTimeCode and endTimeCode")
-            outside = [c for c in codes if not start <= c <= end]
-            if ranged and outside:
-                far = max(outside, key=lambda c: max(start - c, c - end))
-                yield disagreement(
-                    "stage.time_range",
-                    path,
-                    f"{path}: {len(outside)} of {len(codes)} samples are never played, because their time codes are "
-                    f"outside {start:g} .. {end:g}; the farthest time code",
-                    Quantity(far),
-                    Quantity(end if far > end else start),
-                    "widen startTimeCode .. endTimeCode, or remove the samples",
-                )
             kind = attribute.GetTypeName().type
             if kind in (Sdf.ValueTypeNames.Quatf.type, Sdf.ValueTypeNames.Quatd.type):
                 yield from _check_quaternions(attribute, codes)
 
 
+def _check_range(scene: Scene, path: str, codes: list[float]) -> Iterator[Finding]:
+    start = scene.stage.GetStartTimeCode()
+    end = scene.stage.GetEndTimeCode()
+    outside = [code for code in codes if not start <= code <= end]
+    if not outside:
+        return
+    farthest = max(outside, key=lambda code: max(start - code, code - end))
+    limit = start
+    if farthest > end:
+        limit = end
+    yield disagreement(
+        "stage.time_range",
+        path,
+        f"{path}: {len(outside)} of {len(codes)} samples are never played, because their time codes are "
+        f"outside {start:g} .. {end:g}; the farthest time code",
+        Quantity(farthest),
+        Quantity(limit),
+        "widen startTimeCode .. endTimeCode, or remove the samples",
+    )
+
+
 def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator[Finding]:
-    path, name = str(attribute.GetPrim().GetPath()), attribute.GetName()
+    path = str(attribute.GetPrim().GetPath())
+    name = attribute.GetName()
     query = Usd.AttributeQuery(attribute)  # resolves the layers once instead of at every sample
-    q = gf.quat_array_wxyz([query.Get(Usd.TimeCode(c)) for c in codes])
+    q = gf.quat_array_wxyz([query.Get(Usd.TimeCode(code)) for code in codes])
     length = np.linalg.norm(q, axis=1)
     worst = int(np.argmax(np.abs(length - 1)))
     if not abs(length[worst] - 1) < QUATERNION_TOL:
@@ -76,17 +85,17 @@ def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator
     dots = np.sum(q[1:] * q[:-1], axis=1) / (length[1:] * length[:-1])
     flips = np.flatnonzero(dots < 0)
     if len(flips):
-        k = int(flips[0])
+        first_code = codes[int(flips[0])]
         text = (
             f"{path}: quaternion {name} changes sign; where it does, players that interpolate components (Unity) "
             "rotate by up to 180°. Number of sign changes"
         )
-        yield _QUATERNION_SIGN(path, text, Quantity(len(flips)), 0, when=f"time code {codes[k]:g}")
-    turn = 2 * np.arccos(np.clip(np.abs(dots), 0, 1))
-    k = int(np.argmax(turn))
-    if turn[k] > MAX_STEP:
+        yield _QUATERNION_SIGN(path, text, Quantity(len(flips)), 0, when=f"time code {first_code:g}")
+    steps = 2 * np.arccos(np.clip(np.abs(dots), 0, 1))
+    k = int(np.argmax(steps))
+    if steps[k] > MAX_STEP:
         text = (
             f"{path} rotates too far between the time codes {codes[k]:g} and {codes[k + 1]:g} (above 180°, players "
             "rotate backwards)"
         )
-        yield _SAMPLE_STEP(path, text, deg(turn[k]), deg(MAX_STEP), when=f"time code {codes[k]:g}")
+        yield _SAMPLE_STEP(path, text, deg(steps[k]), deg(MAX_STEP), when=f"time code {codes[k]:g}")

@@ -28,7 +28,10 @@ _FOLDER = "; if the stage was made from a robot folder, add a [[drive]] to the r
 
 def check_structure(scene: Scene) -> Iterator[Finding]:
     """Yield findings on loops, unconnected bodies, articulation roots, missing drives and a base that is not fixed."""
-    joints = [j for j in scene.joints if j.enabled and not any(e.problem for e in j.ends)]
+    joints: list[RawJoint] = []
+    for joint in scene.joints:
+        if joint.enabled and not (joint.ends[0].problem or joint.ends[1].problem):
+            joints.append(joint)
     if not scene.bodies or not joints:
         yield _EMPTY("/", f"there is no mechanism to check: {len(scene.bodies)} rigid bodies, {len(joints)} joints")
         return
@@ -39,22 +42,26 @@ def check_structure(scene: Scene) -> Iterator[Finding]:
 
 def _check_drives(joints: list[RawJoint]) -> Iterator[Finding]:
     """Yield one finding if no joint has a drive, else one for each active joint whose drive or gains are missing."""
-    code, active = "stage.drive_missing", [j for j in joints if _is_active(j)]
-    if not any(j.prim.HasAPI(UsdPhysics.DriveAPI) for j in joints):
+    code = "stage.drive_missing"
+    active = [joint for joint in joints if _is_active(joint)]
+    if not any(joint.prim.HasAPI(UsdPhysics.DriveAPI) for joint in joints):
         text = "no joint has a drive: in a simulator the robot collapses"
-        text += f"; active joints: {', '.join(j.path for j in active)}" if active else ""
+        if active:
+            paths = ", ".join(joint.path for joint in active)
+            text += f"; active joints: {paths}"
         yield warning(code, "/", text, suggestion=f"apply PhysicsDriveAPI to the actuated joints{_FOLDER}")
         return
     for joint in active:
-        has = joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance)
-        drive = UsdPhysics.DriveAPI(joint.prim, joint.instance)
-        if has and drive.GetStiffnessAttr().Get() + drive.GetDampingAttr().Get() > 0:
-            continue
+        lack = "has no drive"
+        if joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance):
+            drive = UsdPhysics.DriveAPI(joint.prim, joint.instance)
+            if drive.GetStiffnessAttr().Get() + drive.GetDampingAttr().Get() > 0:
+                continue
+            lack = "its drive has no gains"
         yield warning(
             code,
             joint.path,
-            f"joint {joint.path} is active, but {'its drive has no gains' if has else 'has no drive'}: it moves "
-            "freely in a simulator",
+            f"joint {joint.path} is active, but {lack}: it moves freely in a simulator",
             suggestion=f"apply PhysicsDriveAPI:{joint.instance} with stiffness and damping{_FOLDER}",
         )
 
@@ -69,77 +76,91 @@ def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
 
     The tree is built one joint at a time; a joint between two bodies that are already connected closes a loop.
     """
-    ways: dict[str, dict[str, str]] = {}
-    for joint in (j for j in joints if not j.excluded):
-        a, b = (e.body for e in joint.ends)
-        if a == b:
+    links: dict[str, dict[str, str]] = {}  # {body: {neighbour: joint between the two}}
+    for joint in joints:
+        parent = joint.ends[0].body
+        child = joint.ends[1].body
+        if joint.excluded or parent == child:
             continue
-        came = _reached(ways, a)
-        if b in came:
-            way = []
-            while b != a:
-                b, between = came[b]
-                way.insert(0, between.rpartition("/")[2])
-            others = ", ".join(way)
+        previous = _reached(links, parent)
+        if child in previous:
+            others = ", ".join(_path(previous, parent, child))
             text = (
                 f"joint {joint.path} closes a loop with {others}, and no joint of this loop is excluded from the "
                 "articulation: engines ignore one joint or reject the robot"
             )
             yield _LOOP(joint.path, text)
             continue
-        ways.setdefault(a, {})[b] = joint.path
-        ways.setdefault(b, {})[a] = joint.path
+        links.setdefault(parent, {})[child] = joint.path
+        links.setdefault(child, {})[parent] = joint.path
     for body in scene.bodies:
         if scene.is_kinematic(body):
-            ways.setdefault("", {})[body] = ""
-            ways.setdefault(body, {})[""] = ""
-    joined = {e.body for j in joints for e in j.ends}
-    held = _reached(ways, "") if "" in ways else None
+            links.setdefault("", {})[body] = ""
+            links.setdefault(body, {})[""] = ""
+    jointed: set[str] = set()
+    for joint in joints:
+        jointed.update((joint.ends[0].body, joint.ends[1].body))
+    floats = "" not in links
+    reached = links if floats else _reached(links, "")
     for body in scene.bodies:
-        if body not in joined:
+        if body not in jointed:
             yield _LOOSE(body, f"body {body} has no joint")
-        elif body not in ways or (held is not None and body not in held):
+        elif body not in links or body not in reached:
             yield _DISCONNECTED(
                 body, f"body {body} is not a link of the robot: no joint of the articulation connects it to the robot"
             )
-    if held is None:
+    if floats:
         yield _FLOATING("/", "no joint connects the robot to the world, so the robot falls in a simulator")
 
 
-def _reached(ways: dict[str, dict[str, str]], start: str) -> dict[str, tuple[str, str]]:
+def _reached(links: dict[str, dict[str, str]], start: str) -> dict[str, tuple[str, str]]:
     """Return {body: (previous body, joint between the two)} of each body that is connected to the body `start`."""
-    came = {start: ("", "")}
+    previous = {start: ("", "")}
     pending = [start]
     while pending:
-        here = pending.pop(0)
-        for there, joint in ways.get(here, {}).items():
-            if there not in came:
-                came[there] = (here, joint)
-                pending.append(there)
-    return came
+        body = pending.pop(0)
+        for neighbour, joint in links.get(body, {}).items():
+            if neighbour not in previous:
+                previous[neighbour] = (body, joint)
+                pending.append(neighbour)
+    return previous
+
+
+def _path(previous: dict[str, tuple[str, str]], start: str, end: str) -> list[str]:
+    """Return the leaf names of the joints from the body `start` to the body `end`."""
+    names: list[str] = []
+    body = end
+    while body != start:
+        body, joint = previous[body]
+        names.insert(0, joint.rpartition("/")[2])
+    return names
 
 
 def _check_articulation(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
     roots = [p for p in scene.prims if p.HasAPI(UsdPhysics.ArticulationRootAPI)]
     if not roots:
+        first_body = next(iter(scene.bodies.values()))
         yield disagreement(
             "stage.articulation_root",
-            str(next(iter(scene.bodies.values())).GetParent().GetPath()),
+            str(first_body.GetParent().GetPath()),
             "no articulation root: engines simulate separate bodies held by springs instead of a robot",
             suggestion="apply PhysicsArticulationRootAPI to the root prim of the robot",
         )
     for inner in roots:
-        outer = [r for r in roots if inner != r and inner.GetPath().HasPrefix(r.GetPath())]
-        if outer:
+        for outer in roots:
+            if outer == inner or not inner.GetPath().HasPrefix(outer.GetPath()):
+                continue
             yield disagreement(
                 "stage.articulation_root",
                 str(inner.GetPath()),
-                f"articulation root {inner.GetPath()} is nested in articulation root {outer[0].GetPath()}",
+                f"articulation root {inner.GetPath()} is nested in articulation root {outer.GetPath()}",
                 suggestion="keep one articulation root for each robot",
             )
-    colliders = any(p.HasAPI(UsdPhysics.CollisionAPI) for p in scene.prims)
-    if not (colliders and any(j.excluded for j in joints)):
+            break  # one finding for each nested root
+    if not any(joint.excluded for joint in joints):
         return  # without loops, self collision may be on or off
+    if not any(prim.HasAPI(UsdPhysics.CollisionAPI) for prim in scene.prims):
+        return
     for root in roots:
         attribute = root.GetAttribute("physxArticulation:enabledSelfCollisions")
         if not (attribute and attribute.Get() is False):

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.usd.scan import RawJoint, Scene
+from twin.usd.scan import End, RawJoint, Scene
 
 
 @dataclass(frozen=True)
@@ -29,20 +29,26 @@ class Timeline:
 
     def relative(self, joint: RawJoint) -> Array:
         """Return the pose (k + 1, 4, 4) of a joint's frame on body1 relative to its frame on body0."""
-        a, b = (
-            self.poses[e.body] @ e.T_body_joint if e.body else np.broadcast_to(e.T_body_joint, (len(self.labels), 4, 4))
-            for e in joint.ends
-        )
-        return spatial.inverse(a) @ b
+        T_world_joint0 = self._frames(joint.ends[0])
+        T_world_joint1 = self._frames(joint.ends[1])
+        return spatial.inverse(T_world_joint0) @ T_world_joint1
+
+    def _frames(self, end: End) -> Array:
+        """Return the pose (k + 1, 4, 4) of a joint's frame in the world."""
+        if end.body:
+            return self.poses[end.body] @ end.T_body_joint
+        return np.broadcast_to(end.T_body_joint, (len(self.labels), 4, 4))
 
 
 def timeline(scene: Scene) -> Timeline:
     """Return the poses of all bodies at rest (default time) and at every time sample."""
     prims = list(scene.bodies.values())
     codes = scene.sample_codes
-    per_second = scene.stage.GetTimeCodesPerSecond()
+    times = codes / scene.stage.GetTimeCodesPerSecond()
     poses = scene.poses(prims)
     if len(codes):
         poses = np.concatenate([poses, scene.poses(prims, codes)], axis=1)
-    labels = ["at rest", *(f"time code {c:g} ({c / per_second:.4g} s)" for c in codes)]
-    return Timeline(dict(zip(scene.bodies, poses, strict=True)), codes, labels, codes / per_second)
+    labels = ["at rest"]
+    for code, time in zip(codes, times, strict=True):
+        labels.append(f"time code {code:g} ({time:.4g} s)")
+    return Timeline(dict(zip(scene.bodies, poses, strict=True)), codes, labels, times)

@@ -20,26 +20,21 @@ def run_usd_validators(path: str | Path) -> list[Finding]:
     """
     stage = Scene(path).stage
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    out = []
     try:
         errors = UsdValidation.ValidationContext(validators).Validate(stage)
     except Tf.ErrorException as failed:  # validators fail, for example, on a transform op of a wrong type
-        return [
-            error(
-                "usd.failed",
-                str(path),
-                f"the validators of OpenUSD failed: {str(failed).strip().splitlines()[-1].strip()}",
-            )
-        ]
-    for found in errors:
-        sites = [s.GetProperty() or s.GetPrim() for s in found.GetSites()]
-        places = [str(s.GetPath()) for s in sites if s]
-        out.append(
-            finding(
-                _SEVERITY.get(str(found.GetType()).rpartition(".")[2], "disagreement"),
-                f"usd.{found.GetValidator().GetMetadata().name}.{found.GetName()}",
-                ", ".join(places),
-                found.GetMessage(),
-            )
-        )
-    return out
+        reason = str(failed).strip().splitlines()[-1].strip()
+        return [error("usd.failed", str(path), f"the validators of OpenUSD failed: {reason}")]
+    findings: list[Finding] = []
+    for usd_error in errors:
+        places: list[str] = []
+        for site in usd_error.GetSites():
+            place = site.GetProperty() or site.GetPrim()
+            if place:
+                places.append(str(place.GetPath()))
+        kind = str(usd_error.GetType()).rpartition(".")[2]
+        severity = _SEVERITY.get(kind, "disagreement")
+        validator = usd_error.GetValidator().GetMetadata().name
+        code = f"usd.{validator}.{usd_error.GetName()}"
+        findings.append(finding(severity, code, ", ".join(places), usd_error.GetMessage()))
+    return findings

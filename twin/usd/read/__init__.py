@@ -29,7 +29,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import EARTH, WORLD, Coupling, Mechanism
 from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes, shows_all
 from twin.usd.read.joints import Selection, convert, select
-from twin.usd.read.motors import read_motors
+from twin.usd.read.motors import read_motors, sorted_rows
 from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
 from twin.usd.scan import Scene, said
@@ -47,8 +47,9 @@ def made_from(path: str | Path) -> str:
     """Return the attribute twin:source of the default prim of a stage; "" if it is missing."""
     scene = Scene(path)  # keep a reference, because a prim is invalid without its stage
     prim = scene.stage.GetDefaultPrim()
-    attribute = prim.GetAttribute("twin:source") if prim else None
-    return str(attribute.Get() or "") if attribute else ""
+    if not prim:
+        return ""
+    return str(prim.GetAttribute("twin:source").Get() or "")
 
 
 def read_stage(path: str | Path, root: str | None = None) -> Mechanism:
@@ -101,10 +102,10 @@ def read_motion(path: str | Path) -> tuple[Array, dict[str, Array]]:
     codes = scene.sample_codes
     if not len(codes):
         raise StageError(f"{scene.path}: no transform of a rigid body has time samples")
-    names = unique((p, original_name(b)) for p, b in scene.bodies.items())
-    poses = scene.poses(list(scene.bodies.values()), codes)
+    names = unique((path, original_name(body)) for path, body in scene.bodies.items())
+    T_world_body = scene.poses(list(scene.bodies.values()), codes)
     times = codes / scene.stage.GetTimeCodesPerSecond()
-    return times, {names[p]: T for p, T in zip(scene.bodies, poses, strict=True)}
+    return times, dict(zip(names.values(), T_world_body, strict=True))
 
 
 def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
@@ -114,28 +115,32 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     for prim in prims:
         bake_scale(scene, prim, notes)
     T_world_body = dict(zip(chosen.bodies, scene.poses(prims)[:, 0], strict=True))
-    at_origin = np.allclose(T_world_body.get(chosen.base, np.eye(4)), np.eye(4), rtol=0.0, atol=_ALIGNED)
-    base = "" if chosen.floats or not at_origin else chosen.base
+    T_world_chosen = T_world_body.get(chosen.base, np.eye(4))
+    at_origin = np.allclose(T_world_chosen, np.eye(4), rtol=0.0, atol=_ALIGNED)
+    base = chosen.base
+    if chosen.floats or not at_origin:
+        base = ""
     names = _body_names(scene, chosen, base)
-    joint_names = unique([*((j.path, j.prim.GetName()) for j in chosen.joints), ("", _mount_name(chosen))])
-    mesh_names = unique(
-        (str(p.GetPath()), original_name(p)) for body in prims for p in below(scene, body) if p.IsA(UsdGeom.Mesh)
-    )
+    joint_names = _joint_names(chosen)
+    mesh_names = _mesh_names(scene, prims)
     _note_names(notes, {**names, **joint_names})
 
-    T_world_base = T_world_body.get(base, np.eye(4))
-    bodies = [] if base else [Body(names[""])]
+    bodies: list[Body] = []
+    if not base:
+        bodies.append(Body(names[""]))
     frames: list[Frame] = []
     points: list[Point] = []
     for body_path, prim in zip(chosen.bodies, prims, strict=True):
         name = names[body_path]
         meshes = read_meshes(scene, prim, mesh_names, notes)
-        bodies.append(Body(name, meshes, read_inertia(scene, prim, notes), shows_all(scene, prim)))
+        inertia = read_inertia(scene, prim, notes)
+        bodies.append(Body(name, meshes, inertia, shows_all(scene, prim)))
         for kind, mark, T in read_marks(scene, prim):
             if kind == "frame":
                 frames.append(Frame(mark, name, T))
             else:
                 points.append(Point(mark, name, T[:3, 3]))
+    T_world_base = T_world_body.get(base, np.eye(4))
     authored = _authored(scene, chosen)
     joints = _joints(scene, chosen, base, names, joint_names, T_world_body, authored, notes)
     try:
@@ -164,8 +169,26 @@ def _body_names(scene: Scene, chosen: Selection, base: str) -> dict[str, str]:
     wanted = [(path, original_name(scene.bodies[path])) for path in chosen.bodies]
     if not base:
         return unique(wanted, reserved=(WORLD,)) | {"": WORLD}
-    is_world = identifier(original_name(scene.bodies[base])) == WORLD
-    return unique(wanted, reserved=() if is_world else (WORLD,))
+    if identifier(original_name(scene.bodies[base])) == WORLD:
+        return unique(wanted)
+    return unique(wanted, reserved=(WORLD,))
+
+
+def _joint_names(chosen: Selection) -> dict[str, str]:
+    """Return {prim path: name} of the joints; the joint of an added body "world" has the path ""."""
+    wanted = [(joint.path, joint.prim.GetName()) for joint in chosen.joints]
+    wanted.append(("", _mount_name(chosen)))
+    return unique(wanted)
+
+
+def _mesh_names(scene: Scene, bodies: list[Usd.Prim]) -> dict[str, str]:
+    """Return {prim path: name} of the meshes of the bodies."""
+    wanted: list[tuple[str, str]] = []
+    for body in bodies:
+        for prim in below(scene, body):
+            if prim.IsA(UsdGeom.Mesh):
+                wanted.append((str(prim.GetPath()), original_name(prim)))
+    return unique(wanted)
 
 
 def _joints(
@@ -179,12 +202,16 @@ def _joints(
     notes: list[Finding],
 ) -> tuple[Joint, ...]:
     """Return the joints, first the one between an added body "world" and the first body of the stage."""
-    out: list[Joint] = []
+    joints: list[Joint] = []
     mounted = chosen.base != base
     if mounted:
         mount = _mount(scene, chosen, joint_names[""], names, T_world_body[chosen.base], notes)
-        out.append(replace(mount, type="free") if chosen.floats else mount)
-    geared = {name for transmission in authored["transmissions"] for name in transmission.joints}
+        if chosen.floats:
+            mount = replace(mount, type="free")
+        joints.append(mount)
+    geared: set[str] = set()
+    for transmission in authored["transmissions"]:
+        geared.update(transmission.joints)
     T_world_base = T_world_body.get(base, np.eye(4))
     for raw in chosen.joints:
         joint = convert(scene, raw, joint_names[raw.path], names, base, T_world_base, notes)
@@ -193,15 +220,18 @@ def _joints(
         if mounted and joint.name in authored["trocars"]:  # a trocar is a joint of the base
             T_world_joint = T_world_body[chosen.base] @ joint.T_parent_joint
             joint = replace(joint, parent=names[""], T_parent_joint=T_world_joint)
-        out.append(joint)
-    return tuple(out)
+        joints.append(joint)
+    return tuple(joints)
 
 
 def _mount_name(chosen: Selection) -> str:
     """Return the name of the joint between the added body "world" and the first body."""
     if chosen.anchor is not None:
         return chosen.anchor.prim.GetName()
-    return f"{chosen.base.rpartition('/')[2]}_{'free' if chosen.floats else 'mount'}"
+    leaf = chosen.base.rpartition("/")[2]
+    if chosen.floats:
+        return f"{leaf}_free"
+    return f"{leaf}_mount"
 
 
 def _mount(
@@ -215,10 +245,13 @@ def _mount(
     if chosen.anchor is None:
         return at_pose
     stated = convert(scene, chosen.anchor, name, names, "", np.eye(4), notes)
-    apart = stated.relative(np.eye(4), T_world_body)
-    if stated.parent != names[""]:
-        apart = stated.relative(T_world_body, np.eye(4))
-    return at_pose if np.allclose(apart, np.eye(4), rtol=0.0, atol=_ROUNDED) else stated
+    if stated.parent == names[""]:
+        deviation = stated.relative(np.eye(4), T_world_body)
+    else:
+        deviation = stated.relative(T_world_body, np.eye(4))
+    if np.allclose(deviation, np.eye(4), rtol=0.0, atol=_ROUNDED):
+        return at_pose
+    return stated
 
 
 def _gravity(scene: Scene, robot: Usd.Prim) -> tuple[float, float, float]:
@@ -226,11 +259,11 @@ def _gravity(scene: Scene, robot: Usd.Prim) -> tuple[float, float, float]:
     own = robot.GetAttribute("twin:gravity").Get()
     if own is not None:
         return (float(own[0]), float(own[1]), float(own[2]))
-    stated = next((UsdPhysics.Scene(p) for p in scene.prims if p.IsA(UsdPhysics.Scene)), None)
-    if stated is None:
+    physics = _physics_scene(scene)
+    if physics is None:
         return EARTH
-    direction = np.array(stated.GetGravityDirectionAttr().Get(), float)
-    size = float(stated.GetGravityMagnitudeAttr().Get())
+    direction = np.array(physics.GetGravityDirectionAttr().Get(), float)
+    size = float(physics.GetGravityMagnitudeAttr().Get())
     if not np.any(direction):  # in UsdPhysics, a zero vector means down, and a negative size means that of the earth
         direction = scene.R_world_stage.T @ np.array([0.0, 0.0, -1.0])
     down = scene.R_world_stage @ direction / np.linalg.norm(direction)
@@ -238,8 +271,20 @@ def _gravity(scene: Scene, robot: Usd.Prim) -> tuple[float, float, float]:
         x, y, z = -EARTH[2] * down
     else:
         x, y, z = scene.meters * size * down
-    # both values have single precision: 9.81 is stored as 9.8100004
-    return float(f"{x:.7g}") + 0.0, float(f"{y:.7g}") + 0.0, float(f"{z:.7g}") + 0.0
+    return _from_single(x), _from_single(y), _from_single(z)
+
+
+def _physics_scene(scene: Scene) -> UsdPhysics.Scene | None:
+    """Return the first physics scene of a stage, or None."""
+    for prim in scene.prims:
+        if prim.IsA(UsdPhysics.Scene):
+            return UsdPhysics.Scene(prim)
+    return None
+
+
+def _from_single(value: float) -> float:
+    """Return a value of single precision without its rounding error (9.81 is stored as 9.8100004), and 0 for -0."""
+    return float(f"{value:.7g}") + 0.0
 
 
 def _shape(name: Sdf.ValueTypeName) -> tuple:
@@ -247,8 +292,10 @@ def _shape(name: Sdf.ValueTypeName) -> tuple:
     value = name.scalarType.defaultValue
     if isinstance(value, bool | str):
         return name.isArray, type(value)
+    if hasattr(value, "GetReal"):
+        return name.isArray, "quaternion"
     try:
-        return name.isArray, "quaternion" if hasattr(value, "GetReal") else len(value)
+        return name.isArray, len(value)
     except TypeError:
         return name.isArray, 0
 
@@ -259,23 +306,31 @@ def _refuse_unknown_types(scene: Scene) -> None:
 
         def check(path: Sdf.Path, layer: Sdf.Layer = layer) -> None:
             spec = layer.GetAttributeAtPath(path) if path.IsPropertyPath() else None
-            if not spec:
-                return
-            kind = spec.GetInfo("typeName")
-            if spec.typeName.type.isUnknown:
-                raise StageError(f"{scene.path}: {path} has type '{kind}', which USD does not define")
-            prim = scene.stage.GetPrimAtPath(path.GetPrimPath())
-            meant = prim.GetPrimDefinition().GetSchemaAttributeSpec(path.name) if prim else None
-            if meant and _shape(meant.typeName) != _shape(spec.typeName):
-                text = f"{path} has type '{kind}', but the schema of the prim requires {meant.typeName}"
-                raise StageError(f"{scene.path}: {text}")
+            if spec:
+                _refuse_unknown_type(scene, path, spec)
 
         layer.Traverse(Sdf.Path.absoluteRootPath, check)
 
 
+def _refuse_unknown_type(scene: Scene, path: Sdf.Path, spec: Sdf.AttributeSpec) -> None:
+    kind = spec.GetInfo("typeName")
+    if spec.typeName.type.isUnknown:
+        raise StageError(f"{scene.path}: {path} has type '{kind}', which USD does not define")
+    prim = scene.stage.GetPrimAtPath(path.GetPrimPath())
+    if not prim:
+        return
+    schema = prim.GetPrimDefinition().GetSchemaAttributeSpec(path.name)
+    if schema and _shape(schema.typeName) != _shape(spec.typeName):
+        text = f"{path} has type '{kind}', but the schema of the prim requires {schema.typeName}"
+        raise StageError(f"{scene.path}: {text}")
+
+
 def _rest(names: dict[str, str], T_world_body: dict[str, Array], T_world_base: Array) -> dict[str, Array]:
     T_base_world = spatial.inverse(T_world_base)
-    return {name: T_base_world @ T_world_body.get(path, np.eye(4)) for path, name in names.items()}
+    rest: dict[str, Array] = {}
+    for path, name in names.items():
+        rest[name] = T_base_world @ T_world_body.get(path, np.eye(4))
+    return rest
 
 
 def _note_names(notes: list[Finding], names: dict[str, str]) -> None:
@@ -289,30 +344,58 @@ def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
     if root:
         return root.rpartition("/")[2]
     default = scene.stage.GetDefaultPrim()
-    return default.GetName() if default else chosen.bodies[0].split("/")[1]
+    if default:
+        return default.GetName()
+    return chosen.bodies[0].split("/")[1]
 
 
 def _authored(scene: Scene, chosen: Selection) -> dict[str, Any]:
     """Return the fields of `Mechanism` that only twin writes; empty fields for a stage from other software."""
-    out: dict[str, Any] = {"tool": "tool", "postures": {}, "parameters": (), "couplings": (), "trocars": ()}
-    parent = scene.bodies[chosen.bodies[0]].GetParent()
-    tool = parent.GetAttribute("twin:tool")
-    if tool and tool.Get():
-        out["tool"] = str(tool.Get())
-    trocar, trocars = (parent.GetAttribute(f"twin:{n}").Get() for n in ("trocar", "trocars"))
-    out["trocars"] = tuple(map(str, trocars or ([trocar] if trocar else [])))
-    if couplings := parent.GetCustomDataByKey("twin:couplings"):
-        rows = sorted(couplings.items(), key=lambda item: item[1]["index"])
-        out["couplings"] = tuple(
-            Coupling(name, tuple(c["ratios"]), tuple(map(float, c["ratios"].values())), float(c["total"]))
-            for name, c in rows
-        )
-    out["actuators"], out["transmissions"] = read_motors(scene, parent)
-    if postures := parent.GetCustomDataByKey("twin:postures"):
-        out["postures"] = {k: {n: float(q) for n, q in v.items()} for k, v in postures.items()}
-    if parameters := parent.GetCustomDataByKey("twin:parameters"):
-        rows = sorted(parameters.items(), key=lambda item: item[1]["index"])
-        out["parameters"] = tuple(
-            Parameter(name, p["value"], p["unit"], p["shown"], p["provenance"], p["note"]) for name, p in rows
-        )
-    return out
+    robot = scene.bodies[chosen.bodies[0]].GetParent()
+    actuators, transmissions = read_motors(scene, robot)
+    tool = robot.GetAttribute("twin:tool").Get()
+    return {
+        "tool": str(tool) if tool else "tool",
+        "trocars": _trocars(robot),
+        "couplings": _couplings(robot),
+        "actuators": actuators,
+        "transmissions": transmissions,
+        "postures": _postures(robot),
+        "parameters": _parameters(robot),
+    }
+
+
+def _trocars(robot: Usd.Prim) -> tuple[str, ...]:
+    """Return the names of the trocars; a robot with one trocar has its name in an attribute of its own."""
+    several = robot.GetAttribute("twin:trocars").Get()
+    if several:
+        return tuple(map(str, several))
+    single = robot.GetAttribute("twin:trocar").Get()
+    if single:
+        return (str(single),)
+    return ()
+
+
+def _couplings(robot: Usd.Prim) -> tuple[Coupling, ...]:
+    couplings: list[Coupling] = []
+    for name, row in sorted_rows(robot.GetCustomDataByKey("twin:couplings")):
+        ratios = row["ratios"]
+        values = tuple(map(float, ratios.values()))
+        couplings.append(Coupling(name, tuple(ratios), values, float(row["total"])))
+    return tuple(couplings)
+
+
+def _postures(robot: Usd.Prim) -> dict[str, dict[str, float]]:
+    postures: dict[str, dict[str, float]] = {}
+    stored = robot.GetCustomDataByKey("twin:postures") or {}
+    for name, coordinates in stored.items():
+        postures[name] = {joint: float(q) for joint, q in coordinates.items()}
+    return postures
+
+
+def _parameters(robot: Usd.Prim) -> tuple[Parameter, ...]:
+    parameters: list[Parameter] = []
+    for name, row in sorted_rows(robot.GetCustomDataByKey("twin:parameters")):
+        parameter = Parameter(name, row["value"], row["unit"], row["shown"], row["provenance"], row["note"])
+        parameters.append(parameter)
+    return tuple(parameters)

@@ -27,20 +27,30 @@ def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
             body would change with its orientation.
     """
     axes = scene.raw_transform(body)[:3, :3]
-    above = scene.raw_transform(body.GetParent())[:3, :3] if UsdGeom.Xformable(body.GetParent()) else np.eye(3)
+    parent_axes = np.eye(3)
+    if UsdGeom.Xformable(body.GetParent()):
+        parent_axes = scene.raw_transform(body.GetParent())[:3, :3]
+    parent_size = np.full(3, np.cbrt(np.linalg.det(parent_axes)))
     size = scene.size(body)
-    if np.linalg.det(axes) > 0 and _scales(axes, size) and _scales(above, np.full(3, np.cbrt(np.linalg.det(above)))):
+    mirrored = np.linalg.det(axes) < 0
+    if np.linalg.det(axes) > 0 and _scales(axes, size) and _scales(parent_axes, parent_size):
         if np.any(size != 1.0):
             where = str(body.GetPath())
-            shown = f"{size[0]:.6g}" if np.ptp(size) == 0 else _listed(size)
-            text = f"{where} is scaled by {shown} (including parents): lengths are read at the scaled size"
+            factor = _listed(size)
+            if np.ptp(size) == 0:
+                factor = f"{size[0]:.6g}"
+            text = f"{where} is scaled by {factor} (including parents): lengths are read at the scaled size"
             notes.append(info("stage.read.scaled", where, text))
         return
     prim, scale = _culprit(body)
-    shown = f"{_listed(scale)}{', mirrored' if np.linalg.det(axes) < 0 else ''}"
-    above = "" if prim == body else f", because of the scale of its ancestor {prim.GetPath()}"
+    factor = _listed(scale)
+    if mirrored:
+        factor += ", mirrored"
+    reason = ""
+    if prim != body:
+        reason = f", because of the scale of its ancestor {prim.GetPath()}"
     raise StageError(
-        f"{scene.path}: rigid body {body.GetPath()} is scaled by {shown}{above}. Scale the meshes "
+        f"{scene.path}: rigid body {body.GetPath()} is scaled by {factor}{reason}. Scale the meshes "
         "below the body instead, or write the stage in its final unit."
     )
 
@@ -58,17 +68,19 @@ def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
     """Return (prim, scale (3,)) of the body that is mirrored or sheared, or of its ancestor with an uneven scale."""
     prim = body
     while prim and not prim.IsPseudoRoot():
-        own = (
-            gf.affine(UsdGeom.Xformable(prim).GetLocalTransformation())[:3, :3]
-            if UsdGeom.Xformable(prim)
-            else np.eye(3)
-        )
-        size = np.linalg.norm(own, axis=0)
-        even = np.ptp(size) <= SCALE_TOL * size.max()
-        if np.linalg.det(own) < 0 or not _scales(own, size) or not (even or prim == body):
+        axes = np.eye(3)
+        xformable = UsdGeom.Xformable(prim)
+        if xformable:
+            axes = gf.affine(xformable.GetLocalTransformation())[:3, :3]
+        size = np.linalg.norm(axes, axis=0)
+        uniform = np.ptp(size) <= SCALE_TOL * size.max()
+        if np.linalg.det(axes) < 0 or not _scales(axes, size):
+            return prim, size
+        if not uniform and prim != body:
             return prim, size
         prim = prim.GetParent()
-    return body, np.linalg.norm(gf.affine(UsdGeom.XformCache().GetLocalToWorldTransform(body))[:3, :3], axis=0)
+    world = gf.affine(UsdGeom.XformCache().GetLocalToWorldTransform(body))
+    return body, np.linalg.norm(world[:3, :3], axis=0)
 
 
 def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
@@ -83,8 +95,10 @@ def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
 
 def original_name(prim: Usd.Prim) -> str:
     """Return the name of a prim in the original mechanism: the name stored in the stage, else its leaf name."""
-    attribute = prim.GetAttribute("twin:name")
-    return str(attribute.Get()) if attribute and attribute.Get() else prim.GetName()
+    name = prim.GetAttribute("twin:name").Get()
+    if name:
+        return str(name)
+    return prim.GetName()
 
 
 def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list[Finding]) -> tuple[Mesh, ...]:
@@ -116,14 +130,23 @@ def shows_all(scene: Scene, body: Usd.Prim) -> bool:
 
     If twin did not write the stage: the body has colliders, and `read_meshes` omits none of its shapes.
     """
-    told = body.GetAttribute("twin:whole")
-    if told and told.Get() is not None:
-        return bool(told.Get())
-    shapes = [p for p in below(scene, body) if p.IsA(UsdGeom.Gprim)]
-    guides = [p for p in shapes if UsdGeom.Imageable(p).ComputePurpose() == UsdGeom.Tokens.guide]
-    if guides or not all(p.IsA(UsdGeom.Mesh) for p in shapes):
-        return False
-    return any(p.HasAPI(UsdPhysics.CollisionAPI) for p in below(scene, body))
+    whole = body.GetAttribute("twin:whole").Get()
+    if whole is not None:
+        return bool(whole)
+    has_collider = False
+    for prim in below(scene, body):
+        if prim.IsA(UsdGeom.Gprim):
+            is_guide = UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide
+            if is_guide or not prim.IsA(UsdGeom.Mesh):
+                return False  # `read_meshes` omits this shape
+        if prim.HasAPI(UsdPhysics.CollisionAPI):
+            has_collider = True
+    return has_collider
+
+
+def mesh_points(mesh: UsdGeom.Mesh) -> Array:
+    """Return the points (n, 3) of a mesh, in the prim's frame and unit."""
+    return np.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
 
 
 def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
@@ -132,61 +155,83 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
     Raises:
         StageError: counts and indices do not match, or an index exceeds the number of vertices.
     """
-    counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or []).astype(int).ravel()
-    indices = np.array(mesh.GetFaceVertexIndicesAttr().Get() or []).astype(int).ravel()
+    counts = _integers(mesh.GetFaceVertexCountsAttr())
+    indices = _integers(mesh.GetFaceVertexIndicesAttr())
     n = len(mesh.GetPointsAttr().Get() or [])
     where = mesh.GetPath()
     if counts.sum() != len(indices):
         raise StageError(f"mesh {where}: the faces require {counts.sum()} indices, but the mesh has {len(indices)}")
-    if len(indices) and not (indices.min() >= 0 and indices.max() < n):
-        wrong = indices.min() if indices.min() < 0 else indices.max()
+    if not len(indices):
+        return np.zeros((0, 3), np.int32)
+    wrong = None
+    if indices.max() >= n:
+        wrong = indices.max()
+    if indices.min() < 0:
+        wrong = indices.min()
+    if wrong is not None:
         raise StageError(f"mesh {where}: an index refers to vertex {wrong}, but the mesh has {n} vertices")
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else np.zeros(0, int)
+    # Each polygon becomes a fan of triangles around its first corner.
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     fans = np.maximum(counts - 2, 0)
     first = np.repeat(starts, fans)
     step = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
     corners = np.column_stack([first, first + step + 1, first + step + 2])
-    triangles = indices[corners] if len(corners) else np.zeros((0, 3), int)
+    triangles = indices[corners]
     if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
         triangles = triangles[:, ::-1]
     return np.ascontiguousarray(triangles, dtype=np.int32)
 
 
+def _integers(attribute: Usd.Attribute) -> np.ndarray:
+    return np.array(attribute.Get() or []).astype(int).ravel()
+
+
 def _mesh(scene: Scene, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh | None:
     triangles = mesh_triangles(mesh)
-    points = np.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
     if not len(triangles):
         return None
+    points = mesh_points(mesh)
     M = scene.relative(mesh.GetPrim(), body)
-    if np.linalg.det(M[:3, :3]) < 0:
+    if np.linalg.det(M[:3, :3]) < 0:  # a mirrored mesh: exchange the sides of its faces
         triangles = triangles[:, ::-1].copy()
     if not np.array_equal(M, np.eye(4)):
         points = points @ M[:3, :3].T + M[:3, 3]
-    return Mesh(name, points * scene.meters * scene.size(body), triangles, *_shown(mesh))
+    vertices = points * scene.meters * scene.size(body)
+    color_rgba, finish = _look(mesh)
+    return Mesh(name, vertices, triangles, color_rgba, finish)
 
 
-def _shown(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish]:
+def _look(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish]:
     """Return (linear colour, finish) of the bound preview surface, else the display colour, else grey."""
     material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
     if material:
         shader, *_ = material.ComputeSurfaceSource()
         if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface":
-
-            def value(name: str, default: float) -> float:
-                given = shader.GetInput(name).Get() if shader.GetInput(name) else None
-                return default if given is None else round(float(given), 6)  # single precision: 0.35 is 0.3499999
-
-            color = shader.GetInput("diffuseColor")
-            if color and (rgb := color.Get()) is not None:
+            diffuse = shader.GetInput("diffuseColor")
+            rgb = diffuse.Get() if diffuse else None
+            if rgb is not None:
                 r, g, b = map(float, rgb)
-                finish = Finish(material.GetPrim().GetName(), value("metallic", 0.0), value("roughness", 0.5))
-                return (r, g, b, value("opacity", 1.0)), finish
-    shown = mesh.GetDisplayColorAttr().Get()
-    if shown:
-        r, g, b = map(float, shown[0])
-        opacity = mesh.GetDisplayOpacityAttr().Get()
-        return (r, g, b, float(opacity[0]) if opacity else 1.0), Finish()
+                metallic = _shader_value(shader, "metallic", 0.0)
+                roughness = _shader_value(shader, "roughness", 0.5)
+                finish = Finish(material.GetPrim().GetName(), metallic, roughness)
+                return (r, g, b, _shader_value(shader, "opacity", 1.0)), finish
+    display_color = mesh.GetDisplayColorAttr().Get()
+    if display_color:
+        r, g, b = map(float, display_color[0])
+        opacity = 1.0
+        display_opacity = mesh.GetDisplayOpacityAttr().Get()
+        if display_opacity:
+            opacity = float(display_opacity[0])
+        return (r, g, b, opacity), Finish()
     return (0.6, 0.6, 0.6, 1.0), Finish()
+
+
+def _shader_value(shader: UsdShade.Shader, name: str, default: float) -> float:
+    source = shader.GetInput(name)
+    value = source.Get() if source else None
+    if value is None:
+        return default
+    return round(float(value), 6)  # single precision: 0.35 is 0.3499999
 
 
 def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia | None:
@@ -196,8 +241,12 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
         StageError: the principal axes are not a rotation.
     """
     mass = UsdPhysics.MassAPI(body)
-    kilograms = mass.GetMassAttr().Get() if body.HasAPI(UsdPhysics.MassAPI) else 0.0
-    diagonal = np.array(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0), float) if kilograms else np.zeros(3)
+    kilograms = 0.0
+    if body.HasAPI(UsdPhysics.MassAPI):
+        kilograms = mass.GetMassAttr().Get()
+    diagonal = np.zeros(3)
+    if kilograms:
+        diagonal = np.array(mass.GetDiagonalInertiaAttr().Get() or (0, 0, 0), float)
     if not kilograms or not np.any(diagonal):
         text = f"{body.GetPath()} lacks a mass or an inertia, which simulators estimate from the body's colliders"
         notes.append(info("stage.read.inertia", str(body.GetPath()), text))
@@ -206,13 +255,17 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
     if not np.all(np.isfinite(center)):  # in the schema, -inf means "not given"
         center = np.zeros(3)
     axes = mass.GetPrincipalAxesAttr().Get()
-    try:
-        R = np.eye(3) if not np.any(gf.quat_wxyz(axes)) else gf.rotation(axes)  # a zero quaternion: "not given"
-    except ValueError as error:
-        raise StageError(f"{scene.path}: {body.GetPath()}, principal axes: {error}") from error
+    R = np.eye(3)
+    if np.any(gf.quat_wxyz(axes)):  # a zero quaternion means "not given"
+        try:
+            R = gf.rotation(axes)
+        except ValueError as error:
+            raise StageError(f"{scene.path}: {body.GetPath()}, principal axes: {error}") from error
     unit = scene.kilograms * scene.meters**2
     return Inertia(
-        float(kilograms) * scene.kilograms, center * scene.meters * scene.size(body), R @ np.diag(diagonal) @ R.T * unit
+        float(kilograms) * scene.kilograms,
+        center * scene.meters * scene.size(body),
+        R @ np.diag(diagonal) @ R.T * unit,
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from pxr import UsdPhysics
+from pxr import Usd, UsdPhysics
 
 from twin.core import spatial
 from twin.core.errors import StageError
@@ -44,46 +44,89 @@ def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
         StageError: there are no bodies or joints, a joint is invalid, there are several robots, or several bodies are
             fixed to the world.
     """
-    within = (lambda path: path == root or path.startswith(f"{root}/")) if root else (lambda path: True)
-    bodies = [p for p in scene.bodies if within(p)]
-    joints = [j for j in scene.joints if within(j.path)]
-    place = f"{scene.path}{f', below {root}' if root else ''}"
+    bodies = [p for p in scene.bodies if _below_root(p, root)]
+    place = scene.path
+    if root:
+        place = f"{scene.path}, below {root}"
     if not bodies:
         raise StageError(f"{place}: the stage has no rigid bodies (PhysicsRigidBodyAPI), so there is no mechanism")
-    notes.extend(
-        info("stage.read.disabled", j.path, f"joint {j.path} is disabled and left out") for j in joints if not j.enabled
-    )
-    joints = [j for j in joints if j.enabled]
-    for joint in (j for j in joints if j.fault):
-        raise StageError(f"{scene.path}: joint {joint.path}: {joint.fault}")
+    joints = _enabled_joints(scene, root, notes)
     if not joints:
         raise StageError(f"{place}: the stage has no joints, so there is no mechanism")
-    groups = _groups(bodies, joints)
-    robots = [g for g in groups if any(_moves(j) and _touches(j, g) for j in joints)]
-    robots = robots or [g for g in groups if any(_touches(j, g) for j in joints)]
-    grounded = [j for j in joints if not all(e.body for e in j.ends)]
-    if root and len(robots) > 1 and all(any(_touches(j, g) for j in grounded) for g in robots):
-        robots = [[p for g in robots for p in g]]  # several chains that start at the world form one robot
+    robots = _robots(_groups(bodies, joints), joints)
+    if root and len(robots) > 1 and all(_is_grounded(group, joints) for group in robots):
+        # several chains that start at the world form one robot
+        connected: list[str] = []
+        for group in robots:
+            connected += group
+        robots = [connected]
     if len(robots) > 1:
-        firsts = ", ".join(g[0] for g in robots)
+        firsts = ", ".join(group[0] for group in robots)
         raise StageError(
             f"{place}: the stage has {len(robots)} robots, with the first bodies {firsts}. Choose a robot by its root "
             "prim: "
             "twin new NAME --from FILE --root PRIM."
         )
-    members = [p for p in bodies if p in set(robots[0])]
-    notes.extend(
-        info("stage.read.prop", p, f"body {p} is left out: no joint of the robot moves it")
-        for p in bodies
-        if p not in robots[0]
-    )
-    joints = [j for j in joints if _touches(j, robots[0])]
-    base, anchor = _base(scene, place, members, joints, notes)
-    joints = [j for j in joints if j is not anchor]
+    robot = set(robots[0])
+    members: list[str] = []
+    for path in bodies:
+        if path in robot:
+            members.append(path)
+        else:
+            notes.append(info("stage.read.prop", path, f"body {path} is left out: no joint of the robot moves it"))
+    own_joints = [j for j in joints if j.touches(robot)]
+    base, anchor = _base(scene, place, members, own_joints, notes)
+    moving = [j for j in own_joints if j is not anchor]
     if not scene.is_stated_base(base):  # else the joints have the order of the description: the last ones close loops
-        joints = sorted(joints, key=lambda j: j.excluded)
-    held = anchor is not None or scene.is_stated_base(base) or (base and scene.is_kinematic(base))
-    return Selection(base, members, joints, anchor, floats=bool(base) and not held)
+        moving.sort(key=lambda joint: joint.excluded)
+    floats = bool(base) and anchor is None
+    if floats and (scene.is_stated_base(base) or scene.is_kinematic(base)):
+        floats = False
+    return Selection(base, members, moving, anchor, floats=floats)
+
+
+def _below_root(path: str, root: str | None) -> bool:
+    """Return whether a prim path is the path `root` or below it; without a root, every prim belongs to the robot."""
+    return not root or path == root or path.startswith(f"{root}/")
+
+
+def _enabled_joints(scene: Scene, root: str | None, notes: list[Finding]) -> list[RawJoint]:
+    """Return the enabled joints below `root`; `notes` receives a finding on each disabled joint.
+
+    Raises:
+        StageError: a joint is invalid.
+    """
+    enabled: list[RawJoint] = []
+    for joint in scene.joints:
+        if not _below_root(joint.path, root):
+            continue
+        if joint.enabled:
+            enabled.append(joint)
+        else:
+            text = f"joint {joint.path} is disabled and left out"
+            notes.append(info("stage.read.disabled", joint.path, text))
+    for joint in enabled:
+        if joint.fault:
+            raise StageError(f"{scene.path}: joint {joint.path}: {joint.fault}")
+    return enabled
+
+
+def _robots(groups: list[list[str]], joints: list[RawJoint]) -> list[list[str]]:
+    """Return the groups of bodies that are robots: those with a joint that can move, else those with any joint."""
+    movable = [joint for joint in joints if joint.type != "fixed" or not joint.is_grounded]
+    robots = [group for group in groups if _has_joint(group, movable)]
+    if robots:
+        return robots
+    return [group for group in groups if _has_joint(group, joints)]
+
+
+def _has_joint(group: list[str], joints: list[RawJoint]) -> bool:
+    return any(joint.touches(group) for joint in joints)
+
+
+def _is_grounded(group: list[str], joints: list[RawJoint]) -> bool:
+    """Return whether a joint connects a group of bodies to the world."""
+    return any(joint.is_grounded and joint.touches(group) for joint in joints)
 
 
 def convert(
@@ -106,18 +149,27 @@ def convert(
             return names[end.body], end.T_body_joint
         return names[base], spatial.inverse(T_world_base) @ end.T_body_joint
 
-    (parent, T_parent), (child, T_child) = map(side, joint.ends)
-    turn = joint.prim.GetAttribute("twin:childTurn").Get()
+    parent, T_parent = side(joint.ends[0])
+    child, T_child = side(joint.ends[1])
+    prim = joint.prim
+    turn = prim.GetAttribute("twin:childTurn").Get()
     if turn is not None:  # a ball joint whose child frame the writer rotated so that both frames coincide at rest
         T_child = T_child @ spatial.pose(gf.rotation(turn))
-    unit = DEG if joint.is_angle else scene.meters
-    prim = joint.prim
-    drive, driven = _drive(scene, joint, notes)
-    active = prim.GetAttribute("twin:active")
-    limits = joint.limits and (joint.limits[0] * unit, joint.limits[1] * unit)
-    speed = prim.GetAttribute("physxJoint:maxJointVelocity").Get() if joint.instance else None
+    unit = scene.meters
+    if joint.is_angle:
+        unit = DEG
+    limits = None
+    if joint.limits is not None:
+        limits = (joint.limits[0] * unit, joint.limits[1] * unit)
+    soft_limits = None
     soft = prim.GetAttribute("twin:softLimits").Get()
-    acceleration, jerk = (prim.GetAttribute(f"twin:max{what}").Get() for what in ("Acceleration", "Jerk"))
+    if soft is not None:
+        soft_limits = (float(soft[0]), float(soft[1]))
+    drive, driven = _drive(scene, joint, notes)
+    active = driven
+    stated_active = prim.GetAttribute("twin:active")
+    if stated_active:
+        active = bool(stated_active.Get())
     return Joint(
         name,
         joint.type,  # pyright: ignore[reportArgumentType]
@@ -125,39 +177,47 @@ def convert(
         child,
         T_parent,
         T_child,
-        active=bool(active.Get()) if active else driven,
+        active=active,
         limits=limits,
-        soft_limits=None if soft is None else (float(soft[0]), float(soft[1])),
+        soft_limits=soft_limits,
         cone=_cone(joint),
-        max_speed=None if speed is None or not np.isfinite(speed) else float(speed) * unit,
-        max_acceleration=None if acceleration is None else float(acceleration),
-        max_jerk=None if jerk is None else float(jerk),
+        max_speed=_max_speed(joint, unit),
+        max_acceleration=_number(prim, "twin:maxAcceleration"),
+        max_jerk=_number(prim, "twin:maxJerk"),
         drive=drive,
         mating=tuple(prim.GetAttribute("twin:mating").Get() or ()),
     )
 
 
-def _moves(joint: RawJoint) -> bool:
-    return joint.type != "fixed" or all(e.body for e in joint.ends)
+def _number(prim: Usd.Prim, name: str) -> float | None:
+    value = prim.GetAttribute(name).Get()
+    return None if value is None else float(value)
 
 
-def _touches(joint: RawJoint, group: list[str]) -> bool:
-    return any(e.body in group for e in joint.ends)
+def _max_speed(joint: RawJoint, unit: float) -> float | None:
+    """Return the maximum speed in SI units; None if the stage gives none, or an infinite one."""
+    if not joint.instance:
+        return None
+    speed = joint.prim.GetAttribute("physxJoint:maxJointVelocity").Get()
+    if speed is None or not np.isfinite(speed):
+        return None
+    return float(speed) * unit
 
 
 def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
     """Return the groups of bodies that are connected by joints; connections through the world are ignored."""
     leader = {b: b for b in bodies}
 
-    def find(b: str) -> str:
-        while leader[b] != b:
-            b = leader[b]
-        return b
+    def find(body: str) -> str:
+        while leader[body] != body:
+            body = leader[body]
+        return body
 
     for joint in joints:
-        a, b = (e.body for e in joint.ends)
-        if a in leader and b in leader:
-            leader[find(b)] = find(a)
+        parent = joint.ends[0].body
+        child = joint.ends[1].body
+        if parent in leader and child in leader:
+            leader[find(child)] = find(parent)
     groups: dict[str, list[str]] = {}
     for body in bodies:
         groups.setdefault(find(body), []).append(body)
@@ -172,8 +232,11 @@ def _base(
     Each body of a robot without a joint to the world can be its base, because the robot floats; `notes` says which
     body was chosen.
     """
-    grounded = [j for j in joints if not all(e.body for e in j.ends)]
-    fixed = {next(e.body for e in j.ends if e.body): j for j in grounded if j.type == "fixed"}
+    grounded = [j for j in joints if j.is_grounded]
+    fixed: dict[str, RawJoint] = {}
+    for joint in grounded:
+        if joint.type == "fixed":
+            fixed[joint.ends[0].body or joint.ends[1].body] = joint
     for body in bodies:
         if scene.is_stated_base(body):
             return body, fixed.get(body)
@@ -189,9 +252,12 @@ def _base(
     roots = [b for b in bodies if scene.bodies[b].HasAPI(UsdPhysics.ArticulationRootAPI)]
     if len(roots) == 1:
         return roots[0], None
-    children = {j.ends[1].body for j in joints if not j.excluded}
-    never = [b for b in bodies if b not in children]
-    candidates = never or roots or bodies
+    never_child = list(bodies)
+    for joint in joints:
+        child = joint.ends[1].body
+        if not joint.excluded and child in never_child:
+            never_child.remove(child)
+    candidates = never_child or roots or bodies
     if len(candidates) > 1:
         text = (
             f"no joint fixes a body to the world, and the stage names no base: {candidates[0]} becomes the base of the "
@@ -204,14 +270,18 @@ def _base(
 def _cone(joint: RawJoint) -> float | None:
     if joint.type != "spherical" or not joint.prim.IsA(UsdPhysics.SphericalJoint):
         return None
-    name = joint.prim.GetAttribute("twin:cone").Get()
-    if name is not None:
-        return float(name)
+    own_cone = joint.prim.GetAttribute("twin:cone").Get()
+    if own_cone is not None:
+        return float(own_cone)
     schema = UsdPhysics.SphericalJoint(joint.prim)
+    limited: list[float] = []
+    for angle in (schema.GetConeAngle0LimitAttr().Get(), schema.GetConeAngle1LimitAttr().Get()):
+        if angle is not None and angle >= 0:  # in the schema, a negative angle means "not limited"
+            limited.append(angle)
+    if not limited:
+        return None
     # An elliptic cone is read as a circular cone with the smaller half angle, so that no forbidden pose is allowed.
-    angles = [schema.GetConeAngle0LimitAttr().Get(), schema.GetConeAngle1LimitAttr().Get()]
-    limited = [a for a in angles if a is not None and a >= 0]
-    return min(limited) * DEG if limited else None
+    return min(limited) * DEG
 
 
 def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive | None, bool]:
@@ -223,9 +293,9 @@ def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive |
     if not joint.instance or not joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance):
         return None, False
     drive = UsdPhysics.DriveAPI(joint.prim, joint.instance)
-    stiffness, damping, limit = (
-        float(a.Get()) for a in (drive.GetStiffnessAttr(), drive.GetDampingAttr(), drive.GetMaxForceAttr())
-    )
+    stiffness = float(drive.GetStiffnessAttr().Get())
+    damping = float(drive.GetDampingAttr().Get())
+    limit = float(drive.GetMaxForceAttr().Get())
     if not (stiffness > 0 or damping > 0):
         return None, False
     if drive.GetTypeAttr().Get() == UsdPhysics.Tokens.acceleration:
@@ -233,6 +303,13 @@ def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive |
         notes.append(info("stage.read.drive", joint.path, text))
         return None, True
     force = scene.kilograms * scene.meters  # newtons per unit of force of the stage
-    effort = force * scene.meters if joint.is_angle else force
-    gain = effort / DEG if joint.is_angle else force / scene.meters
-    return Drive(stiffness * gain, damping * gain, limit * effort if np.isfinite(limit) else None), True
+    if joint.is_angle:
+        effort = force * scene.meters
+        gain = effort / DEG
+    else:
+        effort = force
+        gain = force / scene.meters
+    max_effort = None
+    if np.isfinite(limit):
+        max_effort = limit * effort
+    return Drive(stiffness * gain, damping * gain, max_effort), True

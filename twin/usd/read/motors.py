@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from pxr import Usd
 
@@ -16,37 +18,45 @@ def read_motors(scene: Scene, prim: Usd.Prim) -> tuple[tuple[Actuator, ...], tup
     Raises:
         StageError: an entry does not have the form that twin writes.
     """
-    actuators, transmissions = (prim.GetCustomDataByKey(f"twin:{k}") or {} for k in ("actuators", "transmissions"))
+    actuators: list[Actuator] = []
+    transmissions: list[Transmission] = []
     try:
-        return (
-            tuple(_actuator(name, dict(row)) for name, row in _sorted(actuators)),
-            tuple(_transmission(name, row) for name, row in _sorted(transmissions)),
-        )
+        for name, row in sorted_rows(prim.GetCustomDataByKey("twin:actuators")):
+            actuators.append(_actuator(name, dict(row)))
+        for name, row in sorted_rows(prim.GetCustomDataByKey("twin:transmissions")):
+            transmissions.append(_transmission(name, row))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StageError(
             f"{scene.path}: {prim.GetPath()}: the customData twin:actuators or twin:transmissions does not have the "
             f"form that twin writes ({type(error).__name__}: {error})"
         ) from error
+    return tuple(actuators), tuple(transmissions)
 
 
-def _sorted(rows: dict) -> list[tuple[str, dict]]:
+def sorted_rows(rows: dict[str, Any] | None) -> list[tuple[str, dict[str, Any]]]:
+    """Return the (name, row) of a table in customData in their original order; USD stores dictionaries by name."""
+    if not rows:
+        return []
     return sorted(rows.items(), key=lambda item: item[1]["index"])
 
 
-def _actuator(name: str, row: dict) -> Actuator:
+def _actuator(name: str, row: dict[str, Any]) -> Actuator:
     del row["index"]
     limits = row.pop("limits", None)
+    if limits is not None:
+        limits = (float(limits[0]), float(limits[1]))
     kind = str(row.pop("kind"))
-    numbers = {k: float(v) for k, v in row.items()}
+    numbers = {key: float(value) for key, value in row.items()}
     return Actuator(
         name,
         kind,  # pyright: ignore[reportArgumentType]
-        None if limits is None else (float(limits[0]), float(limits[1])),
+        limits,
         **numbers,
     )
 
 
-def _transmission(name: str, row: dict) -> Transmission:
-    joints, actuators = (tuple(map(str, row[k])) for k in ("joints", "actuators"))
+def _transmission(name: str, row: dict[str, Any]) -> Transmission:
+    joints = tuple(map(str, row["joints"]))
+    actuators = tuple(map(str, row["actuators"]))
     matrix = np.array(row["matrix"], float).reshape(len(joints), len(actuators))
     return Transmission(name, joints, actuators, matrix)

@@ -14,7 +14,11 @@ def identifier(name: str) -> str:
     """
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
     name = re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_")
-    return name if name[:1].isalpha() else f"n{'_' if name else ''}{name}"
+    if not name:
+        return "n"
+    if not name[0].isalpha():
+        return f"n_{name}"
+    return name
 
 
 def unique(wanted: Iterable[tuple[str, str]], reserved: Iterable[str] = ()) -> dict[str, str]:
@@ -26,11 +30,12 @@ def unique(wanted: Iterable[tuple[str, str]], reserved: Iterable[str] = ()) -> d
     out: dict[str, str] = {}
     taken = set(reserved)
     for key, name in wanted:
-        base = free = identifier(name)
-        i = 1
+        base = identifier(name)
+        free = base
+        number = 2
         while free in taken:
-            i += 1
-            free = f"{base}_{i}"
+            free = f"{base}_{number}"
+            number += 1
         taken.add(free)
         out[key] = free
     return out

@@ -27,8 +27,9 @@ def with_tool(m: Mechanism, name: str | None = None) -> tuple[Mechanism, str]:
     if name is not None:
         if name in frames:
             return replace(m, tool=name), ""
-        if name not in {b.name for b in m.bodies}:
-            raise MechanismError(f"{m.name}: {unknown('frame or body', name, [*frames, *(b.name for b in m.bodies)])}")
+        bodies = [b.name for b in m.bodies]
+        if name not in bodies:
+            raise MechanismError(f"{m.name}: {unknown('frame or body', name, [*frames, *bodies])}")
         return _at(m, name), ""
     if m.tool in frames:
         return m, ""
@@ -37,26 +38,32 @@ def with_tool(m: Mechanism, name: str | None = None) -> tuple[Mechanism, str]:
     if len(frames) == 1:
         return replace(m, tool=frames[0]), f"the only named frame, '{frames[0]}', is the tool."
     body, length = _last(m)
-    return (
-        _at(m, body),
+    text = (
         f"the file names no tool: the tool frame is added to body '{body}', the end of the longest chain ({length} "
-        "joints).",
+        "joints)."
     )
+    return _at(m, body), text
 
 
 def _at(m: Mechanism, body: str) -> Mechanism:
-    made = _OWN
-    while made in {f.name for f in m.frames}:
-        made += "_1"
-    return replace(m, tool=made, frames=(*m.frames, Frame(made, body, np.eye(4))))
+    taken = {f.name for f in m.frames}
+    tool = _OWN
+    while tool in taken:
+        tool += "_1"
+    return replace(m, tool=tool, frames=(*m.frames, Frame(tool, body, np.eye(4))))
 
 
 def _last(m: Mechanism) -> tuple[str, int]:
     """Return (last body of the longest chain from the base, number of joints in this chain)."""
     depth = {m.base: 0}
+    carrying = {m.base}
     for joint in m.tree:
         depth[joint.child] = depth[joint.parent] + 1
-    carrying = {j.parent for j in m.tree} | {b for j in m.loops for b in (j.parent, j.child)} | {m.base}
-    ends = [b for b in depth if b not in carrying] or [b for b in depth if b != m.base]
-    body = max(ends, key=lambda b: depth[b])  # the first of several longest chains
-    return body, depth[body]
+        carrying.add(joint.parent)
+    for joint in m.loops:
+        carrying.update((joint.parent, joint.child))
+    ends = [body for body in depth if body not in carrying]
+    if not ends:  # every chain ends in a loop
+        ends = [body for body in depth if body != m.base]
+    last = max(ends, key=lambda body: depth[body])  # the first of several longest chains
+    return last, depth[last]

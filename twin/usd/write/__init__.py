@@ -58,17 +58,19 @@ def write_stage(
         StageError: a pose is missing or not rigid, a name is reserved, or UsdPhysics cannot hold the data of a joint.
     """
     folder = Path(folder)
-    bodies = {b.name for b in mechanism.bodies}
-    if taken := sorted(bodies & RESERVED):
-        raise StageError(f"{mechanism.name}: a body cannot have the name '{taken[0]}', which is reserved for a scope")
-    for name in sorted(bodies):
+    bodies = sorted(body.name for body in mechanism.bodies)
+    for name in bodies:
+        if name in RESERVED:
+            raise StageError(f"{mechanism.name}: a body cannot have the name '{name}', which is reserved for a scope")
+    for name in bodies:
         if name not in link_poses:
             raise StageError(f"{mechanism.name}: link_poses lacks body '{name}'")
         if not spatial.is_pose(link_poses[name], 1e-6):
             raise StageError(f"{mechanism.name}: the pose of body '{name}' is not rigid")
+    joints = [joint.name for joint in mechanism.joints]
     for name in q_full:
-        if name not in {j.name for j in mechanism.joints}:
-            raise StageError(f"{mechanism.name}, q_full: {unknown('joint', name, (j.name for j in mechanism.joints))}")
+        if name not in joints:
+            raise StageError(f"{mechanism.name}, q_full: {unknown('joint', name, joints)}")
     folder.mkdir(parents=True, exist_ok=True)
     geometry = write_geometry(mechanism, folder / "geometry.usdc", link_poses)
     physics = write_physics(mechanism, folder / "physics.usda", link_poses, q_full, efforts or {})

@@ -18,7 +18,8 @@ def write_bends(name: str, bends: Sequence[Bend], path: Path) -> Path:
     While a deformable does not move, only the first and the last sample of this interval are written.
     """
     layer = new_layer(path)
-    describe(layer, name, max(float(b.times[-1]) for b in bends) * TIME_CODES_PER_SECOND)
+    duration = max(float(bend.times[-1]) for bend in bends)
+    describe(layer, name, duration * TIME_CODES_PER_SECOND)
     stage = Usd.Stage.Open(layer)
     UsdGeom.Xform.Define(stage, f"/{name}")
     for bend in bends:
@@ -27,11 +28,13 @@ def write_bends(name: str, bends: Sequence[Bend], path: Path) -> Path:
         mesh.CreateFaceVertexCountsAttr(gf.int_array([3] * len(faces)))
         mesh.CreateFaceVertexIndicesAttr(gf.int_array(faces))
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([gf.vec3f(bend.mesh.color_rgba[:3])])
-        points, extent = mesh.CreatePointsAttr(), mesh.CreateExtentAttr()
+        color = gf.vec3f(bend.mesh.color_rgba[:3])
+        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([color])
+        points = mesh.CreatePointsAttr()
+        extent = mesh.CreateExtentAttr()
         for k in bend.changes().tolist():
             code = Usd.TimeCode(float(bend.times[k]) * TIME_CODES_PER_SECOND)
-            values = gf.vec3f_array(bend.vertices(k))
-            points.Set(values, code)
-            extent.Set(UsdGeom.PointBased.ComputeExtent(values), code)
+            vertices = gf.vec3f_array(bend.vertices(k))
+            points.Set(vertices, code)
+            extent.Set(UsdGeom.PointBased.ComputeExtent(vertices), code)
     return save(layer, path)

@@ -10,7 +10,7 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
 
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.body import Material, Mesh
+from twin.model.body import Frame, Material, Mesh
 from twin.model.mechanism import Mechanism, Point
 from twin.usd import gf
 from twin.usd.write.layers import Leaves, describe, new_layer, save
@@ -25,11 +25,11 @@ RESERVED = {"joints", "materials"}
 def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
     """Return the prim path of every mesh, by mesh name."""
     leaves = _leaves(mechanism)
-    return {
-        mesh.name: f"/{mechanism.name}/{body.name}/{leaves.take(mesh.name, 'mesh')}"
-        for body in mechanism.bodies
-        for mesh in body.meshes
-    }
+    paths: dict[str, str] = {}
+    for body in mechanism.bodies:
+        for mesh in body.meshes:
+            paths[mesh.name] = f"/{mechanism.name}/{body.name}/{leaves.take(mesh.name, 'mesh')}"
+    return paths
 
 
 def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Array]) -> Path:
@@ -66,14 +66,17 @@ def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Ar
 
 
 def _leaves(mechanism: Mechanism) -> Leaves:
-    taken = {mechanism.name, *RESERVED, *(b.name for b in mechanism.bodies)}
-    return Leaves(taken | {j.name for j in mechanism.joints})
+    taken = {mechanism.name, *RESERVED}
+    taken.update(body.name for body in mechanism.bodies)
+    taken.update(joint.name for joint in mechanism.joints)
+    return Leaves(taken)
 
 
 def _name(prim: Usd.Prim, name: str) -> None:
     """Store the mechanism's name of an object in its prim, if the prim has a different leaf name."""
     if prim.GetName() != name:
-        prim.CreateAttribute("twin:name", Sdf.ValueTypeNames.String, True, Sdf.VariabilityUniform).Set(name)
+        attribute = prim.CreateAttribute("twin:name", Sdf.ValueTypeNames.String, True, Sdf.VariabilityUniform)
+        attribute.Set(name)
 
 
 def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
@@ -86,14 +89,16 @@ def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
     out.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     out.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
     # Indexed: most corners of planes and cylinders share a few normals, so that the file is four times smaller.
-    normals, index = np.unique(np.round(corner_normals(mesh.vertices, mesh.triangles), 4), axis=0, return_inverse=True)
+    rounded = np.round(corner_normals(mesh.vertices, mesh.triangles), 4)
+    normals, index = np.unique(rounded, axis=0, return_inverse=True)
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     primvar = UsdGeom.PrimvarsAPI(out).CreatePrimvar(
         "normals", Sdf.ValueTypeNames.Normal3fArray, UsdGeom.Tokens.faceVarying
     )
     primvar.Set(gf.vec3f_array(normals))
     primvar.SetIndices(gf.int_array(index))
-    out.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([gf.vec3f(mesh.color_rgba[:3])])
+    color = gf.vec3f(mesh.color_rgba[:3])
+    out.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([color])
     return out
 
 
@@ -105,7 +110,10 @@ def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREAS
     """
     triangles = np.asarray(triangles)
     corners = triangles.ravel()
-    a, b, c = (np.asarray(vertices, float)[triangles[:, i]] for i in range(3))
+    vertices = np.asarray(vertices, float)
+    a = vertices[triangles[:, 0]]
+    b = vertices[triangles[:, 1]]
+    c = vertices[triangles[:, 2]]
     areas = np.cross(b - a, c - a)
     length = np.linalg.norm(areas, axis=1, keepdims=True)
     x, y, z = (areas / np.where(length > 0, length, 1.0)).T
@@ -113,15 +121,21 @@ def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREAS
     order = np.argsort(corners, kind="stable")
     count = np.bincount(corners, minlength=len(vertices))
     first = np.concatenate([[0], np.cumsum(count)[:-1]])
-    mates = count[corners[order]]
+    vertex_of = corners[order]
+    mates = count[vertex_of]
     start = np.concatenate([[0], np.cumsum(mates)[:-1]])
-    mine = np.repeat(order, mates)
-    other = order[np.repeat(first[corners[order]] - start, mates) + np.arange(len(mine))]
-    i, j = mine // 3, other // 3
-    near = x[i] * x[j] + y[i] * y[j] + z[i] * z[j] >= np.cos(crease)
-    near |= mine == other
-    mine, j = mine[near], j[near]
-    total = np.column_stack([np.bincount(mine, column[j], len(corners)) for column in areas.T])
+    corner = np.repeat(order, mates)
+    offset = np.repeat(first[vertex_of] - start, mates)
+    mate = order[offset + np.arange(len(corner))]
+    i = corner // 3
+    j = mate // 3
+    cosine = x[i] * x[j] + y[i] * y[j] + z[i] * z[j]
+    near = (cosine >= np.cos(crease)) | (corner == mate)
+    corner = corner[near]
+    j = j[near]
+    total = np.zeros((len(corners), 3))
+    for axis in range(3):
+        total[:, axis] = np.bincount(corner, areas[j, axis], len(corners))
     size = np.linalg.norm(total, axis=1, keepdims=True)
     # A triangle without area has no normal; the arbitrary direction z avoids NaN.
     return np.where(size > 0, total / np.where(size > 0, size, 1.0), [0.0, 0.0, 1.0])
@@ -149,19 +163,23 @@ def _write_marks(stage: Usd.Stage, mechanism: Mechanism) -> None:
     for body in mechanism.bodies:
         for mesh in body.meshes:
             leaves.take(mesh.name, "mesh")
-    for kind, marks in (("frame", mechanism.frames), ("point", mechanism.points)):
-        for mark in marks:
-            leaf = leaves.take(mark.name, kind)
-            xform = UsdGeom.Xform.Define(stage, f"/{mechanism.name}/{mark.body}/{leaf}")
-            xform.CreatePurposeAttr(UsdGeom.Tokens.guide)
-            prim = xform.GetPrim()
-            _name(prim, mark.name)
-            mark_type = Sdf.ValueTypeNames.Token
-            prim.CreateAttribute("twin:kind", mark_type, True, Sdf.VariabilityUniform).Set(kind)
-            place = xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
-            if isinstance(mark, Point):
-                place.Set(gf.vec3d(mark.p_body))
-            else:
-                place.Set(gf.vec3d(mark.T_body_frame[:3, 3]))
-                turn = xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
-                turn.Set(gf.quatd(mark.T_body_frame[:3, :3]))
+    for frame in mechanism.frames:
+        xform = _write_mark(stage, mechanism, leaves, frame, "frame", frame.T_body_frame[:3, 3])
+        orient = xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
+        orient.Set(gf.quatd(frame.T_body_frame[:3, :3]))
+    for point in mechanism.points:
+        _write_mark(stage, mechanism, leaves, point, "point", point.p_body)
+
+
+def _write_mark(
+    stage: Usd.Stage, mechanism: Mechanism, leaves: Leaves, mark: Frame | Point, kind: str, p_body: Array
+) -> UsdGeom.Xform:
+    leaf = leaves.take(mark.name, kind)
+    xform = UsdGeom.Xform.Define(stage, f"/{mechanism.name}/{mark.body}/{leaf}")
+    xform.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    prim = xform.GetPrim()
+    _name(prim, mark.name)
+    prim.CreateAttribute("twin:kind", Sdf.ValueTypeNames.Token, True, Sdf.VariabilityUniform).Set(kind)
+    translate = xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
+    translate.Set(gf.vec3d(p_body))
+    return xform

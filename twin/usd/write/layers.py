@@ -78,9 +78,12 @@ class Leaves:
 
     def take(self, name: str, suffix: str) -> str:
         """Return `name` if it is not used yet; otherwise append `_<suffix>` and, if necessary, a number."""
-        free, i = name, 1
+        free = name
+        if free in self._taken:
+            free = f"{name}_{suffix}"
+        number = 2
         while free in self._taken:
-            free = f"{name}_{suffix}" if i == 1 else f"{name}_{suffix}_{i}"
-            i += 1
+            free = f"{name}_{suffix}_{number}"
+            number += 1
         self._taken.add(free)
         return free

@@ -74,13 +74,18 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
         for path, values in samples:
             for code, value in zip(codes, values, strict=True):
                 layer.SetTimeSample(path, float(code), value)
-    moved = {n: p for n, p in motion.trocars.items() if not np.array_equal(p, mechanism.trocar_at(n))}
-    for name, p in moved.items():
+    trocar_moved = False
+    for name, p in motion.trocars.items():
+        if np.array_equal(p, mechanism.trocar_at(name)):
+            continue
+        trocar_moved = True
         place = f"/{mechanism.name}/joints/{name}.physics:localPos0"
-        layer.GetAttributeAtPath(_attribute(layer, place, Sdf.ValueTypeNames.Point3f)).default = gf.vec3f(p)
-    # In its home pose, the robot does not pass through these trocars: use the first pose of the motion as rest pose.
-    for path, values in samples if moved else ():
-        layer.GetAttributeAtPath(path).default = values[0]
+        path = _attribute(layer, place, Sdf.ValueTypeNames.Point3f)
+        layer.GetAttributeAtPath(path).default = gf.vec3f(p)
+    if trocar_moved:
+        # At home, the robot does not pass through these trocars: the first pose of the motion becomes the rest pose.
+        for path, values in samples:
+            layer.GetAttributeAtPath(path).default = values[0]
     save(layer, layer_path)
     root = root_layer(
         folder / f"{mechanism.name}_{motion.name}.usda",
@@ -103,13 +108,14 @@ def _time_codes(motion: Motion) -> Array:
 
 def _pose_samples(mechanism: Mechanism, motion: Motion, layer: Sdf.Layer):
     names = [b.name for b in mechanism.bodies]
-    for name, Ts in motion.link_poses.items():
+    for name, link_poses in motion.link_poses.items():
         if name not in names:
             raise StageError(f"motion '{motion.name}': {unknown('body', name, names)}")
-        Ts = np.asarray(Ts, float)
+        Ts = np.asarray(link_poses, float)
         if Ts.shape != (len(motion.times_s), 4, 4):
             raise StageError(f"motion '{motion.name}', body '{name}': shape of poses {Ts.shape}, expected (k, 4, 4)")
-        steps = spatial.rotation_angle(np.swapaxes(Ts[:-1, :3, :3], 1, 2) @ Ts[1:, :3, :3])
+        R = Ts[:, :3, :3]
+        steps = spatial.rotation_angle(np.swapaxes(R[:-1], 1, 2) @ R[1:])
         if len(steps) and np.max(steps) > MAX_STEP:
             k = int(np.argmax(steps))
             raise StageError(
@@ -120,7 +126,7 @@ def _pose_samples(mechanism: Mechanism, motion: Motion, layer: Sdf.Layer):
         prim = f"/{mechanism.name}/{name}"
         translate = _attribute(layer, f"{prim}.xformOp:translate", Sdf.ValueTypeNames.Double3)
         orient = _attribute(layer, f"{prim}.xformOp:orient", Sdf.ValueTypeNames.Quatd)
-        wxyz = spatial.continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3]))
+        wxyz = spatial.continuous_signs(spatial.quat_from_matrix_wxyz(R))
         yield translate, gf.vec3d_array(Ts[:, :3, 3])
         yield orient, gf.quatd_array(wxyz)
 

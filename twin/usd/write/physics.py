@@ -55,9 +55,11 @@ An explicitly integrated spring diverges at a value of 4. At 0.67, the jaws of t
 arm (measured).
 """
 
-
 MIMIC_AXIS = "rotZ"
 """Instance name of mimic joints: PhysX requires a rotation axis, also for slides (with "transZ" a slide is free)."""
+
+CustomData = dict[str, dict[str, Any]]
+"""Rows by name, as they stand in the customData of the robot's prim."""
 
 
 def drive_kind(joint: Joint) -> str:
@@ -99,6 +101,36 @@ def write_physics(
     _attribute(root, "newton:selfCollisionEnabled", Sdf.ValueTypeNames.Bool, False)
     _attribute(root, "physxArticulation:solverPositionIterationCount", Sdf.ValueTypeNames.Int, POSITION_ITERATIONS)
     _write_model(root, mechanism)
+    _write_bodies(stage, mechanism)
+    UsdGeom.Scope.Define(stage, f"/{mechanism.name}/joints")
+    layer.GetPrimAtPath(root.GetPath()).specifier = Sdf.SpecifierOver  # defining the scope changed its parent to def
+    if _floats(mechanism):
+        base = stage.OverridePrim(f"/{mechanism.name}/{mechanism.base}")
+        UsdPhysics.RigidBodyAPI(base).CreateKinematicEnabledAttr(True)  # stays in place without a joint
+    else:
+        _write_anchor(stage, mechanism, link_poses[mechanism.base])
+    _write_joints(stage, mechanism, q_full, efforts)
+    mimics = _mimics(mechanism)
+    for coupling in mechanism.couplings:
+        if coupling.name in mimics:
+            _write_mimic(stage, mechanism, mimics[coupling.name])
+        else:
+            _write_tendon(stage, mechanism, coupling, link_poses)
+    for joint in spanning(mechanism).tree:
+        if joint.type == "spherical":
+            _start_at_zero(stage, mechanism, joint, link_poses)
+    return save(layer, path)
+
+
+def _attribute(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value) -> None:
+    """Set an attribute that is not part of UsdPhysics: an attribute of twin or of a simulator."""
+    is_custom = name.startswith("twin:")
+    attribute = prim.CreateAttribute(name, kind, is_custom, Sdf.VariabilityVarying)
+    attribute.Set(value)
+
+
+def _write_bodies(stage: Usd.Stage, mechanism: Mechanism) -> None:
+    """Make each body a rigid body with its mass, and each mesh a collider."""
     for body in mechanism.bodies:
         prim = stage.OverridePrim(f"/{mechanism.name}/{body.name}")
         UsdPhysics.RigidBodyAPI.Apply(prim)
@@ -111,37 +143,22 @@ def write_physics(
         UsdPhysics.CollisionAPI.Apply(prim)
         # Engines do not support triangle meshes as colliders of moving bodies; all engines support convex hulls.
         UsdPhysics.MeshCollisionAPI.Apply(prim).CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
-    UsdGeom.Scope.Define(stage, f"/{mechanism.name}/joints")
-    layer.GetPrimAtPath(root.GetPath()).specifier = Sdf.SpecifierOver  # defining the scope changed its parent to def
-    if _floats(mechanism):
-        base = stage.OverridePrim(f"/{mechanism.name}/{mechanism.base}")
-        UsdPhysics.RigidBodyAPI(base).CreateKinematicEnabledAttr(True)  # stays in place without a joint
-    else:
-        _write_anchor(stage, mechanism, link_poses[mechanism.base])
+
+
+def _write_joints(
+    stage: Usd.Stage, mechanism: Mechanism, q_full: Mapping[str, float], efforts: Mapping[str, float]
+) -> None:
     joints = spanning(mechanism)
     loops = {j.name for j in joints.cut}
     # Tree joints are written outwards: Newton rejects a tree joint whose parent is the outer body.
     outwards = {j.name: j for j in joints.tree}
-    for joint in (outwards.get(j.name, j) for j in mechanism.joints):
-        if len(joint.free_axes) == 1 and joint.name not in q_full and joint.name not in loops:
+    for described in mechanism.joints:
+        joint = outwards.get(described.name, described)
+        closes_loop = joint.name in loops
+        if len(joint.free_axes) == 1 and joint.name not in q_full and not closes_loop:
             raise StageError(f"{mechanism.name}: q_full lacks joint '{joint.name}'")
-        joint = _as_driven(mechanism, joint)
-        _write_joint(stage, mechanism, joint, joint.name in loops, q_full.get(joint.name), efforts.get(joint.name, 0.0))
-    mimics = _mimics(mechanism)
-    for coupling in mechanism.couplings:
-        if coupling.name in mimics:
-            _write_mimic(stage, mechanism, mimics[coupling.name])
-        else:
-            _write_tendon(stage, mechanism, coupling, link_poses)
-    for joint in joints.tree:
-        if joint.type == "spherical":
-            _start_at_zero(stage, mechanism, joint, link_poses)
-    return save(layer, path)
-
-
-def _attribute(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value) -> None:
-    """Set an attribute that is not part of UsdPhysics: an attribute of twin or of a simulator."""
-    prim.CreateAttribute(name, kind, name.startswith("twin:"), Sdf.VariabilityVarying).Set(value)
+        driven = _as_driven(mechanism, joint)
+        _write_joint(stage, mechanism, driven, closes_loop, q_full.get(joint.name), efforts.get(joint.name, 0.0))
 
 
 def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
@@ -155,29 +172,65 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
         _attribute(root, "twin:trocar", Sdf.ValueTypeNames.Token, mechanism.trocars[0])
     elif mechanism.trocars:
         _attribute(root, "twin:trocars", Sdf.ValueTypeNames.TokenArray, list(mechanism.trocars))
-    postures = {k: {n: float(v) for n, v in values.items()} for k, values in mechanism.postures.items()}
-    parameters = {p.name: _fields(p) | {"value": float(p.value), "shown": float(p.shown)} for p in mechanism.parameters}
-    couplings = {
-        c.name: {"total": float(c.total), "ratios": dict(zip(c.joints, map(float, c.ratios), strict=True))}
-        for c in mechanism.couplings
+    postures: CustomData = {}
+    for name, coordinates in mechanism.postures.items():
+        postures[name] = {joint: float(q) for joint, q in coordinates.items()}
+    model = {
+        "postures": postures,
+        "parameters": _numbered(_parameter_rows(mechanism)),
+        "couplings": _numbered(_coupling_rows(mechanism)),
+        "actuators": _numbered(_actuator_rows(mechanism)),
+        "transmissions": _numbered(_transmission_rows(mechanism)),
     }
-    limits = {a.name: {"limits": Gf.Vec2d(*a.limits)} for a in mechanism.actuators if a.limits is not None}
-    actuators = {a.name: _fields(a) | limits.get(a.name, {}) for a in mechanism.actuators}
-    transmissions = {
-        t.name: {
-            "joints": Vt.StringArray(t.joints),
-            "actuators": Vt.StringArray(t.actuators),
-            "matrix": Vt.DoubleArray(t.matrix.ravel().tolist()),
+    for key, rows in model.items():
+        if rows:
+            root.SetCustomDataByKey(f"twin:{key}", rows)
+
+
+def _parameter_rows(mechanism: Mechanism) -> CustomData:
+    rows: CustomData = {}
+    for parameter in mechanism.parameters:
+        row = _fields(parameter)
+        row["value"] = float(parameter.value)
+        row["shown"] = float(parameter.shown)
+        rows[parameter.name] = row
+    return rows
+
+
+def _coupling_rows(mechanism: Mechanism) -> CustomData:
+    rows: CustomData = {}
+    for coupling in mechanism.couplings:
+        ratios = dict(zip(coupling.joints, map(float, coupling.ratios), strict=True))
+        rows[coupling.name] = {"total": float(coupling.total), "ratios": ratios}
+    return rows
+
+
+def _actuator_rows(mechanism: Mechanism) -> CustomData:
+    rows: CustomData = {}
+    for actuator in mechanism.actuators:
+        row = _fields(actuator)
+        if actuator.limits is not None:
+            row["limits"] = Gf.Vec2d(*actuator.limits)
+        rows[actuator.name] = row
+    return rows
+
+
+def _transmission_rows(mechanism: Mechanism) -> CustomData:
+    rows: CustomData = {}
+    for transmission in mechanism.transmissions:
+        rows[transmission.name] = {
+            "joints": Vt.StringArray(transmission.joints),
+            "actuators": Vt.StringArray(transmission.actuators),
+            "matrix": Vt.DoubleArray(transmission.matrix.ravel().tolist()),
         }
-        for t in mechanism.transmissions
-    }
-    for rows in (parameters, couplings, actuators, transmissions):
-        for index, row in enumerate(rows.values()):
-            row["index"] = index
-    model = {"postures": postures, "parameters": parameters, "couplings": couplings}
-    for key, value in (model | {"actuators": actuators, "transmissions": transmissions}).items():
-        if value:
-            root.SetCustomDataByKey(f"twin:{key}", value)
+    return rows
+
+
+def _numbered(rows: CustomData) -> CustomData:
+    """Return rows with their index: USD stores dictionaries by name, but the reader restores the order."""
+    for index, row in enumerate(rows.values()):
+        row["index"] = index
+    return rows
 
 
 def _fields(item: Parameter | Actuator) -> dict[str, Any]:
@@ -187,11 +240,14 @@ def _fields(item: Parameter | Actuator) -> dict[str, Any]:
 def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
     """Return a joint with a drive equivalent to its motors, because UsdPhysics drives each joint separately."""
     transmission = mechanism.transmission_of(joint.name)
-    gains = transmission and joint_gains(transmission, mechanism.actuators)
-    if not transmission or not gains:
+    if not transmission:
         return joint
-    stiffness, damping = (float(g[transmission.joints.index(joint.name)]) for g in gains)
-    return replace(joint, drive=Drive(stiffness, damping))
+    gains = joint_gains(transmission, mechanism.actuators)
+    if not gains:
+        return joint
+    index = transmission.joints.index(joint.name)
+    stiffness, damping = gains
+    return replace(joint, drive=Drive(float(stiffness[index]), float(damping[index])))
 
 
 def write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:
@@ -206,8 +262,10 @@ def write_inertia(prim: Usd.Prim, inertia: Inertia) -> None:
 
 def _floats(mechanism: Mechanism) -> bool:
     """Return whether only free joints connect the base to the robot, so that nothing fixes the robot to the world."""
-    beside = [j for j in mechanism.joints if mechanism.base in (j.parent, j.child)]
-    return all(j.type == "free" for j in beside)
+    for joint in mechanism.joints:
+        if mechanism.base in (joint.parent, joint.child) and joint.type != "free":
+            return False
+    return True
 
 
 def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -> None:
@@ -250,24 +308,33 @@ def _write_joint(
     if joint.type in ("revolute", "prismatic", "spherical"):
         out.CreateAxisAttr(UsdPhysics.Tokens.z)
     if joint.type == "cylindrical":
-        for axis in sorted(set(range(6)) - set(FREE_AXES["cylindrical"])):
-            lock = UsdPhysics.LimitAPI.Apply(prim, DIRECTIONS[axis])
+        for axis, direction in enumerate(DIRECTIONS):
+            if axis in FREE_AXES["cylindrical"]:
+                continue
+            lock = UsdPhysics.LimitAPI.Apply(prim, direction)
             lock.CreateLowAttr(1.0)  # in UsdPhysics, low > high locks an axis
             lock.CreateHighAttr(-1.0)
     if joint.limits is not None:
-        out.CreateLowerLimitAttr(to_usd(joint, joint.limits[0]))
-        out.CreateUpperLimitAttr(to_usd(joint, joint.limits[1]))
+        low, high = joint.limits
+        out.CreateLowerLimitAttr(to_usd(joint, low))
+        out.CreateUpperLimitAttr(to_usd(joint, high))
     if joint.cone is not None:
-        out.CreateConeAngle0LimitAttr(float(joint.cone / DEG))
-        out.CreateConeAngle1LimitAttr(float(joint.cone / DEG))
+        cone = float(joint.cone / DEG)
+        out.CreateConeAngle0LimitAttr(cone)
+        out.CreateConeAngle1LimitAttr(cone)
     if q is not None and len(joint.free_axes) == 1:
-        kind = drive_kind(joint)
-        prim.AddAppliedSchema(f"PhysicsJointStateAPI:{kind}")
-        _attribute(prim, f"state:{kind}:physics:position", Sdf.ValueTypeNames.Float, to_usd(joint, q))
-        _attribute(prim, f"state:{kind}:physics:velocity", Sdf.ValueTypeNames.Float, 0.0)
-        # With its default settings, Newton reads the joint state only from this attribute.
-        _attribute(prim, f"newton:{kind}:position", Sdf.ValueTypeNames.Float, to_usd(joint, q))
+        _write_state(prim, joint, to_usd(joint, q))
     _write_actuation(prim, joint, q, effort)
+
+
+def _write_state(prim: Usd.Prim, joint: Joint, position: float) -> None:
+    """Write the joint state, at which simulations start; `position` is in the unit of UsdPhysics."""
+    kind = drive_kind(joint)
+    prim.AddAppliedSchema(f"PhysicsJointStateAPI:{kind}")
+    _attribute(prim, f"state:{kind}:physics:position", Sdf.ValueTypeNames.Float, position)
+    _attribute(prim, f"state:{kind}:physics:velocity", Sdf.ValueTypeNames.Float, 0.0)
+    # With its default settings, Newton reads the joint state only from this attribute.
+    _attribute(prim, f"newton:{kind}:position", Sdf.ValueTypeNames.Float, position)
 
 
 def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> None:
@@ -299,8 +366,15 @@ def _mimics(mechanism: Mechanism) -> dict[str, Following]:
     PhysX and Newton accept only joints of the articulation as mimic joints, and PhysX requires limits on hinges. The
     offset must be zero, because PhysX reads it in degrees and Newton in rad.
     """
-    tree = (j for j in spanning(mechanism).tree if j.type == "prismatic" or (j.type == "revolute" and j.limits))
-    return {c: f for c, f in following(mechanism, {j.name for j in tree}).items() if f.offset == 0}
+    accepted: set[str] = set()
+    for joint in spanning(mechanism).tree:
+        if joint.type == "prismatic" or (joint.type == "revolute" and joint.limits):
+            accepted.add(joint.name)
+    mimics: dict[str, Following] = {}
+    for coupling, follower in following(mechanism, accepted).items():
+        if follower.offset == 0:
+            mimics[coupling] = follower
+    return mimics
 
 
 def _write_mimic(stage: Usd.Stage, mechanism: Mechanism, follows: Following) -> None:
@@ -323,19 +397,28 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, li
     higher stiffness is unstable at 1 kHz. The tendon is softer if one of its joints moves little inertia.
     """
     ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
-    stiff = max((d.stiffness for d in (mechanism.joint(n).drive for n in ratios) if d), default=np.inf)
+    drives = [mechanism.joint(name).drive for name in coupling.joints]
+    stiffness = max((drive.stiffness for drive in drives if drive), default=np.inf)
     joints = [j for j in spanning(mechanism).tree if j.name in ratios]
-    carried = (_carried(mechanism, j, link_poses) / ratios[j.name] ** 2 for j in joints)
-    stiff = min([stiff, *(TENDON * c / TENDON_STEP**2 for c in carried if c > 0)])
-    for i, joint in enumerate(joints):
+    for joint in joints:
+        inertia = _carried(mechanism, joint, link_poses) / ratios[joint.name] ** 2
+        if inertia > 0:
+            stiffness = min(stiffness, TENDON * inertia / TENDON_STEP**2)
+    if not np.isfinite(stiffness):  # no joint has a drive, and all of them are in loops
+        stiffness = 1.0
+    place = f"physxTendon:{coupling.name}"
+    for joint in joints:
         prim = stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}")
-        prim.AddAppliedSchema(f"PhysxTendonAxis{'' if i else 'Root'}API:{coupling.name}")
-        place = f"physxTendon:{coupling.name}"
-        _attribute(prim, f"{place}:gearing", Sdf.ValueTypeNames.FloatArray, [float(ratios[joint.name])])
-        if i == 0:
-            _attribute(prim, f"{place}:stiffness", Sdf.ValueTypeNames.Float, stiff if np.isfinite(stiff) else 1.0)
-            _attribute(prim, f"{place}:damping", Sdf.ValueTypeNames.Float, 0.0)
-            _attribute(prim, f"{place}:restLength", Sdf.ValueTypeNames.Float, to_usd(joint, coupling.total))
+        gearing = [float(ratios[joint.name])]
+        if joint is not joints[0]:
+            prim.AddAppliedSchema(f"PhysxTendonAxisAPI:{coupling.name}")
+            _attribute(prim, f"{place}:gearing", Sdf.ValueTypeNames.FloatArray, gearing)
+            continue
+        prim.AddAppliedSchema(f"PhysxTendonAxisRootAPI:{coupling.name}")
+        _attribute(prim, f"{place}:gearing", Sdf.ValueTypeNames.FloatArray, gearing)
+        _attribute(prim, f"{place}:stiffness", Sdf.ValueTypeNames.Float, stiffness)
+        _attribute(prim, f"{place}:damping", Sdf.ValueTypeNames.Float, 0.0)
+        _attribute(prim, f"{place}:restLength", Sdf.ValueTypeNames.Float, to_usd(joint, coupling.total))
 
 
 def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> float:
@@ -343,36 +426,36 @@ def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]
 
     The result is infinite if the joint is part of a loop, because bodies outside the joint's branch then also move.
     """
-    beyond, joints = {joint.child}, spanning(mechanism)
-    for other in joints.tree:
-        beyond |= {other.child} if other.parent in beyond else set()
-    if any(len(beyond & {c.parent, c.child}) == 1 for c in joints.cut):
-        return np.inf
-    T = link_poses[joint.parent] @ joint.T_parent_joint
-    out = 0.0
-    for body in map(mechanism.body, sorted(beyond)):
-        if (inertia := body.inertia) is None:
+    joints = spanning(mechanism)
+    branch = {joint.child}
+    for other in joints.tree:  # parents come first
+        if other.parent in branch:
+            branch.add(other.child)
+    for closure in joints.cut:
+        if (closure.parent in branch) != (closure.child in branch):
+            return np.inf
+    T_world_joint = link_poses[joint.parent] @ joint.T_parent_joint
+    carried = 0.0
+    for name in sorted(branch):
+        inertia = mechanism.body(name).inertia
+        if inertia is None:
             continue
-        R, p = link_poses[body.name][:3, :3], link_poses[body.name][:3, 3]
-        axis, arm = R.T @ T[:3, 2], inertia.p_body_com - R.T @ (T[:3, 3] - p)
-        turn = axis @ inertia.I_com @ axis + inertia.mass * (arm @ arm - (arm @ axis) ** 2)
-        out += float(turn if joint.is_angle else inertia.mass)
-    return out
+        if not joint.is_angle:
+            carried += float(inertia.mass)
+            continue
+        R = link_poses[name][:3, :3]
+        p = link_poses[name][:3, 3]
+        # axis of the joint, and arm from the axis to the centre of mass, both in the body's frame
+        axis = R.T @ T_world_joint[:3, 2]
+        arm = inertia.p_body_com - R.T @ (T_world_joint[:3, 3] - p)
+        about_center = axis @ inertia.I_com @ axis
+        carried += float(about_center + inertia.mass * (arm @ arm - (arm @ axis) ** 2))
+    return carried
 
 
 def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: float) -> None:
     if joint.drive is not None:
-        drive = UsdPhysics.DriveAPI.Apply(prim, drive_kind(joint))
-        per_unit = DEG if joint.is_angle else 1.0
-        drive.CreateTypeAttr(UsdPhysics.Tokens.force)
-        drive.CreateStiffnessAttr(float(joint.drive.stiffness * per_unit))
-        drive.CreateDampingAttr(float(joint.drive.damping * per_unit))
-        if joint.drive.max_effort is not None:
-            drive.CreateMaxForceAttr(float(joint.drive.max_effort))
-        # The target holds the authored pose: coordinate at this pose, plus the deflection of the drive's spring under
-        # the static effort, without which the robot would sag.
-        target = (0.0 if q is None else q) + (effort / joint.drive.stiffness if joint.drive.stiffness > 0 else 0.0)
-        drive.CreateTargetPositionAttr(to_usd(joint, np.clip(target, *(joint.limits or (-np.inf, np.inf)))))
+        _write_drive(prim, joint, joint.drive, q, effort)
     if joint.max_speed is not None:
         prim.AddAppliedSchema("PhysxJointAPI")
         _attribute(prim, "physxJoint:maxJointVelocity", Sdf.ValueTypeNames.Float, to_usd(joint, joint.max_speed))
@@ -383,9 +466,32 @@ def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: floa
     if joint.max_jerk is not None:
         _attribute(prim, "twin:maxJerk", Sdf.ValueTypeNames.Double, float(joint.max_jerk))
     if joint.soft_limits is not None:
-        _attribute(prim, "twin:softLimits", Sdf.ValueTypeNames.Double2, Gf.Vec2d(*map(float, joint.soft_limits)))
+        low, high = joint.soft_limits
+        _attribute(prim, "twin:softLimits", Sdf.ValueTypeNames.Double2, Gf.Vec2d(float(low), float(high)))
     if joint.mating:
         _attribute(prim, "twin:mating", Sdf.ValueTypeNames.StringArray, list(joint.mating))
+
+
+def _write_drive(prim: Usd.Prim, joint: Joint, gains: Drive, q: float | None, effort: float) -> None:
+    drive = UsdPhysics.DriveAPI.Apply(prim, drive_kind(joint))
+    unit = 1.0
+    if joint.is_angle:
+        unit = DEG  # the gains of UsdPhysics are per degree
+    drive.CreateTypeAttr(UsdPhysics.Tokens.force)
+    drive.CreateStiffnessAttr(float(gains.stiffness * unit))
+    drive.CreateDampingAttr(float(gains.damping * unit))
+    if gains.max_effort is not None:
+        drive.CreateMaxForceAttr(float(gains.max_effort))
+    # The target holds the authored pose: coordinate at this pose, plus the deflection of the drive's spring under
+    # the static effort, without which the robot would sag.
+    deflection = 0.0
+    if gains.stiffness > 0:
+        deflection = effort / gains.stiffness
+    target = (0.0 if q is None else q) + deflection
+    if joint.limits is not None:
+        low, high = joint.limits
+        target = np.clip(target, low, high)
+    drive.CreateTargetPositionAttr(to_usd(joint, target))
 
 
 def _refuse_what_is_lost(joint: Joint) -> None:
@@ -398,7 +504,9 @@ def _refuse_what_is_lost(joint: Joint) -> None:
         "a maximum jerk": joint.max_jerk,
         "a drive": joint.drive,
     }
-    lost = [k for k, v in scalar.items() if v is not None and len(joint.free_axes) != 1]
+    lost: list[str] = []
+    if len(joint.free_axes) != 1:
+        lost = [name for name, value in scalar.items() if value is not None]
     if joint.cone is not None and joint.type != "spherical":
         lost.append("a cone")
     if lost:

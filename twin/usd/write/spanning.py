@@ -33,8 +33,6 @@ def spanning(mechanism: Mechanism) -> Spanning:
     The tree may differ from `mechanism.tree`, which uses only the file order: in a loop with a slide and a ball joint,
     the tree contains the slide, and the ball joint closes the loop.
     """
-    needed = {j.name for j in mechanism.active} | {name for c in mechanism.couplings for name in c.joints}
-    order = sorted(mechanism.joints, key=lambda j: -1 if j.name in needed else _KEPT[j.type])
     group = {b.name: b.name for b in mechanism.bodies}
 
     def find(name: str) -> str:
@@ -42,18 +40,52 @@ def spanning(mechanism: Mechanism) -> Spanning:
             name = group[name]
         return name
 
-    kept: list[Joint] = []
-    for joint in order:  # Kruskal's algorithm: add the next joint that connects two separate groups of bodies
-        a, b = find(joint.parent), find(joint.child)
-        if a != b:
-            group[a] = b
-            kept.append(joint)
-    names = {j.name for j in kept}
-    reached, tree = {mechanism.base}, []
-    pending = [j for j in mechanism.joints if j.name in names]
+    kept: set[str] = set()
+    for joint in _by_priority(mechanism):  # Kruskal: add the next joint that connects two separate groups of bodies
+        parent_group = find(joint.parent)
+        child_group = find(joint.child)
+        if parent_group != child_group:
+            group[parent_group] = child_group
+            kept.add(joint.name)
+    pending: list[Joint] = []
+    cut: list[Joint] = []
+    for joint in mechanism.joints:
+        if joint.name in kept:
+            pending.append(joint)
+        else:
+            cut.append(joint)
+    return Spanning(_outwards(mechanism.base, pending), tuple(cut))
+
+
+def _by_priority(mechanism: Mechanism) -> list[Joint]:
+    """Return the joints in the order in which they are chosen for the tree."""
+    needed = {joint.name for joint in mechanism.active}
+    for coupling in mechanism.couplings:
+        needed.update(coupling.joints)
+
+    def priority(joint: Joint) -> int:
+        if joint.name in needed:
+            return -1
+        return _KEPT[joint.type]
+
+    return sorted(mechanism.joints, key=priority)
+
+
+def _outwards(base: str, pending: list[Joint]) -> tuple[Joint, ...]:
+    """Return the joints of a tree, parents first, each with the outer body as its child; `pending` is emptied."""
+    tree: list[Joint] = []
+    reached = {base}
     while pending:
-        joint = next(j for j in pending if j.parent in reached or j.child in reached)
+        joint = _next(pending, reached)
         pending.remove(joint)
-        tree.append(joint if joint.parent in reached else reversed_joint(joint))
+        if joint.parent in reached:
+            tree.append(joint)
+        else:
+            tree.append(reversed_joint(joint))
         reached |= {joint.parent, joint.child}
-    return Spanning(tuple(tree), tuple(j for j in mechanism.joints if j.name not in names))
+    return tuple(tree)
+
+
+def _next(pending: list[Joint], reached: set[str]) -> Joint:
+    """Return the first joint that connects to the bodies reached; a spanning tree always has one."""
+    return next(joint for joint in pending if joint.parent in reached or joint.child in reached)
