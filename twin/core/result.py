@@ -22,6 +22,10 @@ class Table:
     rows: Sequence[Sequence[str]]
     fit: bool = False
 
+    def records(self) -> list[dict[str, str]]:
+        """Return the rows as plain data, by the names in the header."""
+        return [dict(zip(self.header, row, strict=True)) for row in self.rows]
+
 
 @dataclass(frozen=True)
 class Line:
@@ -104,22 +108,26 @@ def record(
         findings: findings in any order; the returned list begins with the most severe.
         judged: the verdict; None: the verdict is computed from the findings.
     """
+    if judged is None:
+        judged = verdict(findings)
     return {
         "schema": f"twin/{kind}/1",
-        "verdict": verdict(findings) if judged is None else judged,
+        "verdict": judged,
         **content,
-        "findings": [f.as_dict() for f in by_severity(findings)],
+        "findings": [finding.as_dict() for finding in by_severity(findings)],
     }
 
 
 def as_json(data: Any) -> str:
     """Return plain data as JSON text; numbers that are not finite become null, because JSON cannot express them."""
+    return json.dumps(_plain(data), indent=2, allow_nan=False)
 
-    def plain(x: Any) -> Any:
-        if isinstance(x, Mapping):
-            return {str(k): plain(v) for k, v in x.items()}
-        if isinstance(x, list | tuple):
-            return [plain(v) for v in x]
-        return None if isinstance(x, float) and not math.isfinite(x) else x
 
-    return json.dumps(plain(data), indent=2, allow_nan=False)
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

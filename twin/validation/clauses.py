@@ -43,8 +43,24 @@ class Clause:
 
     def as_dict(self) -> JsonObject:
         """Return the clause as plain data."""
-        data = {k: getattr(self, k) for k in ("name", "equation", "text", "value", "unit", "limit")}
-        return {**data, "holds": bool(self.holds)}
+        return {
+            "name": self.name,
+            "equation": self.equation,
+            "text": self.text,
+            "value": self.value,
+            "unit": self.unit,
+            "limit": self.limit,
+            "holds": bool(self.holds),
+        }
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the cells of the clause's row in a table of text."""
+        mark = ""
+        if not self.holds:
+            mark = "✖"
+        measured = f"{number(self.value)} {self.unit}"
+        limit = f"{number(self.limit)} {self.unit}"
+        return mark, _printed(self.equation), self.text, measured, limit
 
 
 @dataclass(frozen=True)
@@ -86,31 +102,25 @@ class Contract(Result):
     def text(self) -> Iterator[Part]:
         """Yield the variants, a row per clause, the violated clauses, and the verdict."""
         yield f"{self.console}: {self.title}\n  {self.source}\n"
-        yield "  " + ", ".join(f"{name}={reading}" for name, reading in self.variants.items()) + "\n"
-        rows = [
-            (
-                "" if c.holds else "✖",
-                _printed(c.equation),
-                c.text,
-                f"{number(c.value)} {c.unit}",
-                f"{number(c.limit)} {c.unit}",
-            )
-            for c in self.clauses
-        ]
-        yield Table(("", "equation", "clause", "measured", "limit"), rows)
+        variants = ", ".join(f"{equation}={variant}" for equation, variant in self.variants.items())
+        yield f"  {variants}\n"
+        yield Table(("", "equation", "clause", "measured", "limit"), [clause.cells() for clause in self.clauses])
         yield ""
         yield from by_severity(self.findings)
+        count = len(self.clauses)
         failed = len(self.findings)
         if failed:
-            said = f"DISAGREE: {failed} of {len(self.clauses)} clauses do not hold (exit code {self.exit_code})"
+            line = f"DISAGREE: {failed} of {count} clauses do not hold (exit code {self.exit_code})"
         else:
-            said = f"AGREE: all {len(self.clauses)} clauses hold (exit code {self.exit_code})"
-        yield Line(f"\n  {said}", "bold")
+            line = f"AGREE: all {count} clauses hold (exit code {self.exit_code})"
+        yield Line(f"\n  {line}", "bold")
 
 
 def _finding(c: Clause, variants: Mapping[str, str]) -> Finding:
-    reading = variants.get(c.equation, "")
-    cause = f"{c.equation} ({reading})" if reading else c.equation
+    cause = c.equation
+    variant = variants.get(c.equation, "")
+    if variant:
+        cause = f"{c.equation} ({variant})"
     size = Quantity(c.value, c.unit)
     place = f"eq. {_printed(c.equation)}"
     return disagreement(f"console.{c.name}", place, c.said, size, c.limit, c.way, cause=cause, word="")
@@ -118,7 +128,11 @@ def _finding(c: Clause, variants: Mapping[str, str]) -> Finding:
 
 def number(x: float) -> str:
     """Return a number as text: with three decimals, or in scientific notation if |x| < 0.001 or |x| >= 1e6."""
-    return f"{x:.3f}" if 1e-3 <= abs(x) < 1e6 else f"{x:.1e}" if x else "0"
+    if x == 0:
+        return "0"
+    if 1e-3 <= abs(x) < 1e6:
+        return f"{x:.3f}"
+    return f"{x:.1e}"
 
 
 def _printed(equation: str) -> str:

@@ -22,11 +22,12 @@ from twin.validation.clauses import Clause, Contract, number
 Array = NDArray[np.float64]
 
 _MM = 1e-3
-_POINT, _ANGLE = 1e-12, 1e-7
-"""Tolerances for rounding errors: of a position in m, and of a rotation in deg (a product of 10 000 rotations)."""
+_POINT = 1e-12  # rounding error of a position in m
+_ANGLE = 1e-7  # rounding error in deg of a product of `_INCREMENTS` rotations
 
 _INCREMENTS = 10_000
 _SCALE = 0.5
+_Turns = Callable[[Array, Array, Array, Array], tuple[float, float]]
 _PEN = 3.3
 """Largest force in N of a haptic pen: the manufacturer's value, ASSUMED because the paper gives none."""
 
@@ -88,13 +89,14 @@ class Laws(Protocol):
 def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, part: None) -> Contract:
     """Measure every clause (requirement) on a console and return the result."""
     clauses: list[Clause] = []
-    path = np.zeros((0, 3))
-    for i, part in enumerate((_still, _turn, _way, _clutch, _camera, _origin, _mirror, _roll, _force, _measure)):
-        progress(part.__name__.strip("_"), i / 11)
+    parts = (_still, _turn, _way, _clutch, _camera, _origin, _mirror, _roll, _force, _measure)
+    steps = len(parts) + 1
+    for i, part in enumerate(parts):
+        progress(part.__name__.strip("_"), i / steps)
         clauses += part(console)
-    progress("closed loop", 10 / 11)
-    found, path = _loop(console)
-    return Contract(console.name, console.title, console.source, console.variants, [*clauses, *found], path)
+    progress("closed loop", len(parts) / steps)
+    of_loop, path = _loop(console)
+    return Contract(console.name, console.title, console.source, console.variants, [*clauses, *of_loop], path)
 
 
 # -- one hand, one tool ---------------------------------------------------------------------------------------------
@@ -120,9 +122,10 @@ def _still(c: Laws) -> Iterator[Clause]:
 
 
 def _turn(c: Laws) -> Iterator[Clause]:
-    P, W, turn = _pose((50 * _MM, 0, 0)), _pose((0, 0, 0)), Rotation.from_rotvec((0, 0, np.pi / 2))
-    after = c.tool(P, W, _pose((0, 0, 0), turn.as_rotvec()), np.eye(4), 1.0)
-    moved, _ = _between(P, after)
+    P = _pose((50 * _MM, 0, 0))
+    W = _pose((0, 0, 0))
+    quarter_turn = _pose((0, 0, 0), (0, 0, np.pi / 2))
+    moved, _ = _between(P, c.tool(P, W, quarter_turn, np.eye(4), 1.0))
     yield _point(
         "turn",
         "eq1",
@@ -133,113 +136,124 @@ def _turn(c: Laws) -> Iterator[Clause]:
         "turn the tool about its own origin: R1 = dR R0, p1 = p0 + dp",
     )
     T = _pose((0, 0, 0), (0.4, -0.7, 0.5))
-    axis = np.array([0.2, 0.5, -0.3])
-    got = c.tool(P, W, _pose((0, 0, 0), axis), T, 1.0)[:3, :3] @ P[:3, :3].T
-    wanted = Rotation.from_rotvec(T[:3, :3] @ axis).as_matrix()
-    off = _angle(got @ wanted.T)
+    turn = np.array([0.2, 0.5, -0.3])  # rotation vector of the hand in {H}
+    turned = c.tool(P, W, _pose((0, 0, 0), turn), T, 1.0)[:3, :3] @ P[:3, :3].T
+    required = Rotation.from_rotvec(T[:3, :3] @ turn).as_matrix()
+    deviation = _angle(turned @ required.T)
     yield _within(
         "turn.angle",
         "eq2",
         "the tool turns by the angle of the hand, about the hand's axis, converted from {H} to {RB}",
-        off,
+        deviation,
         "deg",
         _ANGLE,
-        f"the tool orientation differs by {off:.3f} deg from the hand rotation expressed in {{RB}}",
+        f"the tool orientation differs by {deviation:.3f} deg from the hand rotation expressed in {{RB}}",
         "transform the rotation by R_T on both sides: R_T dR R_T^T",
     )
 
 
 def _way(c: Laws) -> Iterator[Clause]:
-    T, P = _pose((0, 0, 0), (0, 0, np.pi / 2)), _pose((50 * _MM, 0, 0))
-    W_0, W_1 = _pose((0, 0, 0)), _pose((10 * _MM, 0, 0))
-    got = c.tool(P, W_0, W_1, T, _SCALE)[:3, 3] - P[:3, 3]
-    off = float(np.linalg.norm(got - [0, _SCALE * 10 * _MM, 0]))
+    T = _pose((0, 0, 0), (0, 0, np.pi / 2))
+    P = _pose((50 * _MM, 0, 0))
+    W_0 = _pose((0, 0, 0))
+    W_1 = _pose((10 * _MM, 0, 0))
+    moved = c.tool(P, W_0, W_1, T, _SCALE)[:3, 3] - P[:3, 3]
+    deviation = float(np.linalg.norm(moved - [0, _SCALE * 10 * _MM, 0]))
     yield _point(
         "scale",
         "eq2",
         f"at scale {_SCALE:g}, with {{H}} turned 90 deg about z of {{RB}}, a hand that moves 10 mm along x of {{H}} "
         "moves the tool 5 mm along y of {RB}",
-        off,
-        f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(got)}) mm in {{RB}}: "
-        f"the distance from (0, 5, 0) mm is {off / _MM:.3f} mm",
+        deviation,
+        f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(moved)}) mm in "
+        f"{{RB}}: the distance from (0, 5, 0) mm is {deviation / _MM:.3f} mm",
         "use p1 = p0 + s R_T (h1 - h0), which contains the scale s",
     )
 
 
 def _clutch(c: Laws) -> Iterator[Clause]:
-    T, P = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2)), _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.4, 0.0))
+    T = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2))
+    P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.4, 0.0))
     gripped = _pose((30 * _MM, -10 * _MM, 20 * _MM), (0.35, 0.1, -0.2))  # handle pose after moving while declutched
-    at_once, _ = _between(P, after := c.tool(P, gripped, gripped, T, _SCALE))
+    engaged = c.tool(P, gripped, gripped, T, _SCALE)
+    jump, _ = _between(P, engaged)
     yield _point(
         "regrip",
         "eq2",
         "the tool stays at rest when the hand releases the clutch, moves and engages it again (re-grip)",
-        at_once,
-        f"after a re-grip 37 mm away the tool jumps {at_once / _MM:.3f} mm",
+        jump,
+        f"after a re-grip 37 mm away the tool jumps {jump / _MM:.3f} mm",
         "measure increments from the hand pose at re-grip, and transform them by R_T, the rotation of T",
     )
     step = np.array([0, 0, 10 * _MM])
-    went = c.tool(after, gripped, _shifted(gripped, step), T, 1.0)[:3, 3] - after[:3, 3]
-    off = float(np.linalg.norm(went - T[:3, :3] @ step))
+    moved = c.tool(engaged, gripped, _shifted(gripped, step), T, 1.0)[:3, 3] - engaged[:3, 3]
+    deviation = float(np.linalg.norm(moved - T[:3, :3] @ step))
     yield _point(
         "regrip.way",
         "eq2",
         "after a re-grip, the hand moves the tool as before",
-        off,
-        f"after a re-grip the hand moves 10 mm, and the tool ends {off / _MM:.3f} mm from the correct position",
+        deviation,
+        f"after a re-grip the hand moves 10 mm, and the tool ends {deviation / _MM:.3f} mm from the correct position",
         "p1 = p0 + s R_T (h1 - h0), with h0 the hand position at the re-grip",
     )
 
 
 def _camera(c: Laws) -> Iterator[Clause]:
-    P, W = _pose((0, 0, -100 * _MM)), _pose((10 * _MM, 20 * _MM, 0))
-    step = np.array([10 * _MM, 0, 0])
-    before, after = _pose((0, 0, 0)), _pose((30 * _MM, 0, 0), (0, 0, np.pi / 6))
-    P = c.tool(P, W, W, before, _SCALE)
-    stood, _ = _between(P, Q := c.tool(P, W, W, after, _SCALE))
+    W = _pose((10 * _MM, 20 * _MM, 0))
+    T_before = _pose((0, 0, 0))
+    T_after = _pose((30 * _MM, 0, 0), (0, 0, np.pi / 6))
+    P_before = c.tool(_pose((0, 0, -100 * _MM)), W, W, T_before, _SCALE)
+    P_after = c.tool(P_before, W, W, T_after, _SCALE)
+    jump, _ = _between(P_before, P_after)
     yield _point(
         "camera.still",
         "eq2",
         "moving the camera does not move the tool while the hand is still",
-        stood,
-        f"the camera turns 30 deg with the hand still, and the tool moves {stood / _MM:.3f} mm",
+        jump,
+        f"the camera turns 30 deg with the hand still, and the tool moves {jump / _MM:.3f} mm",
         "express increments of the hand in the current frame of the camera: T must cancel when W1 = W0",
     )
-    went = c.tool(Q, W, _shifted(W, step), after, 1.0)[:3, 3] - Q[:3, 3]
-    off = float(np.linalg.norm(went - after[:3, :3] @ step))
+    step = np.array([10 * _MM, 0, 0])
+    moved = c.tool(P_after, W, _shifted(W, step), T_after, 1.0)[:3, 3] - P_after[:3, 3]
+    deviation = float(np.linalg.norm(moved - T_after[:3, :3] @ step))
     yield _point(
         "camera.way",
         "eq2",
         "after the camera has turned, the tool moves in the camera image in the direction of the hand",
-        off,
-        f"the camera has turned 30 deg, the hand moves 10 mm, and the tool ends {off / _MM:.3f} mm from the "
+        deviation,
+        f"the camera has turned 30 deg, the hand moves 10 mm, and the tool ends {deviation / _MM:.3f} mm from the "
         "correct position",
         "use T of the current time step, not T of the start",
     )
 
 
 def _origin(c: Laws) -> Iterator[Clause]:
-    T, P = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2)), _pose((0, 40 * _MM, -90 * _MM))
-    W_0, W_1 = _pose((10 * _MM, 0, 0)), _pose((15 * _MM, 5 * _MM, 0), (0.1, 0, 0.2))
-    o = np.array([200 * _MM, 0, 0])
-    there = c.tool(P, _shifted(W_0, -o), _shifted(W_1, -o), T @ _pose(tuple(o)), _SCALE)
-    off, _ = _between(c.tool(P, W_0, W_1, T, _SCALE), there)
+    T = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2))
+    P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.4, 0.0))
+    W_0 = _pose((10 * _MM, 0, 0))
+    W_1 = _pose((15 * _MM, 5 * _MM, 0), (0.1, 0, 0.2))
+    # the same motion of the hand, seen from another origin of {H}
+    origin = np.array([200 * _MM, 0, 0])
+    shifted = c.tool(P, _shifted(W_0, -origin), _shifted(W_1, -origin), T @ _pose(tuple(origin)), _SCALE)
+    deviation, _ = _between(c.tool(P, W_0, W_1, T, _SCALE), shifted)
     yield _point(
         "origin",
         "eq2",
         "the position of the origin of {H} has no effect",
-        off,
-        f"with the origin of {{H}} shifted 200 mm, the tool ends {off / _MM:.3f} mm from the correct position",
+        deviation,
+        f"with the origin of {{H}} shifted 200 mm, the tool ends {deviation / _MM:.3f} mm from the correct position",
         "use differences of positions and the rotation of T alone",
     )
 
 
 def _mirror(c: Laws) -> Iterator[Clause]:
     S = np.diag([1.0, 1, -1, 1])
-    T, P = _pose((20 * _MM, 0, 5 * _MM), (0.3, 0.1, -0.2)), _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
-    W_0, W_1 = _pose((10 * _MM, 0, 0), (0, 0.2, 0.1)), _pose((15 * _MM, 5 * _MM, 2 * _MM), (0.1, 0, 0.2))
-    there = S @ c.tool(S @ P @ S, S @ W_0 @ S, S @ W_1 @ S, S @ T @ S, _SCALE) @ S
-    moved, turned = _between(c.tool(P, W_0, W_1, T, _SCALE), there)
+    T = _pose((20 * _MM, 0, 5 * _MM), (0.3, 0.1, -0.2))
+    P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
+    W_0 = _pose((10 * _MM, 0, 0), (0, 0.2, 0.1))
+    W_1 = _pose((15 * _MM, 5 * _MM, 2 * _MM), (0.1, 0, 0.2))
+    mirrored = S @ c.tool(S @ P @ S, S @ W_0 @ S, S @ W_1 @ S, S @ T @ S, _SCALE) @ S
+    moved, turned = _between(c.tool(P, W_0, W_1, T, _SCALE), mirrored)
     yield _point(
         "left_handed",
         "eq2",
@@ -252,124 +266,158 @@ def _mirror(c: Laws) -> Iterator[Clause]:
 
 def _loop(c: Laws) -> tuple[list[Clause], Array]:
     """Move the hand once around a closed loop while it rotates, in many increments; return clauses and tool path."""
-    k = np.arange(_INCREMENTS + 1)
-    phase = 2 * np.pi * k / _INCREMENTS
-    W = np.tile(np.eye(4), (len(k), 1, 1))
-    W[:, :3, 3] = 50 * _MM * np.column_stack([np.cos(phase), np.sin(phase), 0.5 * np.sin(2 * phase)])
-    W[:, :3, :3] = Rotation.from_rotvec(
-        np.column_stack([0.6 * np.sin(phase), 0.4 * np.sin(2 * phase), 0.8 * (1 - np.cos(phase))])
-    ).as_matrix()
-    W[-1] = W[0]
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
-    P = start = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
+    start = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
+    P = start
     path = [P[:3, 3]]
-    for before, after in pairwise(W):
+    for before, after in pairwise(_closed_path()):
         P = c.tool(P, before, after, T, _SCALE)
         path.append(P[:3, 3])
     moved, turned = _between(start, P)
     way = "let the increments of a closed loop cancel: sum positions, multiply rotations in one frame"
     where = f"in {_INCREMENTS} increments"
-    return [
-        _point(
-            "loop",
-            "eq2",
-            f"a closed path of the hand returns the tool to its position, {where}",
-            moved,
-            f"the hand returns after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm from its start",
-            way,
-        ),
-        _within(
-            "loop.angle",
-            "eq2",
-            f"a closed path of the hand returns the tool to its orientation, {where}",
-            turned,
-            "deg",
-            _ANGLE,
-            f"the hand returns after {_INCREMENTS} increments, and the tool has turned {turned:.3g} deg",
-            way,
-        ),
-    ], np.array(path)
+    position = _point(
+        "loop",
+        "eq2",
+        f"a closed path of the hand returns the tool to its position, {where}",
+        moved,
+        f"the hand returns after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm from its start",
+        way,
+    )
+    orientation = _within(
+        "loop.angle",
+        "eq2",
+        f"a closed path of the hand returns the tool to its orientation, {where}",
+        turned,
+        "deg",
+        _ANGLE,
+        f"the hand returns after {_INCREMENTS} increments, and the tool has turned {turned:.3g} deg",
+        way,
+    )
+    return [position, orientation], np.array(path)
+
+
+def _closed_path() -> Array:
+    """Return poses (k, 4, 4) of the handle along a closed path; the last pose is exactly the first."""
+    k = np.arange(_INCREMENTS + 1)
+    phase = 2 * np.pi * k / _INCREMENTS
+    turns = np.column_stack([0.6 * np.sin(phase), 0.4 * np.sin(2 * phase), 0.8 * (1 - np.cos(phase))])
+    W = np.tile(np.eye(4), (len(k), 1, 1))
+    W[:, :3, 3] = 50 * _MM * np.column_stack([np.cos(phase), np.sin(phase), 0.5 * np.sin(2 * phase)])
+    W[:, :3, :3] = Rotation.from_rotvec(turns).as_matrix()
+    W[-1] = W[0]
+    return W
 
 
 # -- two hands, one camera ------------------------------------------------------------------------------------------
 
 
 def _roll(c: Laws) -> Iterator[Clause]:
-    n = np.array([0.0, 0, 1])
     in_angle = c.turn_unit == "rad"
-    unit, factor = ("deg", 180 / np.pi) if in_angle else ("mm^2", 1e6)
+    if in_angle:
+        unit = "deg"
+        factor = 180 / np.pi
+    else:
+        unit = "mm^2"
+        factor = 1e6
+
+    def turns(p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array) -> tuple[float, float]:
+        """Return the roll about z by each hand in `unit`; for the arguments see `Laws.turns`."""
+        by_right, by_left = c.turns(p_R0, p_R1, p_L0, p_L1, np.array([0.0, 0, 1]))
+        return factor * by_right, factor * by_left
+
+    yield from _roll_of_turn(turns, unit, in_angle)
+    yield from _roll_of_lift(turns, unit, in_angle)
+
+
+def _roll_of_turn(turns: _Turns, unit: str, in_angle: bool) -> Iterator[Clause]:
+    """Yield the clauses on hands that turn together about the camera's axis by 3 deg."""
     turn = Rotation.from_rotvec((0, 0, np.radians(3))).as_matrix()
-    right, left = np.array([50, 20, 0]) * _MM, np.array([-50, -20, 0]) * _MM
-    said = [factor * x for x in c.turns(right, turn @ right, left, turn @ left, n)]
-    worst = min(said)
+    right = np.array([50, 20, 0]) * _MM
+    left = np.array([-50, -20, 0]) * _MM
+    by_right, by_left = turns(right, turn @ right, left, turn @ left)
+    smallest = min(by_right, by_left)
     yield Clause(
         "roll.direction",
         "eq4",
         "if the hands turn 3 deg counter-clockwise, the camera roll is positive",
-        worst,
+        smallest,
         unit,
         0.0,
-        worst > 0,
-        f"a hand at (50, 20, 0) mm that turns +3 deg (counter-clockwise) gives {said[0]:.0f} {unit}. The paper labels "
+        smallest > 0,
+        f"a hand at (50, 20, 0) mm that turns +3 deg (counter-clockwise) gives {by_right:.0f} {unit}. The paper labels "
         "negative values clockwise: p1 x p0 points opposite to the axis of the turn from p0 to p1",
         "swap the factors: c = p0 x p1",
     )
-    off = max(abs(x - 3) for x in said) if in_angle else worst
+    if in_angle:
+        deviation = max(abs(by_right - 3), abs(by_left - 3))
+        violation = f"hands that turn 3 deg give {by_right:.3f} and {by_left:.3f} deg"
+    else:
+        deviation = smallest
+        violation = (
+            "a cross product is an area and a displacement is a length: the paper prints no conversion to an angle"
+        )
     yield _within(
         "roll.angle",
         "eq4",
         "if the hands turn 3 deg, the camera roll is 3 deg",
-        off,
+        deviation,
         unit,
         1e-9,
-        (
-            f"hands that turn 3 deg give {said[0]:.3f} and {said[1]:.3f} deg"
-            if in_angle
-            else "a cross product is an area and a displacement is a length: the paper prints no conversion to an angle"
-        ),
+        violation,
         "roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
         also=in_angle,
     )
-    right, left, up = np.array([80, 0, 0]) * _MM, np.array([-80, 0, 0]) * _MM, np.array([0, 5, 0]) * _MM
-    here = [factor * x for x in c.turns(right, right + up, left, left - up, n)]
-    o = np.array([200, 0, 0]) * _MM
-    there = [factor * x for x in c.turns(right + o, right + up + o, left + o, left - up + o, n)]
-    off = max(abs(a - b) for a, b in zip(here, there, strict=True))
+
+
+def _roll_of_lift(turns: _Turns, unit: str, in_angle: bool) -> Iterator[Clause]:
+    """Yield the clauses on hands at +-80 mm that move up or down by 5 mm."""
+    right = np.array([80, 0, 0]) * _MM
+    left = np.array([-80, 0, 0]) * _MM
+    up = np.array([0, 5, 0]) * _MM
+    by_right, by_left = turns(right, right + up, left, left - up)
+    origin = np.array([200, 0, 0]) * _MM
+    from_right, from_left = turns(right + origin, right + up + origin, left + origin, left - up + origin)
+    deviation = max(abs(by_right - from_right), abs(by_left - from_left))
+    contradiction = ""
+    if from_right * from_left < 0:
+        contradiction = ": the signs disagree"
     yield _within(
         "roll.origin",
         "eq4",
         "the position of the origin has no effect on the roll",
-        off,
+        deviation,
         unit,
         1e-9,
-        f"right hand +5 mm, left hand -5 mm: (c_zR, c_zL) = ({here[0]:+.0f}, {here[1]:+.0f}) {unit} with the hands at "
-        f"+-80 mm, ({there[0]:+.0f}, {there[1]:+.0f}) {unit} with the origin shifted 200 mm"
-        + (": the signs disagree" if there[0] * there[1] < 0 else ""),
+        f"right hand +5 mm, left hand -5 mm: (c_zR, c_zL) = ({by_right:+.0f}, {by_left:+.0f}) {unit} with the hands at "
+        f"+-80 mm, ({from_right:+.0f}, {from_left:+.0f}) {unit} with the origin shifted 200 mm{contradiction}",
         "use v = p_R - p_L, which does not depend on the origin",
     )
-    lifted = [factor * x for x in c.turns(right, right + up, left, left + up, n)]
-    off = max(map(abs, lifted))
+    lift_right, lift_left = turns(right, right + up, left, left + up)
     yield _within(
         "roll.lift",
         "eq4",
         "both hands moving up together do not roll the camera",
-        off,
+        max(abs(lift_right), abs(lift_left)),
         unit,
         1e-9,
-        f"both hands move up 5 mm: (c_zR, c_zL) = ({lifted[0]:+.0f}, {lifted[1]:+.0f}) {unit}, not zero; "
+        f"both hands move up 5 mm: (c_zR, c_zL) = ({lift_right:+.0f}, {lift_left:+.0f}) {unit}, not zero; "
         "the paper states the condition 'parallel and discordant' only in words",
         "use v = p_R - p_L, which a common motion does not change",
     )
-    wanted = np.degrees(np.arctan2(5, 80))
-    off = max(abs(x - wanted) for x in here) if in_angle else max(map(abs, here))
+    required = np.degrees(np.arctan2(5, 80))
+    if in_angle:
+        deviation = max(abs(by_right - required), abs(by_left - required))
+    else:
+        deviation = max(abs(by_right), abs(by_left))
     yield _within(
         "roll.opposed",
         "eq4",
-        f"hands at +-80 mm that move +-5 mm roll the camera {wanted:.3f} deg",
-        off,
+        f"hands at +-80 mm that move +-5 mm roll the camera {required:.3f} deg",
+        deviation,
         unit,
         1e-9,
-        f"hands at +-80 mm that move +-5 mm give ({here[0]:+.4g}, {here[1]:+.4g}) {unit}, not {wanted:.3f} deg",
+        f"hands at +-80 mm that move +-5 mm give ({by_right:+.4g}, {by_left:+.4g}) {unit}, not {required:.3f} deg",
         "roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
         also=in_angle,
     )
@@ -379,7 +427,8 @@ def _roll(c: Laws) -> Iterator[Clause]:
 
 
 def _force(c: Laws) -> Iterator[Clause]:
-    rest, moving = abs(c.force(1 * _MM, 0.0)), abs(c.force(1e-9, 10 * _MM))
+    resting = abs(c.force(1 * _MM, 0.0))
+    moving = abs(c.force(1e-9, 10 * _MM))
     yield _within(
         "force.units",
         "eq5",
@@ -387,8 +436,8 @@ def _force(c: Laws) -> Iterator[Clause]:
         0.0 if c.force_units else 1000.0,
         "times",
         1.0,
-        f"the constants have no units: in N/mm, 1 mm gives {1e3 * rest:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
-        f"in N/m, {rest:.1g} and {moving:.1g} mN, which is imperceptible",
+        f"the constants have no units: in N/mm, 1 mm gives {1e3 * resting:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
+        f"in N/m, {resting:.1g} and {moving:.1g} mN, which is imperceptible",
         "state the units; N/mm and N s/mm give perceptible forces",
     )
     yield _within(
@@ -401,49 +450,55 @@ def _force(c: Laws) -> Iterator[Clause]:
         f"the paper calls it a {c.force_model} model, but no term contains a mass or an acceleration",
         "call the model a spring-damper, or add the term m d2x/dt2",
     )
-    pulls = c.force(0.1 * _MM, -100 * _MM)
+    pull = c.force(0.1 * _MM, -100 * _MM)
     yield _within(
         "force.pull",
         "eq5",
         "a surface never pulls inwards",
-        max(pulls, 0.0),
+        max(pull, 0.0),
         "N",
         0.0,
-        f"at a depth of 0.1 mm, while it moves outwards at 100 mm/s, the tool is pulled inwards by {pulls:.2f} N",
+        f"at a depth of 0.1 mm, while it moves outwards at 100 mm/s, the tool is pulled inwards by {pull:.2f} N",
         "set a force that points inwards to 0",
     )
-    most = max(abs(c.force(depth * _MM, rate)) for depth in (1, 5, 10, 20) for rate in (-0.1, 0.0, 0.1))
+    largest = 0.0
+    for depth in (1, 5, 10, 20):
+        for rate in (-0.1, 0.0, 0.1):
+            largest = max(largest, abs(c.force(depth * _MM, rate)))
     yield _within(
         "force.largest",
         "eq5",
         "no force exceeds the maximum force of the haptic pen",
-        most,
+        largest,
         "N",
         _PEN,
-        f"down to 20 mm depth the force reaches {most:.1f} N; a pen can apply {_PEN:g} N (ASSUMED)",
+        f"down to 20 mm depth the force reaches {largest:.1f} N; a pen can apply {_PEN:g} N (ASSUMED)",
         f"limit the force to {_PEN:g} N, the maximum of the device",
     )
-    off = max(abs(rest - 0.6), abs(moving - 0.1))
+    deviation = max(abs(resting - 0.6), abs(moving - 0.1))
     yield _within(
         "force.size",
         "eq5",
         "a depth of 1 mm at rest gives 0.6 N; a rate of 10 mm/s at the surface gives 0.1 N",
-        off,
+        deviation,
         "N",
         1e-6,
-        f"a depth of 1 mm at rest gives {rest:.3g} N; a rate of 10 mm/s at the surface gives {moving:.3g} N",
+        f"a depth of 1 mm at rest gives {resting:.3g} N; a rate of 10 mm/s at the surface gives {moving:.3g} N",
         "0.6 N/mm and 0.01 N s/mm",
     )
 
 
 def _measure(c: Laws) -> Iterator[Clause]:
-    T, P = _pose((0.1, 0, 0), (0, 0, np.pi / 2)), _pose((50 * _MM, 0, 0))
-    W_0, W_1 = _pose((30 * _MM, 0, 0)), _pose((40 * _MM, 0, 0), (0, 0, 0.2))
-    right = P.copy()
-    right[:3, 3] += _SCALE * T[:3, :3] @ (W_1 - W_0)[:3, 3]
-    right[:3, :3] = Rotation.from_rotvec(T[:3, :3] @ [0, 0, 0.2]).as_matrix() @ P[:3, :3]
-    err = c.error(P, right, W_0, W_1, T, _SCALE)
-    moved, turned = float(np.linalg.norm(err[:3, 3])), _angle(err[:3, :3])
+    P = _pose((50 * _MM, 0, 0))
+    W_0 = _pose((30 * _MM, 0, 0))
+    W_1 = _pose((40 * _MM, 0, 0), (0, 0, 0.2))
+    T = _pose((0.1, 0, 0), (0, 0, np.pi / 2))
+    P_required = P.copy()
+    P_required[:3, 3] += _SCALE * T[:3, :3] @ (W_1 - W_0)[:3, 3]
+    P_required[:3, :3] = Rotation.from_rotvec(T[:3, :3] @ [0, 0, 0.2]).as_matrix() @ P[:3, :3]
+    error = c.error(P, P_required, W_0, W_1, T, _SCALE)
+    moved = float(np.linalg.norm(error[:3, 3]))
+    turned = _angle(error[:3, :3])
     yield _point(
         "error.right",
         "eq7",
@@ -453,17 +508,16 @@ def _measure(c: Laws) -> Iterator[Clause]:
         "e_lin = dp - s R_T dh, e_ang = log(dR (R_T dR_H R_T^T)^T)",
     )
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
-    wrong = T @ P  # result of the printed eqs (1) and (2) for a hand at rest
-    gone = float(np.linalg.norm(wrong[:3, 3] - P[:3, 3]))
-    shown = float(np.linalg.norm(c.error(P, wrong, W_0, W_0, T, _SCALE)[:3, 3]))
-    off = abs(shown - gone)
+    P_printed = T @ P  # result of the printed eqs (1) and (2) for a hand at rest
+    distance = float(np.linalg.norm(P_printed[:3, 3] - P[:3, 3]))
+    reported = float(np.linalg.norm(c.error(P, P_printed, W_0, W_0, T, _SCALE)[:3, 3]))
     yield _point(
         "error.blind",
         "eq7",
         "if the tool moves while the hand is still, the error is this motion",
-        off,
-        f"the hand is still and the tool moves {gone / _MM:.3f} mm, as in the printed eqs (1), (2): eq. (7) gives "
-        f"{shown / _MM:.3f} mm. Eq. (7) is circular: it compares eq. (2) with itself",
+        abs(reported - distance),
+        f"the hand is still and the tool moves {distance / _MM:.3f} mm, as in the printed eqs (1), (2): eq. (7) gives "
+        f"{reported / _MM:.3f} mm. Eq. (7) is circular: it compares eq. (2) with itself",
         "compare displacements of the tool with displacements of the hand, without eq. (2)",
     )
 
@@ -474,7 +528,8 @@ def _measure(c: Laws) -> Iterator[Clause]:
 def _pose(p: Sequence[float], turn: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
     """Return a pose (4, 4) from a position in m and a rotation vector in rad."""
     out = np.eye(4)
-    out[:3, :3], out[:3, 3] = Rotation.from_rotvec(turn).as_matrix(), p
+    out[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    out[:3, 3] = p
     return out
 
 
@@ -486,7 +541,8 @@ def _shifted(W: Array, by: Array) -> Array:
 
 def _between(P: Array, Q: Array) -> tuple[float, float]:
     """Return (distance in m, angle in deg) between two poses."""
-    return float(np.linalg.norm(Q[:3, 3] - P[:3, 3])), _angle(Q[:3, :3] @ P[:3, :3].T)
+    distance = float(np.linalg.norm(Q[:3, 3] - P[:3, 3]))
+    return distance, _angle(Q[:3, :3] @ P[:3, :3].T)
 
 
 def _angle(R: Array) -> float:
@@ -494,8 +550,9 @@ def _angle(R: Array) -> float:
     return float(np.degrees(Rotation.from_matrix(R).magnitude()))
 
 
-def _point(name: str, equation: str, text: str, off: float, said: str, way: str) -> Clause:
-    return Clause(name, equation, text, off / _MM, "mm", _POINT / _MM, off <= _POINT, said, way)
+def _point(name: str, equation: str, text: str, distance: float, said: str, way: str) -> Clause:
+    """Return a clause that holds if the distance in m is at most a rounding error; its values are in mm."""
+    return Clause(name, equation, text, distance / _MM, "mm", _POINT / _MM, distance <= _POINT, said, way)
 
 
 def _within(

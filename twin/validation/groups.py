@@ -24,6 +24,7 @@ from twin.core.findings import Finding, disagreement, info, warning
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Table as Shown
+from twin.core.spatial import Array
 from twin.schema import Table, Vector, at, load_toml
 
 _LARGEST = 1e12  # of the numbers of a table; their squares and rounded multiples must not overflow
@@ -129,39 +130,56 @@ class GroupTables(Table):
 
     @model_validator(mode="after")
     def _named(self) -> GroupTables:
-        names = {g.name for g in self.group}
-        for key, rows in (("outcome", self.outcome), ("range", self.range)):
-            for i, row in enumerate(rows):
-                for field in ("mean", "std", "lower", "upper"):
-                    cells = getattr(row, field, None)
-                    if cells is not None and set(cells) != names:
-                        raise at((key, i, field), f"give one number for each group: {', '.join(sorted(names))}")
-        for i, row in enumerate(self.range):
-            if below := [g for g in row.lower if row.lower[g] > row.upper[g]]:
-                raise at(("range", i, "upper"), f"{below[0]}: the range ends below its beginning")
+        groups = {group.name for group in self.group}
+        for i, outcome in enumerate(self.outcome):
+            _require_groups(("outcome", i, "mean"), outcome.mean, groups)
+            _require_groups(("outcome", i, "std"), outcome.std, groups)
+        for i, printed in enumerate(self.range):
+            _require_groups(("range", i, "mean"), printed.mean, groups)
+            _require_groups(("range", i, "std"), printed.std, groups)
+            _require_groups(("range", i, "lower"), printed.lower, groups)
+            _require_groups(("range", i, "upper"), printed.upper, groups)
+        for i, printed in enumerate(self.range):
+            for group, lower in printed.lower.items():
+                if lower > printed.upper[group]:
+                    raise at(("range", i, "upper"), f"{group}: the range ends below its beginning")
         for i, twice in enumerate(self.twice):
-            if (places := len(twice.where)) != (lists := len(twice.values)):
-                text = f"give one list of values for each place: {places} place{'s' * (places > 1)}, {lists} lists"
+            places = len(twice.where)
+            lists = len(twice.values)
+            if places != lists:
+                plural = "s" if places > 1 else ""
+                text = f"give one list of values for each place: {places} place{plural}, {lists} lists"
                 raise at(("twice", i, "values"), text)
-        for i, row in enumerate(self.outcome):
-            for j, pair in enumerate(row.compared):
-                if not set(pair.between) <= names:
-                    text = f"give the names of two groups; the groups are {', '.join(sorted(names))}"
+        for i, outcome in enumerate(self.outcome):
+            for j, pair in enumerate(outcome.compared):
+                if not set(pair.between) <= groups:
+                    text = f"give the names of two groups; the groups are {', '.join(sorted(groups))}"
                     raise at(("outcome", i, "compared", j, "between"), text)
-        known = {o.name for o in self.outcome}
-        for i, claim in enumerate(self.claim):
-            if unknown := set(claim.outcomes) - known:
-                raise at(
-                    ("claim", i, "outcomes"),
-                    f"there is no outcome '{min(unknown)}'; the outcomes are {', '.join(sorted(known))}",
-                )
-        printed = [a.name for a in self.accuracy]
-        if self.chain is not None and self.chain.of not in printed:
-            text = (
-                f"no [[accuracy]] section has the name '{self.chain.of}'; the names are {', '.join(printed) or 'none'}"
-            )
-            raise at(("chain", "of"), text)
+        self._check_outcomes_of_claims()
+        self._check_accuracy_of_chain()
         return self
+
+    def _check_outcomes_of_claims(self) -> None:
+        outcomes = {outcome.name for outcome in self.outcome}
+        for i, claim in enumerate(self.claim):
+            unknown = set(claim.outcomes) - outcomes
+            if unknown:
+                listed = ", ".join(sorted(outcomes))
+                text = f"there is no outcome '{min(unknown)}'; the outcomes are {listed}"
+                raise at(("claim", i, "outcomes"), text)
+
+    def _check_accuracy_of_chain(self) -> None:
+        printed = [accuracy.name for accuracy in self.accuracy]
+        if self.chain is not None and self.chain.of not in printed:
+            listed = ", ".join(printed) or "none"
+            text = f"no [[accuracy]] section has the name '{self.chain.of}'; the names are {listed}"
+            raise at(("chain", "of"), text)
+
+
+def _require_groups(place: tuple[str | int, ...], numbers: Mapping[str, float], groups: set[str]) -> None:
+    """Raise an error at a place of the file unless it has one number for each group."""
+    if set(numbers) != groups:
+        raise at(place, f"give one number for each group: {', '.join(sorted(groups))}")
 
 
 @dataclass(frozen=True)
@@ -188,84 +206,131 @@ def load(path: Path) -> GroupTables:
 
 def recompute(tables: GroupTables, run: SimulatedChain) -> Recomputed:
     """Check the printed numbers of a user study with groups; return tables, data and findings."""
-    users = {g.name: g.users for g in tables.group}
-    outcomes, rows = [], []
+    users = {group.name: group.users for group in tables.group}
     findings: list[Finding] = []
-    for o in tables.outcome:
-        findings += _integers(o, users)
-        for pair in o.compared:
-            p = _welch(o, pair.between, users)
-            outcomes.append(
-                {"name": o.name, "between": list(pair.between), "printed_p": pair.printed_p, "welch_p": p},
-            )
-            said = f"{pair.printed_p:.4f}" if pair.printed_p is not None else "not significant"
-            rows.append((o.name, " - ".join(pair.between), said, f"{p:.4f}"))
+    for outcome in tables.outcome:
+        findings += _integers(outcome, users)
     findings += _unpublished(tables)
     findings += _corrected(tables)
-    for span in tables.range:
-        findings += _spans(span, users)
-    errors = []
-    for a in tables.accuracy:
-        readings = rms_readings(a)
-        errors.append({"name": a.name, "printed_rmse": a.rmse, "readings": {n: list(v) for n, v in readings.items()}})
+    for printed_range in tables.range:
+        findings += _spans(printed_range, users)
     findings += _rmse(tables.accuracy)
     for claim in tables.claim:
         findings += _claim(claim, tables.outcome)
     for twice in tables.twice:
         findings += _twice(twice)
-    data: JsonObject = {"comparisons": outcomes, "accuracy": errors}
+    comparisons, rows = _comparisons(tables, users)
+    data: JsonObject = {"comparisons": comparisons, "accuracy": _errors(tables.accuracy)}
     shown = [Shown(("", "between", f"printed p ({tables.printed_test})", "Welch t from mean, std, n"), rows)]
     if tables.accuracy:
         shown.append(_shown_errors(tables.accuracy))
     if tables.chain is not None:
         measured, stds = run(tables.chain)
         data["chain"] = dict(measured)
-        shown.append(Shown(("simulated accuracy test", ""), [(k, f"{v:.3g}") for k, v in _flat(measured)]))
+        shown.append(Shown(("simulated accuracy test", ""), _measured_rows(measured)))
         printed = next(a for a in tables.accuracy if a.name == tables.chain.of)
         findings += _chain(tables.chain, printed, measured, stds)
     return Recomputed(shown, data, findings)
 
 
-def _flat(measured: JsonMapping) -> Iterator[tuple[str, float]]:
-    for key, value in measured.items():
-        values = value if isinstance(value, list) else [value]
-        yield from ((key if len(values) == 1 else f"{key} {'xyz'[i]}", x) for i, x in enumerate(values))
+def _comparisons(
+    tables: GroupTables, users: Mapping[str, int]
+) -> tuple[list[JsonObject], list[tuple[str, str, str, str]]]:
+    """Return (plain data, cells of a table) of the comparisons of groups, with the p-value of Welch's t-test."""
+    data: list[JsonObject] = []
+    rows: list[tuple[str, str, str, str]] = []
+    for outcome in tables.outcome:
+        for pair in outcome.compared:
+            p = _welch(outcome, pair.between, users)
+            between = list(pair.between)
+            data.append({"name": outcome.name, "between": between, "printed_p": pair.printed_p, "welch_p": p})
+            printed = "not significant"
+            if pair.printed_p is not None:
+                printed = f"{pair.printed_p:.4f}"
+            rows.append((outcome.name, " - ".join(between), printed, f"{p:.4f}"))
+    return data, rows
 
 
-def _welch(o: GroupOutcome, between: tuple[str, str], users: Mapping[str, int]) -> float:
+def _errors(rows: Sequence[Accuracy]) -> list[JsonObject]:
+    """Return the plain data of the printed errors, with the RMSE by each definition."""
+    data: list[JsonObject] = []
+    for accuracy in rows:
+        readings = {name: list(span) for name, span in rms_readings(accuracy).items()}
+        data.append({"name": accuracy.name, "printed_rmse": accuracy.rmse, "readings": readings})
+    return data
+
+
+def _measured_rows(measured: JsonMapping) -> list[tuple[str, str]]:
+    """Return a row for each number of the simulated test; vectors have a row for each axis."""
+    rows: list[tuple[str, str]] = []
+    for name, value in measured.items():
+        if not isinstance(value, list):
+            rows.append((name, f"{value:.3g}"))
+        elif len(value) == 1:
+            rows.append((name, f"{value[0]:.3g}"))
+        else:
+            for axis, component in zip("xyz", value, strict=False):
+                rows.append((f"{name} {axis}", f"{component:.3g}"))
+    return rows
+
+
+def _welch(outcome: GroupOutcome, between: tuple[str, str], users: Mapping[str, int]) -> float:
     from scipy import stats
 
     a, b = between
-    return float(
-        stats.ttest_ind_from_stats(o.mean[a], o.std[a], users[a], o.mean[b], o.std[b], users[b], equal_var=False).pvalue
+    test = stats.ttest_ind_from_stats(
+        outcome.mean[a],
+        outcome.std[a],
+        users[a],
+        outcome.mean[b],
+        outcome.std[b],
+        users[b],
+        equal_var=False,
     )
+    return float(test.pvalue)
 
 
-def _integers(o: GroupOutcome, users: Mapping[str, int]) -> Iterator[Finding]:
+def _half(decimals: int) -> float:
+    """Return half a unit of the last printed digit: how far a rounded number may be from the exact one."""
+    return 0.5 * 10**-decimals
+
+
+def _integers(outcome: GroupOutcome, users: Mapping[str, int]) -> Iterator[Finding]:
     """Yield a finding for each printed mean that is not the rounded mean of any set of integers."""
-    if not o.items:
+    if not outcome.items:
         return
-    for group, mean in o.mean.items():
-        n = users[group] * o.items
-        k = round(mean * n)
-        half = 0.5 * 10**-o.decimals * (1 + 1e-9)
-        near = min((k - 1, k, k + 1), key=lambda s: abs(s / n - mean))
-        if abs(near / n - mean) <= half:
+    rounding = _half(outcome.decimals) * (1 + 1e-9)  # with a margin for means exactly between two printed numbers
+    for group, mean in outcome.mean.items():
+        n = users[group] * outcome.items
+        total = round(mean * n)
+        nearest = min((total - 1, total, total + 1), key=lambda candidate: abs(candidate / n - mean))
+        distance = abs(nearest / n - mean)
+        if distance <= rounding:
             continue
         yield disagreement(
             "study.integers",
-            o.name,
-            f"{o.name}, {group}: the printed mean {mean:.{o.decimals}f} {o.unit} is not the mean of any {n} integers "
-            f"from {users[group]} users; the nearest possible mean is {near / n:.{o.decimals + 1}f}",
-            Quantity(abs(near / n - mean), o.unit),
-            half,
+            outcome.name,
+            f"{outcome.name}, {group}: the printed mean {mean:.{outcome.decimals}f} {outcome.unit} is not the mean of "
+            f"any {n} integers from {users[group]} users; the nearest possible mean is "
+            f"{nearest / n:.{outcome.decimals + 1}f}",
+            Quantity(distance, outcome.unit),
+            rounding,
             "check how many users were counted",
             word="",
         )
 
 
+def _compared(tables: GroupTables) -> list[tuple[str, ComparedPair]]:
+    """Return (name of the outcome, pair) of each comparison of two groups."""
+    comparisons: list[tuple[str, ComparedPair]] = []
+    for outcome in tables.outcome:
+        for pair in outcome.compared:
+            comparisons.append((outcome.name, pair))
+    return comparisons
+
+
 def _unpublished(tables: GroupTables) -> Iterator[Finding]:
-    printed = [p for o in tables.outcome for p in o.compared if p.printed_p is not None]
+    printed = [pair for _, pair in _compared(tables) if pair.printed_p is not None]
     if printed:
         yield info(
             "study.raw",
@@ -278,23 +343,26 @@ def _unpublished(tables: GroupTables) -> Iterator[Finding]:
 
 def _corrected(tables: GroupTables) -> Iterator[Finding]:
     """Yield a finding if a printed p-value is not significant after Holm's correction."""
-    pairs = [(o.name, p) for o in tables.outcome for p in o.compared]
-    printed = sorted((p.printed_p, name, p.between) for name, p in pairs if p.printed_p is not None)
-    level, left = tables.significance, len(pairs)
+    comparisons = _compared(tables)
+    printed: list[tuple[float, str, tuple[str, str]]] = []
+    for name, pair in comparisons:
+        if pair.printed_p is not None:
+            printed.append((pair.printed_p, name, pair.between))
+    printed.sort()
+    level = tables.significance
+    # Holm's step-down test: the first p-value above level / (number of remaining comparisons) ends it
     kept = 0
-    for p, _, _ in printed:
-        if p * (left - kept) > level:
-            break
+    while kept < len(printed) and printed[kept][0] * (len(comparisons) - kept) <= level:
         kept += 1
     if kept == len(printed):
         return
     p, name, between = printed[kept]
-    corrected = min(1.0, p * (left - kept))
+    corrected = min(1.0, p * (len(comparisons) - kept))
     yield warning(
         "study.multiple",
         "p",
-        f"{len(pairs)} comparisons use p < {level:g} without correction: {kept} of {len(printed)} significant results "
-        f"remain significant after Holm's correction ({name}, {' - '.join(between)}: p = {p:g} becomes "
+        f"{len(comparisons)} comparisons use p < {level:g} without correction: {kept} of {len(printed)} significant "
+        f"results remain significant after Holm's correction ({name}, {' - '.join(between)}: p = {p:g} becomes "
         f"{corrected:.3f})",
         Quantity(corrected, "1"),
         level,
@@ -306,7 +374,9 @@ def _corrected(tables: GroupTables) -> Iterator[Finding]:
 def _spans(s: PrintedRange, users: Mapping[str, int]) -> Iterator[Finding]:
     """Yield a finding for each standard deviation below the minimum that is possible for the printed range and mean."""
     for group, n in users.items():
-        mean, low, high = s.mean[group], s.lower[group], s.upper[group]
+        mean = s.mean[group]
+        low = s.lower[group]
+        high = s.upper[group]
         smallest = smallest_std(mean, low, high, n)
         if s.std[group] + 0.05 < smallest:
             yield disagreement(
@@ -320,7 +390,7 @@ def _spans(s: PrintedRange, users: Mapping[str, int]) -> Iterator[Finding]:
                 "check whether the range belongs to another group or to all users",
                 word="",
             )
-    ranges = {(s.lower[g], s.upper[g]) for g in users}
+    ranges = {(s.lower[group], s.upper[group]) for group in users}
     if len(ranges) == 1 and len(users) > 1:
         low, high = next(iter(ranges))
         yield warning(
@@ -335,29 +405,38 @@ def smallest_std(mean: float, low: float, high: float, n: int) -> float:
     """Return the minimum standard deviation (divisor n) of n values with this mean that include `low` and `high`."""
     if n == 2:
         return float(np.std([low, high]))
+    # it is smallest if the other n - 2 values are equal
     rest = (n * mean - low - high) / (n - 2)
-    return float(np.sqrt(((low - mean) ** 2 + (high - mean) ** 2 + (n - 2) * (rest - mean) ** 2) / n))
+    variance = ((low - mean) ** 2 + (high - mean) ** 2 + (n - 2) * (rest - mean) ** 2) / n
+    return float(np.sqrt(variance))
 
 
 def rms_readings(a: Accuracy) -> dict[str, tuple[float, float]]:
     """Return {definition of the RMSE: (minimum, maximum) of the RMSE}, from the rounding of the printed components."""
-    half = 0.5 * 10**-a.decimals
-    mean, std = np.abs(np.array(a.mean)), np.array(a.std)
+    half = _half(a.decimals)
+    mean = np.abs(np.array(a.mean))
+    std = np.array(a.std)
     low = np.hypot(np.maximum(mean - half, 0), np.maximum(std - half, 0))
     high = np.hypot(mean + half, std + half)
     return {
-        name: (float(of(low)), float(of(high)))
-        for name, of in (
-            ("root mean square of the axes", lambda r: np.sqrt(np.mean(r**2))),
-            ("length of the vector", np.linalg.norm),
-            ("worst axis", np.max),
-        )
+        "root mean square of the axes": (_root_mean_square(low), _root_mean_square(high)),
+        "length of the vector": (float(np.linalg.norm(low)), float(np.linalg.norm(high))),
+        "worst axis": (float(np.max(low)), float(np.max(high))),
     }
 
 
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def _fits(a: Accuracy) -> list[str]:
-    half = 0.5 * 10**-a.decimals
-    return [n for n, (low, high) in rms_readings(a).items() if low <= a.rmse + half and a.rmse - half <= high]
+    """Return the definitions of the RMSE that agree with the printed RMSE."""
+    half = _half(a.decimals)
+    fitting: list[str] = []
+    for definition, (low, high) in rms_readings(a).items():
+        if low <= a.rmse + half and a.rmse - half <= high:
+            fitting.append(definition)
+    return fitting
 
 
 def _rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
@@ -365,47 +444,53 @@ def _rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
     for a in rows:
         if _fits(a):
             continue
-        made = ", ".join(
-            f"{n} {low:.{a.decimals}f} to {high:.{a.decimals}f}" for n, (low, high) in rms_readings(a).items()
-        )
-        half = 0.5 * 10**-a.decimals
+        definitions: list[str] = []
+        distances: list[float] = []
+        for definition, (low, high) in rms_readings(a).items():
+            definitions.append(f"{definition} {low:.{a.decimals}f} to {high:.{a.decimals}f}")
+            distances.append(max(low - a.rmse, a.rmse - high))
         yield disagreement(
             "study.rmse",
             a.name,
             f"{a.name}: the printed RMSE of {a.rmse:.{a.decimals}f} {a.unit} does not follow from the printed mean "
-            f"and std by any definition ({made})",
-            Quantity(min(max(low - a.rmse, a.rmse - high) for low, high in rms_readings(a).values()), a.unit),
-            half,
+            f"and std by any definition ({', '.join(definitions)})",
+            Quantity(min(distances), a.unit),
+            _half(a.decimals),
             "compare axis by axis: mean and std, not RMSE",
             word="",
         )
 
 
 def _shown_errors(rows: Sequence[Accuracy]) -> Shown:
-    names = list(rms_readings(rows[0]))
-    lines = []
+    definitions = list(rms_readings(rows[0]))
+    lines: list[list[str]] = []
     for a in rows:
-        r, d = rms_readings(a), a.decimals
-        lines.append(
-            (
-                a.name,
-                f"{a.rmse:.{d}f} {a.unit}",
-                *(f"{r[n][0]:.{d}f} .. {r[n][1]:.{d}f}" for n in names),
-                ", ".join(_fits(a)),
-            )
-        )
-    return Shown(("", "printed RMSE", *names, "agrees with"), lines)
+        cells = [a.name, f"{a.rmse:.{a.decimals}f} {a.unit}"]
+        for low, high in rms_readings(a).values():
+            cells.append(f"{low:.{a.decimals}f} .. {high:.{a.decimals}f}")
+        cells.append(", ".join(_fits(a)))
+        lines.append(cells)
+    return Shown(("", "printed RMSE", *definitions, "agrees with"), lines)
 
 
 def _claim(claim: Above, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
-    cells = [(o, g, m) for o in outcomes if o.name in claim.outcomes for g, m in o.mean.items() if m <= claim.above]
-    if cells:
-        against = ", ".join(f"{g} {o.name} {m:.{o.decimals}f}" for o, g, m in cells)
+    exceptions: list[str] = []
+    means: list[float] = []
+    units: list[str] = []
+    for outcome in outcomes:
+        if outcome.name not in claim.outcomes:
+            continue
+        for group, mean in outcome.mean.items():
+            if mean <= claim.above:
+                exceptions.append(f"{group} {outcome.name} {mean:.{outcome.decimals}f}")
+                means.append(mean)
+                units.append(outcome.unit)
+    if exceptions:
         yield warning(
             "study.claim",
             "prose",
-            f"the statement '{claim.text}' is false for {against}",
-            Quantity(min(m for _, _, m in cells), cells[0][0].unit),
+            f"the statement '{claim.text}' is false for {', '.join(exceptions)}",
+            Quantity(min(means), units[0]),
             claim.above,
             "name the exceptions",
             word="",
@@ -413,14 +498,19 @@ def _claim(claim: Above, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
 
 
 def _twice(t: Twice) -> Iterator[Finding]:
-    if len({tuple(v) for v in t.values}) > 1:
-        said = "; ".join(f"{w}: {' to '.join(f'{x:+g}' for x in v)}" for w, v in zip(t.where, t.values, strict=True))
-        yield disagreement(
-            "study.twice",
-            t.name,
-            f"{t.name} is printed with several values ({said})",
-            suggestion="correct the wrong values",
-        )
+    first = t.values[0] if t.values else []
+    if all(values == first for values in t.values):
+        return
+    places: list[str] = []
+    for where, values in zip(t.where, t.values, strict=True):
+        numbers = " to ".join(f"{value:+g}" for value in values)
+        places.append(f"{where}: {numbers}")
+    yield disagreement(
+        "study.twice",
+        t.name,
+        f"{t.name} is printed with several values ({'; '.join(places)})",
+        suggestion="correct the wrong values",
+    )
 
 
 def _chain(c: AccuracyChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]) -> Iterator[Finding]:
@@ -447,18 +537,24 @@ def _chain(c: AccuracyChain, printed: Accuracy, measured: JsonMapping, stds: Seq
             f"measure with a pen of finer resolution than {c.resolution_mm:g} mm",
             word="required",
         )
-    k = c.displacements - 1
-    high = np.sqrt(stats.chi2.ppf(0.99, k) / k)
-    beyond = [f"{axis} {s:.3f}" for axis, s, q in zip("xyz", printed.std, stds, strict=True) if s > high * q]
+    # 99th percentile of a sample's standard deviation, relative to that of the population
+    freedom = c.displacements - 1
+    percentile = np.sqrt(stats.chi2.ppf(0.99, freedom) / freedom)
+    beyond: list[str] = []
+    for axis, printed_std, std in zip("xyz", printed.std, stds, strict=True):
+        if printed_std > percentile * std:
+            beyond.append(f"{axis} {printed_std:.3f}")
     if beyond:
+        largest_std = max(stds)
+        limit = float(percentile * largest_std)
         yield warning(
             "study.quantised",
             printed.name,
             f"in {c.displacements} displacements, a pen with a resolution of {c.resolution_mm:g} mm causes a standard "
-            f"deviation of {max(stds):.4f} mm on average, and of at most {high * max(stds):.3f} mm (99th percentile); "
+            f"deviation of {largest_std:.4f} mm on average, and of at most {limit:.3f} mm (99th percentile); "
             f"the paper prints {', '.join(beyond)} mm",
             Quantity(max(printed.std), "mm"),
-            float(high * max(stds)),
+            limit,
             "look for other sources of error than the resolution of the pen",
             word="",
         )

@@ -57,34 +57,42 @@ class Key(Table):
     scale: dict[Identifier, float]
     total: Total | None = None
 
-    @model_validator(mode="after")
-    def _whole(self) -> Key:
-        for k, item in enumerate(self.item):
-            if unknown := set(item.scales) - set(self.scale):
-                raise at(("item", k, "scales"), f"there is no scale '{min(unknown)}'; use {', '.join(self.scale)}")
-        return self
-
     @property
     def columns(self) -> list[str]:
         """Names of the table columns with the answers, in the order of the items."""
         return [f"{self.name}_{k}" for k in range(1, len(self.item) + 1)]
+
+    @model_validator(mode="after")
+    def _known_scales(self) -> Key:
+        for k, item in enumerate(self.item):
+            unknown = set(item.scales) - set(self.scale)
+            if unknown:
+                raise at(("item", k, "scales"), f"there is no scale '{min(unknown)}'; use {', '.join(self.scale)}")
+        return self
 
     def scores(self, answers: Sequence[float]) -> dict[str, float]:
         """Return the scales and, if defined, the total of one user; a score is NaN if an answer is missing (NaN).
 
         `answers` has one number per item, `low` to `high`.
         """
-        counted = [
-            (self.zero - x) if item.reversed else (x - self.zero) for x, item in zip(answers, self.item, strict=True)
-        ]
-        out, sums = {}, 0.0
-        for name, weight in self.scale.items():
-            values = [v for v, item in zip(counted, self.item, strict=True) if name in item.scales]
-            sums += sum(values)
-            out[f"{self.name}_{name}"] = weight * sum(values) / (1 if self.combine == "sum" else len(values))
+        items_of: dict[str, list[float]] = {scale: [] for scale in self.scale}
+        for answer, item in zip(answers, self.item, strict=True):
+            value = answer - self.zero
+            if item.reversed:
+                value = self.zero - answer
+            for scale in self.scale:
+                if scale in item.scales:
+                    items_of[scale].append(value)
+        scores: dict[str, float] = {}
+        total = 0.0
+        for scale, weight in self.scale.items():
+            values = items_of[scale]
+            total += sum(values)
+            divisor = 1 if self.combine == "sum" else len(values)
+            scores[f"{self.name}_{scale}"] = weight * sum(values) / divisor
         if self.total is not None:
-            out[f"{self.name}_{self.total.name}"] = self.total.weight * sums
-        return out
+            scores[f"{self.name}_{self.total.name}"] = self.total.weight * total
+        return scores
 
 
 def keys() -> list[Key]:
@@ -108,30 +116,51 @@ def scored(
     Raises:
         DescriptionError: a column of a questionnaire is missing, or an answer is not one of the allowed numbers.
     """
-    out, findings = {n: list(v) for n, v in columns.items()}, []
+    out = {name: list(values) for name, values in columns.items()}
+    findings: list[Finding] = []
     for key in keys():
-        mine = [n for n in columns if re.fullmatch(rf"{key.name}_\d+", n)]
-        if not mine:
+        answered = [name for name in columns if re.fullmatch(rf"{key.name}_\d+", name)]
+        if not answered:
             continue
-        if missing := [n for n in key.columns if n not in columns]:
-            raise DescriptionError(
-                f"{path}:1: {key.name.upper()} needs the columns {key.columns[0]} to {key.columns[-1]}; "
-                f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
-            )
-        if more := [n for n in mine if n not in key.columns]:
-            raise DescriptionError(f"{path}:1: {key.name.upper()} has {len(key.item)} items; {more[0]} is not an item")
-        for n in key.columns:
-            for value, line in zip(columns[n], lines, strict=True):
-                if not math.isnan(value) and (value != int(value) or not key.low <= value <= key.high):
-                    raise DescriptionError(
-                        f"{path}:{line}: {n} is {value:g}; give an integer, {key.low} to {key.high}, or leave it empty"
-                    )
-        users = [key.scores([columns[n][k] for n in key.columns]) for k in range(len(lines))]
-        for n in key.columns:
-            del out[n]
-        out |= {score: [user[score] for user in users] for score in (users[0] if users else {})}
+        _check_columns(path, key, columns, answered)
+        _check_answers(path, key, columns, lines)
+        for name in key.columns:
+            del out[name]
+        scores: dict[str, list[float]] = {}
+        for k in range(len(lines)):
+            answers = [columns[name][k] for name in key.columns]
+            for score, value in key.scores(answers).items():
+                scores.setdefault(score, []).append(value)
+        out |= scores
         findings.append(info("study.scored", key.name, f"{key.title}, scored by the key of: {key.source}"))
     for start, reason in _UNSCORED.items():
-        if any(n.startswith(f"{start}_") for n in columns):
+        if any(name.startswith(f"{start}_") for name in columns):
             findings.append(info("study.unscored", start, f"not scored: {reason}"))
     return out, findings
+
+
+def _check_columns(path: Path, key: Key, columns: Mapping[str, Sequence[float]], answered: Sequence[str]) -> None:
+    """Raise an error if the table lacks a column of a questionnaire, or has more columns than it has items."""
+    title = key.name.upper()
+    missing = [name for name in key.columns if name not in columns]
+    if missing:
+        verb = "is" if len(missing) == 1 else "are"
+        raise DescriptionError(
+            f"{path}:1: {title} needs the columns {key.columns[0]} to {key.columns[-1]}; "
+            f"{', '.join(missing)} {verb} missing"
+        )
+    for name in answered:
+        if name not in key.columns:
+            raise DescriptionError(f"{path}:1: {title} has {len(key.item)} items; {name} is not an item")
+
+
+def _check_answers(path: Path, key: Key, columns: Mapping[str, Sequence[float]], lines: Sequence[int]) -> None:
+    """Raise an error if an answer is not an integer in the range of the questionnaire."""
+    for name in key.columns:
+        for value, line in zip(columns[name], lines, strict=True):
+            if math.isnan(value):
+                continue
+            if value != int(value) or not key.low <= value <= key.high:
+                raise DescriptionError(
+                    f"{path}:{line}: {name} is {value:g}; give an integer, {key.low} to {key.high}, or leave it empty"
+                )

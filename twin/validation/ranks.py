@@ -26,8 +26,10 @@ from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.validation.questionnaires import scored
 
-_GROUP, _SESSION, _USER = "group", "session", "user"
-"""Columns that are not measures: name of the group, number of the user's session, name of the user."""
+# columns that are not measures
+_GROUP = "group"
+_SESSION = "session"
+_USER = "user"
 
 _LABELS = {
     "time_s": "Time [s]",
@@ -49,22 +51,40 @@ _LABELS = {
 }
 """Labels of the measures of console sessions, as used on the scoreboards."""
 
-_UNITS = {x.lower(): x for x in ("s", "ms", "cm", "mm", "deg", "rad", "Hz")} | {"percent": "%"}
+_UNITS = {
+    "s": "s",
+    "ms": "ms",
+    "cm": "cm",
+    "mm": "mm",
+    "deg": "deg",
+    "rad": "rad",
+    "hz": "Hz",
+    "percent": "%",
+}
 """Units of measures, by the last part of the name of a measure; "n", "m" and "min" could be a number or a minimum."""
 
 
 def label(measure: str) -> str:
     """Return the name of a measure for tables and plots, with its unit, such as "Path of psm1 [mm]"."""
-    if known := _LABELS.get(measure):
+    known = _LABELS.get(measure)
+    if known:
         return known
     name, _, last = measure.rpartition("_")
-    unit = _UNITS.get(last) if name else None
-    name = name if unit else measure
-    path, _, what = name.rpartition("_")
-    name = f"Path of {path}" if path and what == "path" else name.replace("_", " ")
-    if name == name.lower() and name not in _UNITS:
-        name = name[:1].upper() + name[1:]
-    return f"{name} [{unit}]" if unit else name
+    unit = _UNITS.get(last)
+    if not name or not unit:
+        return _words(measure)
+    return f"{_words(name)} [{unit}]"
+
+
+def _words(name: str) -> str:
+    """Return the name of a measure without its unit as words, such as "Path of psm1"."""
+    path, _, last = name.rpartition("_")
+    if path and last == "path":
+        return f"Path of {path}"
+    words = name.replace("_", " ")
+    if words == words.lower() and words not in _UNITS:
+        return words[:1].upper() + words[1:]
+    return words
 
 
 @dataclass(frozen=True)
@@ -90,24 +110,31 @@ class Users:
     @property
     def counted(self) -> str:
         """What is counted in a group: "users", or "sessions" if the users are unknown."""
-        return "users" if self.repeated or self.sessions is None else "sessions"
+        if self.repeated or self.sessions is None:
+            return "users"
+        return "sessions"
 
     def samples(self, measure: str) -> dict[str, Array]:
         """Return the values of a measure by group.
 
         If `repeated`, each group has two entries: the values of its first session and of its last session.
         """
-        values, groups = np.array(self.measures[measure], float), np.array(self.groups)
-        out = {}
+        values = np.array(self.measures[measure], float)
+        finite = np.isfinite(values)
+        groups = np.array(self.groups)
+        samples: dict[str, Array] = {}
         for group in dict.fromkeys(self.groups):
-            mine = groups == group
+            in_group = groups == group
             if self.sessions is None or not self.repeated:
-                out[group] = values[mine]
+                samples[group] = values[in_group & finite]
                 continue
-            numbers = np.array(self.sessions)
-            for n in sorted({numbers[mine].min(), numbers[mine].max()}):
-                out[f"{group}, session {n:g}"] = values[mine & (numbers == n)]
-        return {group: x[np.isfinite(x)] for group, x in out.items()}
+            sessions = np.array(self.sessions)
+            first = sessions[in_group].min()
+            last = sessions[in_group].max()
+            for number in sorted({first, last}):
+                in_session = in_group & (sessions == number)
+                samples[f"{group}, session {number:g}"] = values[in_session & finite]
+        return samples
 
     def pairs(self, measure: str) -> list[tuple[str, str]]:
         """Return the pairs of groups to compare; the names are keys of the result of `samples`.
@@ -120,9 +147,15 @@ class Users:
             return list(combinations(names, 2))
         by_group: dict[str, list[str]] = {}
         for name in names:
-            by_group.setdefault(name.rpartition(", session ")[0], []).append(name)
-        learned = [(x[0], x[-1]) for x in by_group.values() if len(x) > 1]
-        return learned + list(combinations([x[-1] for x in by_group.values()], 2))
+            group = name.rpartition(", session ")[0]
+            by_group.setdefault(group, []).append(name)
+        learned: list[tuple[str, str]] = []
+        last_sessions: list[str] = []
+        for sessions in by_group.values():
+            if len(sessions) > 1:
+                learned.append((sessions[0], sessions[-1]))
+            last_sessions.append(sessions[-1])
+        return learned + list(combinations(last_sessions, 2))
 
 
 @dataclass(frozen=True)
@@ -153,6 +186,22 @@ class RankTest:
     effect: float
     superiority: float
 
+    def cells(self) -> tuple[str, ...]:
+        """Return the cells of the comparison's row in a table of text."""
+        p = f"{self.p:.4f}"
+        if not self.exact:
+            p += "*"
+        return (
+            label(self.measure),
+            " - ".join(self.groups),
+            f"{self.counts[0]}, {self.counts[1]}",
+            f"{self.medians[0]:.4g}, {self.medians[1]:.4g}",
+            f"{self.u:g}",
+            p,
+            f"{self.holm:.4f}",
+            f"{self.effect:+.2f}",
+        )
+
 
 @dataclass(frozen=True)
 class Ranks(Result):
@@ -177,42 +226,44 @@ class Ranks(Result):
 
     def content(self) -> JsonObject:
         """Return the rank tests as plain data."""
-        return {"file": self.file, "test": "Wilcoxon-Mann-Whitney", "comparisons": [vars(c) for c in self.comparisons]}
+        return {
+            "file": self.file,
+            "test": "Wilcoxon-Mann-Whitney",
+            "comparisons": [vars(comparison) for comparison in self.comparisons],
+        }
 
     def text(self) -> Iterator[Part]:
         """Yield a row per comparison, then the findings."""
         yield f"{self.file}: Wilcoxon-Mann-Whitney, two-sided; Holm for {len(self.comparisons)} comparisons\n"
-        rows = [
-            (
-                label(c.measure),
-                " - ".join(c.groups),
-                f"{c.counts[0]}, {c.counts[1]}",
-                f"{c.medians[0]:.4g}, {c.medians[1]:.4g}",
-                f"{c.u:g}",
-                f"{c.p:.4f}{'' if c.exact else '*'}",
-                f"{c.holm:.4f}",
-                f"{c.effect:+.2f}",
-            )
-            for c in self.comparisons
-        ]
-        yield Table(("measure", "groups", self.users.counted, "medians", "U", "p", "p (Holm)", "effect"), rows)
+        header = ("measure", "groups", self.users.counted, "medians", "U", "p", "p (Holm)", "effect")
+        yield Table(header, [comparison.cells() for comparison in self.comparisons])
         yield "  effect: rank-biserial correlation = Cliff's delta = 2 A - 1, A of Vargha and Delaney"
-        if not all(c.exact for c in self.comparisons):
+        if not all(comparison.exact for comparison in self.comparisons):
             yield "  *: p by the normal approximation, because of ties; the other p-values are exact"
         yield ""
         yield from self.findings
 
     def write(self, folder: Path) -> None:
         """Write users.csv: one row per user or session, with scores instead of answers."""
-        u = self.users
+        users = self.users
+        sessions = users.sessions if users.repeated else None
+        header = [_GROUP]
+        if sessions is not None:
+            header.append(_SESSION)
+        header += users.measures
         with (folder / "users.csv").open("w", encoding="utf-8", newline="") as file:
-            out = csv.writer(file, lineterminator="\n")
-            numbered = u.sessions if u.repeated else None
-            out.writerow([_GROUP, *([] if numbered is None else [_SESSION]), *u.measures])
-            for k, group in enumerate(u.groups):
-                numbers = [] if numbered is None else [f"{numbered[k]:g}"]
-                cells = ["" if math.isnan(v[k]) else f"{v[k]:.9g}" for v in u.measures.values()]
-                out.writerow([group, *numbers, *cells])
+            rows = csv.writer(file, lineterminator="\n")
+            rows.writerow(header)
+            for k, group in enumerate(users.groups):
+                cells = [group]
+                if sessions is not None:
+                    cells.append(f"{sessions[k]:g}")
+                for values in users.measures.values():
+                    if math.isnan(values[k]):
+                        cells.append("")
+                    else:
+                        cells.append(f"{values[k]:.9g}")
+                rows.writerow(cells)
 
 
 def compare(path: Path) -> Ranks:
@@ -236,33 +287,44 @@ def compare_users(users: Users, source: str = "") -> Ranks:
     Raises:
         DescriptionError: there is only one group, or every group has only one value.
     """
-    from scipy import stats
-
-    found: list[RankTest] = []
+    tests: list[RankTest] = []
     for measure in users.measures:
         samples = users.samples(measure)
-        for a, b in users.pairs(measure):
-            x, y = samples[a], samples[b]
-            if not len(x) or not len(y):
-                continue
-            ties = len(np.unique(np.concatenate([x, y]))) < len(x) + len(y)
-            test = stats.mannwhitneyu(x, y, method="asymptotic" if ties else "exact")
-            u, medians = float(test.statistic), (float(np.median(x)), float(np.median(y)))
-            p = 1.0 if math.isnan(test.pvalue) else float(test.pvalue)
-            part = u / (len(x) * len(y))
-            counts = (len(x), len(y))
-            found.append(RankTest(measure, (a, b), counts, medians, u, not ties, p, p, 2 * part - 1, part))
+        for groups in users.pairs(measure):
+            x = samples[groups[0]]
+            y = samples[groups[1]]
+            if len(x) and len(y):
+                tests.append(_test(measure, groups, x, y))
     source = source or users.file
-    if not found:
+    if not tests:
         raise DescriptionError(
             f"{source}: there is nothing to compare: give two groups with numbers in at least one column"
         )
-    if all(c.counts == (1, 1) for c in found):
+    if all(test.counts == (1, 1) for test in tests):
         raise DescriptionError(
             f"{source}: every group has only one session or user, and a rank test needs several values in each group: "
             "give at least 4 in each group"
         )
-    return Ranks(users, _holm(found), [*users.findings, *_repeated(users), *_small(found, users.counted)])
+    findings = [*users.findings, *_repeated(users), *_small(tests, users.counted)]
+    return Ranks(users, _holm(tests), findings)
+
+
+def _test(measure: str, groups: tuple[str, str], x: Array, y: Array) -> RankTest:
+    """Return the rank test of the values x (n,) and y (m,) of two groups, without a correction for other tests."""
+    from scipy import stats
+
+    distinct = len(np.unique(np.concatenate([x, y])))
+    exact = distinct == len(x) + len(y)
+    test = stats.mannwhitneyu(x, y, method="exact" if exact else "asymptotic")
+    p = float(test.pvalue)
+    if math.isnan(p):  # all values are equal
+        p = 1.0
+    u = float(test.statistic)
+    superiority = u / (len(x) * len(y))
+    effect = 2 * superiority - 1
+    counts = (len(x), len(y))
+    medians = (float(np.median(x)), float(np.median(y)))
+    return RankTest(measure, groups, counts, medians, u, exact, p, p, effect, superiority)
 
 
 def _repeated(users: Users) -> Iterator[Finding]:
@@ -275,23 +337,29 @@ def _repeated(users: Users) -> Iterator[Finding]:
         )
 
 
-def _holm(found: Sequence[RankTest]) -> list[RankTest]:
-    order, most, out = sorted(range(len(found)), key=lambda i: found[i].p), 0.0, list(found)
-    for rank, i in enumerate(order):
-        most = max(most, min(1.0, found[i].p * (len(found) - rank)))
-        out[i] = replace(found[i], holm=most)
-    return out
+def _holm(tests: Sequence[RankTest]) -> list[RankTest]:
+    """Return the tests with p-values by Holm's step-down correction for the number of tests."""
+    corrected = list(tests)
+    by_p = sorted(range(len(tests)), key=lambda i: tests[i].p)
+    largest = 0.0
+    for rank, i in enumerate(by_p):
+        p = min(1.0, tests[i].p * (len(tests) - rank))
+        largest = max(largest, p)  # a corrected p is never below that of a smaller p
+        corrected[i] = replace(tests[i], holm=largest)
+    return corrected
 
 
-def _small(found: Sequence[RankTest], counted: str) -> Iterator[Finding]:
-    for pair in dict.fromkeys(c.groups for c in found):
-        n, m = next(c.counts for c in found if c.groups == pair)
-        smallest = 2 / math.comb(n + m, n)
+def _small(tests: Sequence[RankTest], counted: str) -> Iterator[Finding]:
+    counts: dict[tuple[str, str], tuple[int, int]] = {}
+    for test in tests:
+        counts.setdefault(test.groups, test.counts)
+    for (first, second), (n, m) in counts.items():
+        smallest = 2 / math.comb(n + m, n)  # two-sided p if every value of one group is above the other group
         if smallest > 0.05:
             yield warning(
                 "study.small",
-                " - ".join(pair),
-                f"{pair[0]} and {pair[1]} have {n} and {m} {counted}: with so few {counted}, p cannot be below "
+                f"{first} - {second}",
+                f"{first} and {second} have {n} and {m} {counted}: with so few {counted}, p cannot be below "
                 f"{smallest:.3f}",
                 Quantity(smallest, "1"),
                 0.05,
@@ -301,35 +369,47 @@ def _small(found: Sequence[RankTest], counted: str) -> Iterator[Finding]:
 
 
 def _read(path: Path) -> Users:
-    try:
-        rows = list(csv.reader(read_text(path, "CSV", "utf-8-sig").splitlines()))
-    except UnicodeDecodeError as error:
-        raise DescriptionError(f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8") from None
-    except (OSError, csv.Error) as error:
-        raise DescriptionError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if not rows or _GROUP not in (head := [h.strip() for h in rows[0]]):
+    rows = _rows(path)
+    head = [cell.strip() for cell in rows[0]] if rows else []
+    if _GROUP not in head:
         raise DescriptionError(f"{path}:1: the header needs a column '{_GROUP}', as in: {_GROUP},time_s,errors")
-    if twice := next((h for h in head if h and head.count(h) > 1), None):
-        raise DescriptionError(f"{path}:1: the header has '{twice}' twice")
-    at = head.index(_GROUP)
-    numbers = [(i, h) for i, h in enumerate(head) if h not in (_GROUP, _USER, "")]
-    columns: dict[str, list[float]] = {h: [] for _, h in numbers}
+    for name in head:
+        if name and head.count(name) > 1:
+            raise DescriptionError(f"{path}:1: the header has '{name}' twice")
+    columns: dict[str, list[float]] = {}
+    for name in head:
+        if name not in (_GROUP, _USER, ""):
+            columns[name] = []
     groups: list[str] = []
     lines: list[int] = []
     for line, row in enumerate(rows[1:], 2):
-        if not any(cell.strip() for cell in row):
+        cells = [cell.strip() for cell in row]
+        if not any(cells):
             continue
-        if len(row) != len(head):
-            raise DescriptionError(f"{path}:{line}: {len(row)} cells; the header has {len(head)}")
-        if not (group := row[at].strip()):
+        if len(cells) != len(head):
+            raise DescriptionError(f"{path}:{line}: {len(cells)} cells; the header has {len(head)}")
+        cell_of = dict(zip(head, cells, strict=True))
+        group = cell_of[_GROUP]
+        if not group:
             raise DescriptionError(f"{path}:{line}: {_GROUP} is empty; give the name of the user's group")
         groups.append(group)
         lines.append(line)
-        for i, measure in numbers:
-            columns[measure].append(_number(row[i].strip(), f"{path}:{line}: {measure}", measure != _SESSION))
+        for name, values in columns.items():
+            values.append(_number(cell_of[name], f"{path}:{line}: {name}", name != _SESSION))
     sessions = columns.pop(_SESSION, None)
     measures, findings = scored(path, columns, lines)
     return Users(path.name, groups, sessions, sessions is not None, measures, findings)
+
+
+def _rows(path: Path) -> list[list[str]]:
+    try:
+        text = read_text(path, "CSV", "utf-8-sig")
+        return list(csv.reader(text.splitlines()))
+    except UnicodeDecodeError as error:
+        raise DescriptionError(f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8") from None
+    except (OSError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise DescriptionError(f"{path}: cannot be read: {reason}") from error
 
 
 def _number(cell: str, where: str, optional: bool) -> float:
@@ -340,7 +420,8 @@ def _number(cell: str, where: str, optional: bool) -> float:
         value = float(cell)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        way_out = "a finite number, or leave it empty" if optional else "the number of the session"
-        raise DescriptionError(f"{where} is '{cell}'; give {way_out}")
-    return value
+    if math.isfinite(value):
+        return value
+    if optional:
+        raise DescriptionError(f"{where} is '{cell}'; give a finite number, or leave it empty")
+    raise DescriptionError(f"{where} is '{cell}'; give the number of the session")

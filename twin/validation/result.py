@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from enum import IntEnum
 from functools import cached_property
 from typing import Literal
 
@@ -84,9 +85,38 @@ class Residual:
         Defaults: `where` is the name of the row, `suggestion` is the suggestion of `kind`, and `when` is the phase and
         the time of the largest deviation.
         """
-        limit = None if self.tolerance is None else si(self.tolerance, self.unit)
-        at = when or f"{self.phase}, t = {self.t:.2f} s"
-        return kind(where or self.name, what, si(self.worst, self.unit), limit, suggestion, when=at, cause=cause)
+        limit = None
+        if self.tolerance is not None:
+            limit = si(self.tolerance, self.unit)
+        when = when or f"{self.phase}, t = {self.t:.2f} s"
+        worst = si(self.worst, self.unit)
+        return kind(where or self.name, what, worst, limit, suggestion, when=when, cause=cause)
+
+
+class _Urgency(IntEnum):
+    """How soon a row is shown; a row with a higher number comes first."""
+
+    UNJUDGED = 0
+    AGREES = 1
+    FOLLOWS = 2
+    DIFFERS = 3
+
+
+def _urgency(row: Residual) -> _Urgency:
+    if row.tolerance is None:
+        return _Urgency.UNJUDGED
+    if row.agrees:
+        return _Urgency.AGREES
+    if row.consequence_of:
+        return _Urgency.FOLLOWS
+    return _Urgency.DIFFERS
+
+
+def _relative(row: Residual) -> float:
+    """Return deviation / tolerance, or the deviation itself without a tolerance; NaN becomes infinite."""
+    if math.isnan(row.worst):
+        return math.inf
+    return row.worst / (row.tolerance or 1.0)
 
 
 _SAME = 0.999
@@ -95,17 +125,10 @@ _SAME = 0.999
 
 def headline(rows: Sequence[Residual]) -> Residual:
     """Return the worst row of a group, to be shown; failed rows that are no consequence of another row come first."""
-
-    def weight(r: Residual) -> tuple[int, float]:
-        """Return (rank, deviation / tolerance); failed rows have the highest rank.
-
-        Without a tolerance, the second value is the deviation itself. NaN counts as infinite.
-        """
-        rank = 0 if r.tolerance is None else 1 if r.agrees else 2 if r.consequence_of else 3
-        return rank, math.inf if math.isnan(r.worst) else r.worst / (r.tolerance or 1.0)
-
-    rank, most = max(map(weight, rows))
-    return next(r for r in rows if weight(r)[0] == rank and weight(r)[1] >= _SAME * most)
+    most_urgent = max(map(_urgency, rows))
+    urgent = [row for row in rows if _urgency(row) == most_urgent]
+    largest = max(map(_relative, urgent))
+    return next(row for row in urgent if _relative(row) >= _SAME * largest)
 
 
 @dataclass(frozen=True)
@@ -132,8 +155,12 @@ class PhaseSummary:
 
     def as_dict(self) -> JsonObject:
         """Return the phase as plain data, without durations of the search, which change from run to run."""
-        out = {k: v for k, v in vars(self).items() if k != "rounds"}
-        return out | {"rounds": None if self.rounds is None else self.rounds.as_dict()}
+        content = dict(vars(self))
+        del content["rounds"]
+        content["rounds"] = None
+        if self.rounds is not None:
+            content["rounds"] = self.rounds.as_dict()
+        return content
 
 
 @dataclass(frozen=True)
@@ -200,21 +227,31 @@ class Report(Result):
         if not self.causes:
             return ""
         first = self.causes[0]
-        way = first.head.suggestion
-        if first.side == "equations" and first.head.severity == "disagreement":
-            look = (
-                f"find the edit that corrects the equations: {self.commands['explain']}"
-                if "explain" in self.commands
-                else ""
-            )
-            return self.cure or way or look
+        finding = first.head
+        if first.side == "equations" and finding.severity == "disagreement":
+            return self._cure_of_equations(finding.suggestion)
+        suggestion = finding.suggestion
         if first.side == "CAD":
-            way = f"fix {first.head.where or 'the part'} in the CAD{_size(first.head)}" + (f": {way}" if way else "")
-        if first.side == "protocol":
-            place = ", ".join(x for x in (first.head.where, first.head.when) if x)
-            way = f"in the protocol, {place}: {way or 'change the motion that exceeds the limit'}"
-        way = way or "rebuild the file"
-        return f"{way}; then {self.commands['validate']}" if self.commands else way
+            part = finding.where or "the part"
+            suggestion = f"fix {part} in the CAD{_size(finding)}"
+            if finding.suggestion:
+                suggestion += f": {finding.suggestion}"
+        elif first.side == "protocol":
+            place = ", ".join(filter(None, (finding.where, finding.when)))
+            change = finding.suggestion or "change the motion that exceeds the limit"
+            suggestion = f"in the protocol, {place}: {change}"
+        suggestion = suggestion or "rebuild the file"
+        if not self.commands:
+            return suggestion
+        return f"{suggestion}; then {self.commands['validate']}"
+
+    def _cure_of_equations(self, suggestion: str) -> str:
+        """Return the correction that `explain` found, else the suggestion of the finding, else the search for it."""
+        if self.cure or suggestion:
+            return self.cure or suggestion
+        if "explain" in self.commands:
+            return f"find the edit that corrects the equations: {self.commands['explain']}"
+        return ""
 
     @property
     def assumed(self) -> tuple[Parameter, ...]:
@@ -226,38 +263,37 @@ class Report(Result):
         return {
             "robot": self.robot,
             "protocol": self.protocol,
-            "causes": [c.as_dict() for c in self.causes],
+            "causes": [cause.as_dict() for cause in self.causes],
             "what_to_do": self.what_to_do,
             "cure": self.cure,
             "commands": dict(self.commands),
             "variants": dict(self.variants),
-            "residuals": [asdict(r) | {"agrees": r.agrees} for r in self.residuals],
-            "phases": [p.as_dict() for p in self.phases],
-            "parameters": [asdict(p) for p in self.parameters],
-            "facts": {k: dict(v) for k, v in self.facts.items()},
-            "tables": {k: [dict(zip(t.header, row, strict=True)) for row in t.rows] for k, t in self.tables.items()},
+            "residuals": [asdict(row) | {"agrees": row.agrees} for row in self.residuals],
+            "phases": [phase.as_dict() for phase in self.phases],
+            "parameters": [asdict(parameter) for parameter in self.parameters],
+            "facts": {heading: dict(facts) for heading, facts in self.facts.items()},
+            "tables": {heading: table.records() for heading, table in self.tables.items()},
             "environment": dict(self.environment),
         }
 
     def text(self) -> Iterator[Part]:
         """Yield the verdict, findings by cause, the largest residuals, and the number of assumed parameters."""
-        variants = ", ".join(f"{k} {v}" for k, v in self.variants.items())
-        yield " · ".join(filter(None, (self.robot, self.protocol, variants))) + "\n"
-        unjudged = not self.variants and self.verdict == "agree"
-        yield f"  {_WITHOUT if unjudged else self.verdict_line}\n"
-        told = {id(f) for c in self.causes for f in c.findings}
-        others = [f for f in by_severity(self.findings) if id(f) not in told and f.severity != "info"]
+        variants = ", ".join(f"{equation} {variant}" for equation, variant in self.variants.items())
+        title = filter(None, (self.robot, self.protocol, variants))
+        yield " · ".join(title) + "\n"
+        line = self.verdict_line
+        if not self.variants and self.verdict == "agree":
+            line = _WITHOUT
+        yield f"  {line}\n"
+        others = self._without_cause()
         for cause in self.causes:
             yield cause.head
-            yield from (f"      {line}" for line in cause.lines())
+            for line in cause.lines():
+                yield f"      {line}"
         yield from others
         if self.causes or others:
             yield ""
-        groups: dict[tuple[str, str, str], list[Residual]] = {}
-        for row in self.residuals:
-            groups.setdefault((row.pair, row.quantity, row.unit), []).append(row)
-        rows = [(pair, name, *_row(headline(group))) for (pair, name, _), group in groups.items()]
-        yield Table(("pair", "quantity", "worst", "tolerance", "where", "phase", ""), rows)
+        yield Table(("pair", "quantity", "worst", "tolerance", "where", "phase", ""), self._headlines())
         yield ""
         for heading, table in self.tables.items():
             yield f"  {heading}\n"
@@ -266,12 +302,39 @@ class Report(Result):
         if self.assumed:
             yield f"  {len(self.assumed)} assumed values (unpublished) are listed in the report and by `twin info`."
 
+    def _without_cause(self) -> list[Finding]:
+        """Return the findings above "info" that no cause contains, the most severe first."""
+        explained: set[int] = set()
+        for cause in self.causes:
+            explained.update(map(id, cause.findings))
+        others: list[Finding] = []
+        for finding in by_severity(self.findings):
+            if id(finding) not in explained and finding.severity != "info":
+                others.append(finding)
+        return others
+
+    def _headlines(self) -> list[tuple[str, ...]]:
+        """Return a row of cells for each kind of compared quantity: the row with the largest deviation."""
+        groups: dict[tuple[str, str, str], list[Residual]] = {}
+        for residual in self.residuals:
+            key = (residual.pair, residual.quantity, residual.unit)
+            groups.setdefault(key, []).append(residual)
+        rows: list[tuple[str, ...]] = []
+        for (pair, name, _), group in groups.items():
+            rows.append((pair, name, *_row(headline(group))))
+        return rows
+
     @property
     def verdict_line(self) -> str:
         """The verdict as text; for a disagreement, it states which two sides differ."""
-        line = _VERDICTS[self.verdict].format(SIDES[self.causes[0].side] if self.causes else "")
+        sides = ""
+        if self.causes:
+            sides = SIDES[self.causes[0].side]
+        line = _VERDICTS[self.verdict].format(sides)
         judged = self.facts.get("joint range", {}).get("judged", "")
-        return f"{line}, over {judged}" if judged and self.verdict == "agree" else line
+        if judged and self.verdict == "agree":
+            line += f", over {judged}"
+        return line
 
 
 _VERDICTS = {
@@ -282,20 +345,28 @@ _VERDICTS = {
 _WITHOUT = "AGREE: mechanism and stage agree; no equations yet"
 
 
-def _row(r: Residual) -> tuple[str, ...]:
+def _row(residual: Residual) -> tuple[str, ...]:
     """Return the cells of a residual's table row: largest deviation, tolerance, name, phase, verdict."""
-    tolerance = "" if r.tolerance is None else quantity(r.tolerance, r.unit)
-    return quantity(r.worst, r.unit), tolerance, r.name, r.phase, state(r)
+    tolerance = ""
+    if residual.tolerance is not None:
+        tolerance = quantity(residual.tolerance, residual.unit)
+    return quantity(residual.worst, residual.unit), tolerance, residual.name, residual.phase, state(residual)
 
 
 def state(r: Residual) -> str:
     """Return "ok", "DIFFERS" or the cause; for a row without a tolerance "", or "unchecked" if it has no value."""
+    if r.tolerance is None and math.isnan(r.worst):
+        return "unchecked"
     if r.tolerance is None:
-        return "unchecked" if math.isnan(r.worst) else ""
+        return ""
     if r.agrees:
         return "ok"
-    return f"follows from {r.consequence_of}" if r.consequence_of else "DIFFERS"
+    if r.consequence_of:
+        return f"follows from {r.consequence_of}"
+    return "DIFFERS"
 
 
 def _size(f: Finding) -> str:
-    return "" if f.size is None else f", {f.size:.4g} {f.unit} off"
+    if f.size is None:
+        return ""
+    return f", {f.size:.4g} {f.unit} off"

@@ -302,7 +302,8 @@ def _shape(name: Sdf.ValueTypeName) -> tuple:
 
 def _refuse_unknown_types(scene: Scene) -> None:
     """Raise `StageError` if an attribute has an unknown type, or not that of its schema; USD would misread values."""
-    for layer in scene.stage.GetUsedLayers():
+    layers = scene.stage.GetUsedLayers()  # in the order of their addresses in memory
+    for layer in sorted(layers, key=lambda layer: layer.identifier):
 
         def check(path: Sdf.Path, layer: Sdf.Layer = layer) -> None:
             spec = layer.GetAttributeAtPath(path) if path.IsPropertyPath() else None
