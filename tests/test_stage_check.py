@@ -191,6 +191,20 @@ def test_each_defect_of_a_motion_is_named(name, clean, tmp_path):
         assert named[code, where].when == "time code 7 (0.1167 s)"
 
 
+def test_layers_are_reported_in_the_order_of_their_names(tmp_path):
+    names = [f"layer_{k:02}.usda" for k in range(20)]
+    for name in names:
+        layer = Sdf.Layer.CreateNew(str(tmp_path / name))
+        layer.pseudoRoot.SetInfo("metersPerUnit", 0.01)
+        layer.Save()
+    root = Sdf.Layer.CreateNew(str(tmp_path / "root.usda"))
+    root.pseudoRoot.SetInfo("metersPerUnit", 1.0)
+    root.subLayerPaths = [f"./{name}" for name in reversed(names)]
+    root.Save()
+    findings = check_stage(tmp_path / "root.usda")
+    assert [f.where for f in findings if f.code == "stage.layer_units"] == names
+
+
 @pytest.mark.parametrize("name", ["time_range", "sign", "quaternion", "anchor", "state"])
 def test_public_validators_miss_it_in_a_motion(name, clean, tmp_path):
     assert run_usd_validators(seeded(clean, tmp_path, SAMPLED[name][0], "bars_swing.usda")) == []
