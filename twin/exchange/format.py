@@ -24,6 +24,12 @@ class Holds(Flag):
     """The masses of all links: a link without mass has none."""
     JOINT_TREE = auto()
     """A tree of joints, whose values give the poses; a joint may be divided into several."""
+    COORDINATES = auto()
+    """Values of joints at the keys of a motion: a ball joint has a value, and a name, for each coordinate."""
+    UNNAMED_FIXED_JOINTS = auto()
+    """Fixed joints without names of their own."""
+    TRANSMISSIONS = auto()
+    """Transmissions of the driven joints."""
     ALL_MOTIONS = auto()
     """All motions in one file, each with its name."""
     ONE_MOTION = auto()

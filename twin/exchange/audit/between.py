@@ -27,31 +27,47 @@ def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> 
     Position errors are measured at the corners of the link's bounding box. If `shapes` does not contain the link, they
     are measured at the link's origin.
     """
-    t = clip.times
-    inner = np.arange(1, len(t) - 1, 2)
-    inner = inner[np.abs(t[inner + 1] + t[inner - 1] - 2 * t[inner]) < 1e-6] if len(inner) else inner
-    if len(inner) < 3:
+    times = clip.times
+    removed = np.arange(1, len(times) - 1, 2)
+    if len(removed):
+        # Only keys in the middle between their neighbours, where `midway` gives the interpolated poses.
+        offset = times[removed + 1] + times[removed - 1] - 2 * times[removed]
+        removed = removed[np.abs(offset) < 1e-6]
+    if len(removed) < 3:
         return None
-    drawn = {n: midway(T[inner - 1], T[inner + 1]) for n, T in clip.links.items()}
-    meant = {n: T[inner] for n, T in clip.links.items()}
-    position = rotation = 0.0
-    for name, T in meant.items():
-        shape = shapes.get(name)
-        ends = (
-            [np.zeros(3)] if shape is None else [np.array(c) for c in product(*zip(shape.low, shape.high, strict=True))]
-        )
-        D = drawn[name] - T
-        position = max(position, *(float(np.linalg.norm(D[:, :3, :3] @ c + D[:, :3, 3], axis=1).max()) for c in ends))
-        rotation = max(rotation, float(poses.angle(drawn[name][:, :3, :3], T[:, :3, :3]).max()))
-    gap = max((gap_of(j, drawn) for j in joints), default=0.0)
+    interpolated = {}
+    position = 0.0
+    rotation = 0.0
+    for name, T in clip.links.items():
+        drawn = midway(T[removed - 1], T[removed + 1])
+        expected = T[removed]
+        interpolated[name] = drawn
+        difference = drawn - expected
+        for corner in _corners(shapes.get(name)):
+            shift = difference[:, :3, :3] @ corner + difference[:, :3, 3]
+            distance = float(np.linalg.norm(shift, axis=1).max())
+            position = max(position, distance)
+        angle = float(poses.angle(drawn[:, :3, :3], expected[:, :3, :3]).max())
+        rotation = max(rotation, angle)
+    gap = max((gap_of(joint, interpolated) for joint in joints), default=0.0)
     return position, rotation, gap
+
+
+def _corners(shape: Shape | None) -> Array:
+    """Return the corners (8, 3) of the bounding box of a link in m; the origin (1, 3) of a link without a shape."""
+    if shape is None:
+        return np.zeros((1, 3))
+    ranges = zip(shape.low, shape.high, strict=True)
+    return np.array(list(product(*ranges)))
 
 
 def midway(A: Array, B: Array) -> Array:
     """Return the poses (k, 4, 4) halfway between A and B: mean of the positions, half of the relative rotation."""
-    a, b = poses.quaternion(A[:, :3, :3]), poses.quaternion(B[:, :3, :3])
-    half = poses.slerp(a, b, np.full(len(a), 0.5))
-    return poses.pose(poses.rotation(half), (A[:, :3, 3] + B[:, :3, 3]) / 2)
+    first = poses.quaternion(A[:, :3, :3])
+    second = poses.quaternion(B[:, :3, :3])
+    half = poses.slerp(first, second, np.full(len(first), 0.5))
+    middle = (A[:, :3, 3] + B[:, :3, 3]) / 2
+    return poses.pose(poses.rotation(half), middle)
 
 
 def gap_of(joint: Joint, links: Mapping[str, Array]) -> float:
@@ -61,15 +77,18 @@ def gap_of(joint: Joint, links: Mapping[str, Array]) -> float:
     """
     if joint.parent not in links or joint.child not in links:
         return 0.0
-    here, there = joint.end(joint.parent), joint.end(joint.child)
-    if here is None or there is None:
+    at_parent = joint.end(joint.parent)
+    at_child = joint.end(joint.child)
+    if at_parent is None or at_child is None or joint.kind.startswith(("chain", "free")):
         return 0.0
-    (p, d), (q, _) = here, there
-    A, B = links[joint.parent], links[joint.child]
-    off = (B[:, :3, :3] @ q + B[:, :3, 3]) - (A[:, :3, :3] @ p + A[:, :3, 3])
-    if joint.kind in ("prismatic", "cylindrical") and d is not None:
-        along = A[:, :3, :3] @ d
-        off = off - np.sum(off * along, axis=1, keepdims=True) * along
-    elif joint.kind.startswith(("chain", "free")):
-        return 0.0
-    return float(np.linalg.norm(off, axis=1).max())
+    A = links[joint.parent]
+    B = links[joint.child]
+    point, direction = at_parent
+    point_of_child, _ = at_child
+    position = A[:, :3, :3] @ point + A[:, :3, 3]
+    position_of_child = B[:, :3, :3] @ point_of_child + B[:, :3, 3]
+    gap = position_of_child - position
+    if joint.kind in ("prismatic", "cylindrical") and direction is not None:
+        along = A[:, :3, :3] @ direction
+        gap = gap - np.sum(gap * along, axis=1, keepdims=True) * along
+    return float(np.linalg.norm(gap, axis=1).max())

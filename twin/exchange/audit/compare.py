@@ -9,9 +9,9 @@ import numpy as np
 
 from twin.exchange.audit.between import midway
 from twin.exchange.audit.diagnose import why
-from twin.exchange.audit.motion import Clip, Content, largest
+from twin.exchange.audit.motion import Clip, Content, Shape, largest
 from twin.exchange.audit.poses import Array, angle
-from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, Measured, quantity, told_apart, um
+from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, Ledger, Measured, quantity, told_apart, um
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, holding, motion_groups, rank
 
@@ -33,30 +33,39 @@ class Reference:
     source: str
 
 
-def references(contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]) -> dict:
+def references(
+    contents: Sequence[Content], truth: Mapping[str, tuple[Array, Mapping[str, Array]]]
+) -> dict[str, Reference]:
     """Return {clip name: `Reference`}.
 
     The reference for a clip is `truth` if it contains the clip, else the clip's track, else the first file with it. If
     there are tracks, other files are references only for the motions of tracks that cannot be used. A .usdz is a
     reference only if no other file has a motion.
     """
-    out = {name: Reference(Clip(name, np.asarray(t, float), links), MECHANISM) for name, (t, links) in truth.items()}
+    refs = {}
+    for name, (times, links) in truth.items():
+        refs[name] = Reference(Clip(name, np.asarray(times, float), links), MECHANISM)
+    tracks = [content for content in contents if content.is_track]
+    unusable = [str(track.facts.get("protocol")) for track in tracks if not track.clips]
     # A stage does not state the name of its clip, which is then that of the file: <robot>_<clip>. The other files do.
-    stated = {clip.name: clip for c in contents if not _unnamed(c) for clip in c.clips}
-    tracked = any(c.format == "tracks" for c in contents)
-    unusable = dict.fromkeys(str(c.facts.get("protocol")) for c in contents if c.format == "tracks" and not c.clips)
-    repeating = {c.file for c in contents if holding(c.format, Holds.REPEATED_MOTION)}
+    stated: dict[str, None] = {}
+    for content in contents:
+        if not _unnamed(content):
+            stated |= dict.fromkeys(clip.name for clip in content.clips)
+    stated |= dict.fromkeys(unusable)
+    repeating = {content.file for content in contents if holding(content.format, Holds.REPEATED_MOTION)}
     for content in sorted(contents, key=lambda c: rank(c.format)):
-        if content.file in repeating and any(r.source not in repeating for r in out.values()):
+        sources = {ref.source for ref in refs.values()}
+        if content.file in repeating and sources - repeating:
             continue  # <robot>_ar.usdz has the motion of another file, which `_counterpart` finds
         for clip in content.clips:
             name = clip.name
             if _unnamed(content):
-                name = _named(clip.name, out) or _named(clip.name, {**stated, **unusable}) or clip.name
-            if tracked and content.format != "tracks" and name not in unusable:
+                name = _named(clip.name, refs) or _named(clip.name, stated) or clip.name
+            if tracks and not content.is_track and name not in unusable:
                 continue
-            out.setdefault(name, Reference(clip, content.file))
-    return out
+            refs.setdefault(name, Reference(clip, content.file))
+    return refs
 
 
 def _unnamed(content: Content) -> bool:
@@ -66,14 +75,15 @@ def _unnamed(content: Content) -> bool:
 
 def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
     """Compare the clips of each file with the references, and report differences in the file's ledger."""
-    agreeing: dict[str, list[tuple[Content, Clip, bool]]] = {}
+    compared: dict[str, list[_Compared]] = {}
     prefixes = _prefixes(contents, refs)
     for content in contents:
         for clip in content.clips:
             name = _counterpart(content, clip, refs, prefixes)
             if name is None:
                 if len(contents) > 1 and refs:
-                    text = f"clip '{clip.name}' is in no other file; the known clips are {', '.join(sorted(refs))}."
+                    known = ", ".join(sorted(refs))
+                    text = f"clip '{clip.name}' is in no other file; the known clips are {known}."
                     content.ledger.add("compare.clip", "warning", text, clip.name)
                 continue
             ref = refs[name]
@@ -81,10 +91,20 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
                 continue
             before = len(content.ledger.found)
             _compare_clip(content, clip, ref, name)
-            agreeing.setdefault(name, []).append((content, clip, len(content.ledger.found) == before))
-    _blame(contents, refs, agreeing)
+            agrees = len(content.ledger.found) == before
+            compared.setdefault(name, []).append(_Compared(content, clip, agrees))
+    _blame(contents, refs, compared)
     _check_missing(contents, refs)
     _check_silent(contents, refs)
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """A clip of a file, and whether it agrees with its reference."""
+
+    content: Content
+    clip: Clip
+    agrees: bool
 
 
 def _named(name: str, known: Mapping[str, object]) -> str | None:
@@ -96,11 +116,15 @@ def _named(name: str, known: Mapping[str, object]) -> str | None:
 
 def _prefixes(contents: Sequence[Content], refs: Mapping[str, Reference]) -> frozenset[str]:
     """Return the parts before the name of the clip in the names of stages, such as <robot>_ in <robot>_<clip>."""
-    out = set()
-    for clip in (clip for c in contents if _unnamed(c) for clip in c.clips):
-        if (name := _named(clip.name, refs)) is not None:
-            out.add(clip.name.removesuffix("_ar").removesuffix(name))
-    return frozenset(out - {""})
+    prefixes = set()
+    for content in contents:
+        if not _unnamed(content):
+            continue
+        for clip in content.clips:
+            name = _named(clip.name, refs)
+            if name is not None:
+                prefixes.add(clip.name.removesuffix("_ar").removesuffix(name))
+    return frozenset(prefixes - {""})
 
 
 def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference], prefixes: Collection[str]) -> str | None:
@@ -109,208 +133,306 @@ def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference], pr
         return clip.name
     if not _unnamed(content):
         return None
-    if (name := _named(clip.name, refs)) is not None:
+    name = _named(clip.name, refs)
+    if name is not None:
         return name
     if clip.name.removesuffix("_ar").startswith(tuple(prefixes)):
         return None
     # The file does not state the name of its clip: choose the clip with the most similar first and last poses.
-    scores = {name: _score(clip, ref.clip) for name, ref in refs.items()}
-    scores = {name: s for name, s in scores.items() if s is not None}
+    scores = {}
+    for name, ref in refs.items():
+        score = _score(clip, ref.clip)
+        if score is not None:
+            scores[name] = score
     return min(scores, key=lambda n: scores[n]) if scores else None
 
 
 def _score(clip: Clip, ref: Clip) -> float | None:
-    shared = [n for n in ref.links if n in clip.links]
-    if not shared:
+    """Return how different two clips are: their durations, and the poses at their ends; None without common links."""
+    differences = []
+    for name in ref.links:
+        if name in clip.links:
+            for key in (0, -1):
+                difference = np.abs(clip.links[name][key] - ref.links[name][key])
+                differences.append(difference.max())
+    if not differences:
         return None
-    apart = abs(clip.duration - ref.duration)
-    ends = [np.abs(clip.links[n][i] - ref.links[n][i]).max() for n in shared for i in (0, -1)]
-    return float(apart + max(ends))
+    return float(abs(clip.duration - ref.duration) + max(differences))
 
 
 def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> None:
-    ledger = content.ledger
-    mine, its = _common(clip.times, ref.clip.times)
-    label = f"clip '{name}'"
-    against = f"against {ref.source}"
-    if len(mine) < max(len(clip.times), len(ref.clip.times)):
-        message = f"{label}: {_times_apart(clip, ref, mine, its)}."
-        ledger.wrong(
-            "compare.times",
-            message,
-            name,
-            size=Measured(float(len(mine)), float(max(len(clip.times), len(ref.clip.times)))),
-        )
-    if len(mine):
-        off = np.abs(clip.times[mine] - ref.clip.times[its])
-        k = int(np.argmax(off))
-        when = _at(clip.times[mine][k])
-        ledger.row(f"{label}: key times {against}", float(off[k]), "s", TIME_TOL, when=when, against=ref.source)
-    if (len(clip.times) == len(ref.clip.times) and len(mine) < len(its)) or len(mine) < 2 < len(clip.times):
-        mine = its = np.arange(min(len(clip.times), len(ref.clip.times)))  # times differ: compare key by key
-    missing = [n for n in ref.clip.links if n not in clip.links]
-    extra = [n for n in content.declared or () if n not in ref.clip.links]
-    for names, code, text in ((missing, "missing", "is missing"), (extra, "extra", f"is not in {ref.source}")):
-        for n in names:
-            message = f"{label}: link '{n}' {text}."
-            ledger.wrong(f"compare.{code}_link", message, n)
+    """Compare key times, names of links, poses and joint values of a clip with its reference."""
+    own, others = _compare_times(content.ledger, clip, ref, name)
+    _compare_names(content, clip, ref, name)
     shared = [n for n in ref.clip.links if n in clip.links]
-    if not shared or not len(mine):
+    if not shared or not len(own):
         return
-    found = {n: clip.links[n][mine] for n in shared}
-    meant = {n: np.asarray(ref.clip.links[n])[its] for n in shared}
-    times = clip.times[mine]
-    rows = {n: largest(found[n], meant[n]) for n in shared}
-    far, turned = max(shared, key=lambda n: rows[n][0]), max(shared, key=lambda n: rows[n][2])
-    count = f"{len(shared)} links x {len(mine)} keys"
-    for kind, link, worst, k, unit, tolerance in (
-        ("position", far, rows[far][0], rows[far][1], "m", POSITION_TOL),
-        ("rotation", turned, rows[turned][2], rows[turned][3], "rad", ROTATION_TOL),
-    ):
-        check = f"{label}: {kind} {against}, {count}"
-        ledger.row(check, worst, unit, tolerance, where=link, when=_at(times[k]), against=ref.source)
-    ledger.placed |= ref.source == MECHANISM
-    wrong = [n for n in shared if not (rows[n][0] <= POSITION_TOL and rows[n][2] <= ROTATION_TOL)]
-    reason = why(found, meant) if wrong else ""
-    for n in sorted(wrong, key=lambda n: -rows[n][0]):
-        p, i, r, j = rows[n]
-        by_place = p > POSITION_TOL or not np.isfinite(p)
-        message = f"{label}: link '{n}' differs by {quantity(p, 'm')} and {np.degrees(r):.4g} deg from {ref.source}" + (
-            f": {reason}." if reason else "."
-        )
-        ledger.wrong(
-            "compare.pose",
-            message,
-            n,
-            size=Measured(
-                p * 1e6 if by_place else float(np.degrees(r)),
-                POSITION_TOL * 1e6 if by_place else float(np.degrees(ROTATION_TOL)),
-                "um" if by_place else "deg",
-            ),
-            when=_at(times[i if by_place else j]),
-        )
-    _compare_joints(content, clip, ref, name, mine, its)
-    if clip.middle and len(mine) == len(clip.times) == len(ref.clip.times):
+    _compare_poses(content.ledger, clip, ref, name, own, others)
+    _compare_joints(content, clip, ref, name, own, others)
+    if clip.middle and len(own) == len(clip.times) == len(ref.clip.times):
         _compare_middle(content, clip, ref, name)
 
 
-def _times_apart(clip: Clip, ref: Reference, mine: Array, its: Array) -> str:
-    """Return a message that states the durations if they differ, else the keys that only one of the clips has."""
-    if abs(clip.duration - ref.clip.duration) > TIME_TOL:
-        ratio = clip.duration / ref.clip.duration if ref.clip.duration else float("nan")
-        here, there = told_apart(clip.duration, ref.clip.duration)
-        return (
-            f"the clip lasts {here} s; in {ref.source} it lasts {there} s (ratio {ratio:.6g}); {len(mine)} of "
-            f"the {len(clip.times)} key times are also in {ref.source}, which has {len(ref.clip.times)} key times"
+def _compare_times(ledger: Ledger, clip: Clip, ref: Reference, name: str) -> tuple[Array, Array]:
+    """Compare the key times; return the indices of the keys of both clips at which their poses are compared."""
+    times = clip.times
+    expected = ref.clip.times
+    own, others = _common(times, expected)
+    longer = max(len(times), len(expected))
+    if len(own) < longer:
+        message = f"clip '{name}': {_times_apart(clip, ref, own, others)}."
+        ledger.wrong("compare.times", message, name, size=Measured(float(len(own)), float(longer)))
+    if len(own):
+        differences = np.abs(times[own] - expected[others])
+        k = int(np.argmax(differences))
+        check = f"clip '{name}': key times against {ref.source}"
+        when = _at(times[own][k])
+        ledger.row(check, float(differences[k]), "s", TIME_TOL, when=when, against=ref.source)
+    shifted = len(times) == len(expected) and len(own) < len(others)
+    if shifted or len(own) < 2 < len(times):  # times differ: compare key by key
+        own = np.arange(min(len(times), len(expected)))
+        others = own
+    return own, others
+
+
+def _compare_names(content: Content, clip: Clip, ref: Reference, name: str) -> None:
+    """Report links that only the clip, or only its reference has."""
+    for link in ref.clip.links:
+        if link not in clip.links:
+            content.ledger.wrong("compare.missing_link", f"clip '{name}': link '{link}' is missing.", link)
+    for link in content.declared or ():
+        if link not in ref.clip.links:
+            content.ledger.wrong("compare.extra_link", f"clip '{name}': link '{link}' is not in {ref.source}.", link)
+
+
+def _compare_poses(ledger: Ledger, clip: Clip, ref: Reference, name: str, own: Array, others: Array) -> None:
+    """Compare the poses of the links at the common keys, and report the links that differ, the farthest first."""
+    found = {}
+    expected = {}
+    differences = {}
+    for link, T in ref.clip.links.items():
+        if link in clip.links:
+            found[link] = clip.links[link][own]
+            expected[link] = np.asarray(T)[others]
+            differences[link] = largest(found[link], expected[link])
+    times = clip.times[own]
+    farthest = max(differences, key=lambda n: differences[n].distance)
+    turned = max(differences, key=lambda n: differences[n].angle)
+    count = f"{len(differences)} links x {len(own)} keys"
+    distance = differences[farthest]
+    angle = differences[turned]
+    check = f"clip '{name}': position against {ref.source}, {count}"
+    when = _at(times[distance.distance_key])
+    ledger.row(check, distance.distance, "m", POSITION_TOL, where=farthest, when=when, against=ref.source)
+    check = f"clip '{name}': rotation against {ref.source}, {count}"
+    when = _at(times[angle.angle_key])
+    ledger.row(check, angle.angle, "rad", ROTATION_TOL, where=turned, when=when, against=ref.source)
+    ledger.placed |= ref.source == MECHANISM
+    wrong = []
+    for link, difference in differences.items():
+        if not (difference.distance <= POSITION_TOL and difference.angle <= ROTATION_TOL):
+            wrong.append(link)
+    if not wrong:
+        return
+    reason = why(found, expected)
+    wrong.sort(key=lambda n: -differences[n].distance)
+    for link in wrong:
+        difference = differences[link]
+        degrees = float(np.degrees(difference.angle))
+        message = (
+            f"clip '{name}': link '{link}' differs by {quantity(difference.distance, 'm')} and {degrees:.4g} deg from "
+            f"{ref.source}"
         )
-    said = []
-    for times, shared, text in (
-        (ref.clip.times, its, f"keys of {ref.source} missing in this clip:"),
-        (clip.times, mine, f"keys missing in {ref.source}:"),
-    ):
-        lacking = np.setdiff1d(np.arange(len(times)), shared)
-        if len(lacking):
-            keys = "one key" if len(lacking) == 1 else f"{len(lacking)} keys"
-            said.append(f"{text} {keys}, {'' if len(lacking) == 1 else 'the first '}at {times[lacking[0]]:.6g} s")
-    return "; ".join(said) + f" (both last {clip.duration:.6g} s)"
+        message += f": {reason}." if reason else "."
+        if difference.distance > POSITION_TOL or not np.isfinite(difference.distance):
+            size = um(difference.distance, POSITION_TOL)
+            key = difference.distance_key
+        else:
+            size = Measured(degrees, float(np.degrees(ROTATION_TOL)), "deg")
+            key = difference.angle_key
+        ledger.wrong("compare.pose", message, link, size=size, when=_at(times[key]))
+
+
+def _times_apart(clip: Clip, ref: Reference, own: Array, others: Array) -> str:
+    """Return a message that states the durations if they differ, else the keys that only one of the clips has."""
+    expected = ref.clip
+    if abs(clip.duration - expected.duration) > TIME_TOL:
+        ratio = clip.duration / expected.duration if expected.duration else float("nan")
+        duration, expected_duration = told_apart(clip.duration, expected.duration)
+        return (
+            f"the clip lasts {duration} s; in {ref.source} it lasts {expected_duration} s (ratio {ratio:.6g}); "
+            f"{len(own)} of the {len(clip.times)} key times are also in {ref.source}, which has {len(expected.times)} "
+            "key times"
+        )
+    parts = []
+    lacking = np.delete(expected.times, others)
+    if len(lacking):
+        parts.append(f"keys of {ref.source} missing in this clip: {_keys(lacking)}")
+    surplus = np.delete(clip.times, own)
+    if len(surplus):
+        parts.append(f"keys missing in {ref.source}: {_keys(surplus)}")
+    return "; ".join(parts) + f" (both last {clip.duration:.6g} s)"
+
+
+def _keys(times: Array) -> str:
+    if len(times) == 1:
+        return f"one key, at {times[0]:.6g} s"
+    return f"{len(times)} keys, the first at {times[0]:.6g} s"
 
 
 def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
     """Report links whose poses halfway between keys differ from the linearly interpolated poses of the reference."""
-    shared = [n for n in ref.clip.links if n in clip.middle]
-    if not shared:
+    differences = {}
+    for link, T in ref.clip.links.items():
+        if link in clip.middle:
+            keys = np.asarray(T)
+            differences[link] = largest(clip.middle[link], midway(keys[:-1], keys[1:]))
+    if not differences:
         return
-    keys = {n: np.asarray(ref.clip.links[n]) for n in shared}
-    off = {n: largest(clip.middle[n], midway(keys[n][:-1], keys[n][1:])) for n in shared}
-    for kind, at, unit, limit in (("position", 0, "m", BETWEEN_TOL), ("rotation", 2, "rad", ROTATION_TOL)):
-        link = max(shared, key=lambda n: off[n][at])
-        worst, k = off[link][at], int(off[link][at + 1])
-        check = f"clip '{name}': {kind} halfway between keys against {ref.source}"
-        content.ledger.row(check, worst, unit, limit, where=link, against=ref.source)
-        if not worst <= limit:
-            size = um(worst, limit) if unit == "m" else Measured(np.degrees(worst), np.degrees(limit), "deg")
-            text = (
-                f"clip '{name}': halfway between two keys, the {kind} of link '{link}' differs by "
-                f"{quantity(worst, 'm') if unit == 'm' else f'{np.degrees(worst):.4g} deg'} from the linear "
-                f"interpolation of {ref.source}."
-            )
-            content.ledger.wrong("compare.between", text, link, size=size, when=_at(float(clip.times[k])))
+    ledger = content.ledger
+    beginning = f"clip '{name}': halfway between two keys, the"
+    ending = f"from the linear interpolation of {ref.source}."
+
+    link = max(differences, key=lambda n: differences[n].distance)
+    distance = differences[link].distance
+    check = f"clip '{name}': position halfway between keys against {ref.source}"
+    ledger.row(check, distance, "m", BETWEEN_TOL, where=link, against=ref.source)
+    if not distance <= BETWEEN_TOL:
+        text = f"{beginning} position of link '{link}' differs by {quantity(distance, 'm')} {ending}"
+        when = _at(float(clip.times[differences[link].distance_key]))
+        ledger.wrong("compare.between", text, link, size=um(distance, BETWEEN_TOL), when=when)
+
+    link = max(differences, key=lambda n: differences[n].angle)
+    angle = differences[link].angle
+    check = f"clip '{name}': rotation halfway between keys against {ref.source}"
+    ledger.row(check, angle, "rad", ROTATION_TOL, where=link, against=ref.source)
+    if not angle <= ROTATION_TOL:
+        degrees = np.degrees(angle)
+        text = f"{beginning} rotation of link '{link}' differs by {degrees:.4g} deg {ending}"
+        size = Measured(degrees, np.degrees(ROTATION_TOL), "deg")
+        when = _at(float(clip.times[differences[link].angle_key]))
+        ledger.wrong("compare.between", text, link, size=size, when=when)
 
 
-def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, mine: Array, its: Array) -> None:
-    shared = [n for n in ref.clip.joints if n in clip.joints]
-    if not shared:
+def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, own: Array, others: Array) -> None:
+    """Compare the joint values at the common keys (`own`, `others`) of a clip and its reference."""
+    times = clip.times[own]
+    worst = 0.0
+    where = ""
+    when = ""
+    count = 0
+    for joint, values in ref.clip.joints.items():
+        if joint not in clip.joints:
+            continue
+        count += 1
+        found = clip.joints[joint][own]
+        expected = values[others]
+        differences = np.abs(found - expected)
+        k = int(np.argmax(differences))
+        # Values of slides in files with few digits are rounded relative to their size.
+        tolerance = max(ROTATION_TOL, 1e-6 * float(np.abs(values).max(initial=0.0)))
+        if differences[k] >= worst:
+            worst = float(differences[k])
+            where = joint
+            when = _at(times[k])
+        if not differences[k] <= tolerance:
+            value = float(found[k])
+            expected_value = float(expected[k])
+            hint = _hint_of_degrees(value, expected_value)
+            message = (
+                f"clip '{name}': joint '{joint}' is {value:.6g}; in {ref.source} it is {expected_value:.6g}.{hint}"
+            )
+            size = Measured(differences[k], tolerance)
+            content.ledger.wrong("compare.joint", message, joint, size=size, when=_at(times[k]))
+    if not count:
         return
-    worst, where, when = 0.0, "", ""
-    for n in shared:
-        off = np.abs(clip.joints[n][mine] - ref.clip.joints[n][its])
-        k = int(np.argmax(off))
-        tolerance = max(ROTATION_TOL, 1e-6 * float(np.abs(ref.clip.joints[n]).max(initial=0.0)))
-        if off[k] >= worst:
-            worst, where, when = float(off[k]), n, _at(clip.times[mine][k])
-        if not off[k] <= tolerance:
-            meant = float(ref.clip.joints[n][its][k])
-            got = float(clip.joints[n][mine][k])
-            ratio = got / meant if meant else 0.0
-            hint = (
-                " The ratio suggests degrees instead of radians, or the reverse."
-                if min(abs(ratio * np.pi / 180 - 1), abs(ratio * 180 / np.pi - 1)) < 1e-3
-                else ""
-            )
-            message = f"clip '{name}': joint '{n}' is {got:.6g}; in {ref.source} it is {meant:.6g}.{hint}"
-            content.ledger.wrong(
-                "compare.joint", message, n, size=Measured(off[k], tolerance), when=_at(clip.times[mine][k])
-            )
-    text = f"clip '{name}': joint values against {ref.source}, {len(shared)} joints"
+    text = f"clip '{name}': joint values against {ref.source}, {count} joints"
     content.ledger.row(text, worst, "rad or m", ROTATION_TOL, where=where, when=when, against=ref.source)
+
+
+def _hint_of_degrees(value: float, expected: float) -> str:
+    """Return a sentence if one of two values is the other in degrees, else ""."""
+    ratio = value / expected if expected else 0.0
+    to_degrees = abs(ratio * np.pi / 180 - 1)
+    to_radians = abs(ratio * 180 / np.pi - 1)
+    if min(to_degrees, to_radians) < 1e-3:
+        return " The ratio suggests degrees instead of radians, or the reverse."
+    return ""
 
 
 def _common(a: Array, b: Array) -> tuple[Array, Array]:
     """Return the indices (i, j) of the equal times in two increasing time arrays (k,) and (l,)."""
     if len(a) == len(b) and np.all(np.abs(a - b) <= TIME_TOL):
-        return np.arange(len(a)), np.arange(len(b))
-    near = np.clip(np.searchsorted(b, a), 1, max(len(b) - 1, 1)) if len(b) > 1 else np.zeros(len(a), int)
+        every = np.arange(len(a))
+        return every, every
+    nearest = np.zeros(len(a), int)
     if len(b) > 1:
-        near = np.where(np.abs(b[near - 1] - a) < np.abs(b[near] - a), near - 1, near)
-    fits = np.abs(b[near] - a) <= TIME_TOL
-    return np.flatnonzero(fits), near[fits]
+        after = np.clip(np.searchsorted(b, a), 1, len(b) - 1)
+        before = after - 1
+        nearest = np.where(np.abs(b[before] - a) < np.abs(b[after] - a), before, after)
+    equal = np.abs(b[nearest] - a) <= TIME_TOL
+    return np.flatnonzero(equal), nearest[equal]
 
 
-def _blame(contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping) -> None:
+def _blame(
+    contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping[str, Sequence[_Compared]]
+) -> None:
     """Report the reference file as wrong if all other files differ from the reference, but agree with each other."""
+    sources = {content.file: content for content in contents}
     for name, rows in compared.items():
-        bad = [(c, clip) for c, clip, fits in rows if not fits and family(c.format) != "tracks"]
-        source = next((c for c in contents if c.file == refs[name].source), None)
-        if source is None or len(bad) < 2 or len(bad) < sum(1 for c, _, _ in rows if c.format != "csv"):
+        ref = refs[name]
+        # Tracks are not counted: the JSON and the CSV track of a motion are written from the same numbers.
+        wrong = [row for row in rows if not row.agrees and not holding(row.content.format, Holds.COORDINATES)]
+        counted = [row for row in rows if not row.content.repeats_track]
+        if ref.source not in sources or len(wrong) < 2 or len(wrong) < len(counted):
             continue
-        (first, one), others = bad[0], bad[1:]
-        shared = [n for n in one.links if n in refs[name].clip.links]
-        same = all(
-            len(clip.times) == len(one.times)
-            and all(n in clip.links and _agrees(clip.links[n], one.links[n]) for n in shared)
-            for _, clip in others
-        )
-        if same and shared:
+        first, *others = wrong
+        shared = [link for link in first.clip.links if link in ref.clip.links]
+        if shared and all(_same_motion(row.clip, first.clip, shared) for row in others):
+            files = ", ".join(row.content.file for row in others)
             text = (
-                f"clip '{name}': {first.file} and {', '.join(c.file for c, _ in others)} agree with each other, and "
+                f"clip '{name}': {first.content.file} and {files} agree with each other, and "
                 "all differ from this file, so this file is wrong."
             )
-            source.ledger.wrong("compare.odd_one_out", text, name)
+            sources[ref.source].ledger.wrong("compare.odd_one_out", text, name)
+
+
+def _same_motion(clip: Clip, other: Clip, links: Sequence[str]) -> bool:
+    """Return whether two clips have as many keys, and the same poses of some links."""
+    if len(clip.times) != len(other.times):
+        return False
+    for link in links:
+        if link not in clip.links:
+            return False
+        if not _agrees(clip.links[link], other.links[link]):
+            return False
+    return True
 
 
 def _agrees(A: Array, B: Array) -> bool:
-    p, _, r, _ = largest(A, B)
-    return p <= 2 * POSITION_TOL and r <= 2 * ROTATION_TOL
+    """Return whether poses agree; twice the tolerances, because both may differ from a third file."""
+    difference = largest(A, B)
+    return difference.distance <= 2 * POSITION_TOL and difference.angle <= 2 * ROTATION_TOL
 
 
 def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
     """Report glTF files without clips if another file has a clip in which a link moves."""
-    moving = [n for n, r in refs.items() if any(not _agrees(T, T[:1]) for T in r.clip.links.values())]
+    moving = [name for name, ref in refs.items() if _moves(ref.clip)]
+    if not moving:
+        return
+    name = moving[0]
     for content in contents:
-        if holding(content.format, Holds.ALL_MOTIONS) and content.declared and not content.clips and moving:
-            name = moving[0]
+        if holding(content.format, Holds.ALL_MOTIONS) and content.declared and not content.clips:
             text = f"the file has no motion; {refs[name].source} has the motion '{name}'."
             content.ledger.add("compare.no_motion", "warning", text, "animations")
+
+
+def _moves(clip: Clip) -> bool:
+    for T in clip.links.values():
+        first = T[:1]
+        if not _agrees(T, first):
+            return True
+    return False
 
 
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
@@ -320,15 +442,23 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
             for name in sorted(set(refs) - {c.name for c in content.clips}):
                 text = f"clip '{name}' of {refs[name].source} is missing."
                 content.ledger.wrong("compare.missing_clip", text, name)
+    prefixes = _prefixes(contents, refs)
     for kinds in motion_groups():
-        group = [c for c in contents if c.format in kinds and c.clips]
-        prefixes = _prefixes(contents, refs)
-        have = {_counterpart(c, clip, refs, prefixes) for c in group for clip in c.clips}
-        # A track with faults has no clip, but it is there, and its faults have been reported.
-        faulty = {str(c.facts.get("protocol")) for c in contents if c.format in kinds and not c.clips}
-        if len(group) and (missing := sorted(set(refs) - have - faulty)):
-            text = f"no file of this format contains clip '{missing[0]}' of {refs[missing[0]].source}."
-            group[0].ledger.wrong("compare.missing_clip", text, missing[0])
+        group = [c for c in contents if c.format in kinds]
+        playing = [c for c in group if c.clips]
+        if not playing:
+            continue
+        present = set()
+        for content in group:
+            if content.clips:
+                present |= {_counterpart(content, clip, refs, prefixes) for clip in content.clips}
+            else:  # a track with faults has no clip, but it is there, and its faults have been reported
+                present.add(str(content.facts.get("protocol")))
+        missing = sorted(set(refs) - present)
+        if missing:
+            first = missing[0]
+            text = f"no file of this format contains clip '{first}' of {refs[first].source}."
+            playing[0].ledger.wrong("compare.missing_clip", text, first)
 
 
 def compare_rest(contents: Sequence[Content]) -> None:
@@ -341,81 +471,121 @@ def compare_rest(contents: Sequence[Content]) -> None:
             having.append(content)
     having.sort(key=lambda c: rank(c.format))
     for content in having[1:]:
-        first = having[0]
-        shared = [n for n in first.rest if n in content.rest]
-        if not shared:
-            continue
-        apart = {n: float(np.linalg.norm(content.rest[n][:3, 3] - first.rest[n][:3, 3])) for n in shared}
-        turn = {n: float(angle(content.rest[n][:3, :3], first.rest[n][:3, :3])) for n in shared}
-        far, turned = max(apart, key=lambda n: apart[n]), max(turn, key=lambda n: turn[n])
-        for kind, worst, unit, tolerance, link in (
-            ("position", apart[far], "m", POSITION_TOL, far),
-            ("rotation", turn[turned], "rad", ROTATION_TOL, turned),
-        ):
-            check = f"rest: {kind} against {first.file}"
-            content.ledger.row(check, worst, unit, tolerance, where=link, against=first.file)
-        if (apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL) and (clip := _begins(content)):
-            text = f"the rest pose is the first pose of clip '{clip}'; it differs from the rest pose of {first.file}."
-            content.ledger.add("compare.rest", "info", text, clip)
-        elif apart[far] > POSITION_TOL or turn[turned] > ROTATION_TOL:
-            text = (
-                f"rest poses differ from {first.file}, most in position at link '{far}' ({quantity(apart[far], 'm')}), "
-                f"most in rotation at link '{turned}' ({np.degrees(turn[turned]):.4g} deg)."
-            )
-            content.ledger.wrong("compare.rest", text, far, size=um(apart[far]))
+        _compare_rest_with(content, having[0])
+
+
+def _compare_rest_with(content: Content, first: Content) -> None:
+    """Compare the rest poses of a file with those of the first file, and report differences."""
+    distances = {}
+    angles = {}
+    for link, T in first.rest.items():
+        if link in content.rest:
+            own = content.rest[link]
+            distances[link] = float(np.linalg.norm(own[:3, 3] - T[:3, 3]))
+            angles[link] = float(angle(own[:3, :3], T[:3, :3]))
+    if not distances:
+        return
+    ledger = content.ledger
+    farthest = max(distances, key=lambda n: distances[n])
+    turned = max(angles, key=lambda n: angles[n])
+    distance = distances[farthest]
+    turn = angles[turned]
+    against = first.file
+    ledger.row(f"rest: position against {against}", distance, "m", POSITION_TOL, where=farthest, against=against)
+    ledger.row(f"rest: rotation against {against}", turn, "rad", ROTATION_TOL, where=turned, against=against)
+    if not (distance > POSITION_TOL or turn > ROTATION_TOL):
+        return
+    clip = _begins(content)
+    if clip:
+        text = f"the rest pose is the first pose of clip '{clip}'; it differs from the rest pose of {against}."
+        ledger.add("compare.rest", "info", text, clip)
+        return
+    text = (
+        f"rest poses differ from {against}, most in position at link '{farthest}' ({quantity(distance, 'm')}), "
+        f"most in rotation at link '{turned}' ({np.degrees(turn):.4g} deg)."
+    )
+    ledger.wrong("compare.rest", text, farthest, size=um(distance))
 
 
 def _begins(content: Content) -> str:
     """Return the clip whose first poses equal the file's rest poses (as in Blender files); "" if no clip does."""
     for clip in content.clips:
-        if all(_agrees(T[:1], content.rest[n][None]) for n, T in clip.links.items() if n in content.rest):
+        if _begins_with(clip, content.rest):
             return clip.name
     return ""
 
 
+def _begins_with(clip: Clip, rest: Mapping[str, Array]) -> bool:
+    """Return whether the first poses of a clip are those at rest."""
+    for link, T in clip.links.items():
+        first = T[:1]
+        if link in rest and not _agrees(first, rest[link][None]):
+            return False
+    return True
+
+
 def compare_shapes(contents: Sequence[Content]) -> None:
     """Compare the bounding boxes and volumes of the links' meshes, and report differences in each file's ledger."""
-    having = [c for c in contents if c.shapes]
+    having = [content for content in contents if content.shapes]
     having.sort(key=lambda c: rank(c.format))
     for content in having[1:]:
-        first, worst, where = having[0], 0.0, ""
-        for name in (n for n in first.shapes if n in content.shapes):
-            a, b = content.shapes[name], first.shapes[name]
-            off = float(max(np.abs(a.low - b.low).max(), np.abs(a.high - b.high).max()))
-            size = float(np.linalg.norm(b.high - b.low))
-            if off >= worst:
-                worst, where = off, name
-            if off > BOX_TOL + 1e-6 * size:
-                text = (
-                    f"the bounding box of the meshes of link '{name}' differs by {off * 1e3:.4g} mm from {first.file}. "
-                    f"The diagonal is {float(np.linalg.norm(a.high - a.low)):.4g} m here, {size:.4g} m in that file."
-                )
-                content.ledger.wrong("compare.shape", text, name, size=Measured(off * 1e3, BOX_TOL * 1e3, "mm"))
-            elif a.closed and b.closed and abs(a.volume - b.volume) > max(0.01 * abs(b.volume), b.rounding):
-                text = f"the volume of link '{name}' is {a.volume:.4g} m3; in {first.file} it is {b.volume:.4g} m3."
-                content.ledger.wrong("compare.volume", text, name, size=Measured(a.volume, b.volume, "m3"))
+        first = having[0]
+        worst = 0.0
+        where = ""
+        for link, expected in first.shapes.items():
+            if link not in content.shapes:
+                continue
+            difference = _compare_shape(content, link, expected, first.file)
+            if difference >= worst:
+                worst = difference
+                where = link
         check = f"shapes of links against {first.file}"
         content.ledger.row(check, worst, "m", BOX_TOL, where=where, against=first.file)
 
 
+def _compare_shape(content: Content, link: str, expected: Shape, source: str) -> float:
+    """Report a different box or volume of a link; return the largest difference of the corners of the boxes in m."""
+    shape = content.shapes[link]
+    low = np.abs(shape.low - expected.low).max()
+    high = np.abs(shape.high - expected.high).max()
+    difference = float(max(low, high))
+    if difference > BOX_TOL + 1e-6 * expected.diagonal:
+        text = (
+            f"the bounding box of the meshes of link '{link}' differs by {difference * 1e3:.4g} mm from {source}. "
+            f"The diagonal is {shape.diagonal:.4g} m here, {expected.diagonal:.4g} m in that file."
+        )
+        size = Measured(difference * 1e3, BOX_TOL * 1e3, "mm")
+        content.ledger.wrong("compare.shape", text, link, size=size)
+    elif shape.closed and expected.closed:
+        # Coarser triangles of the same surface enclose a slightly different volume.
+        tolerance = max(0.01 * abs(expected.volume), expected.rounding)
+        if abs(shape.volume - expected.volume) > tolerance:
+            text = f"the volume of link '{link}' is {shape.volume:.4g} m3; in {source} it is {expected.volume:.4g} m3."
+            size = Measured(shape.volume, expected.volume, "m3")
+            content.ledger.wrong("compare.volume", text, link, size=size)
+    return difference
+
+
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
     """Report files whose model hash differs from the hash in proof.json; without a proof, from the most common hash."""
-    said: dict[str, dict[str, str]] = {}
-    for c in contents:
-        if c.model_hash:
-            said.setdefault(c.model_hash, {})[family(c.format)] = c.file
-    if not said:
-        return
-    common = proof or max(said, key=lambda h: len(said[h]))
-    others = next(iter(said[common].values())) if common in said else "proof.json"
+    files: dict[str, dict[str, str]] = {}  # {hash: {format: a file of it}}: stages of one robot count as one source
     for content in contents:
-        if content.model_hash and content.model_hash != common:
-            tie = not proof and len(said[common]) == len(said[content.model_hash])
-            text = f"the file was made from model {content.model_hash[:23]}…, but {others} from {common[:23]}…." + (
-                " One of the two models is wrong." if tie else ""
-            )
-            content.ledger.wrong("compare.model_hash", text, "model_hash")
+        if content.model_hash:
+            files.setdefault(content.model_hash, {})[family(content.format)] = content.file
+    if not files:
+        return
+    expected = proof or max(files, key=lambda h: len(files[h]))
+    source = "proof.json"
+    if expected in files:
+        source = next(iter(files[expected].values()))
+    for content in contents:
+        if not content.model_hash or content.model_hash == expected:
+            continue
+        text = f"the file was made from model {content.model_hash[:23]}…, but {source} from {expected[:23]}…."
+        if not proof and len(files[expected]) == len(files[content.model_hash]):
+            text += " One of the two models is wrong."
+        content.ledger.wrong("compare.model_hash", text, "model_hash")
 
 
-def _at(t: float) -> str:
+def _at(t: float | Array) -> str:
     return f"t = {t:.4g} s"

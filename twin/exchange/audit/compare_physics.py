@@ -23,10 +23,13 @@ from twin.exchange.audit.physics import TOOL, WORLD, Joint, Physics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured, quantity
 from twin.exchange.format import Holds
-from twin.exchange.formats import family, family_rank, holding, trust
+from twin.exchange.formats import family, family_rank, holding, leading, trust
 
 _GEOMETRY = ("place", "axis", "pose", "zero")
 """Quantities that show where the joints of a robot are."""
+
+_SINGLE = ("revolute", "prismatic")
+"""Kinds of joints with one coordinate."""
 
 _ZERO = 1e-6
 """Maximum absolute value of a coupling's ratio that counts as zero (rounding of single precision).
@@ -35,16 +38,25 @@ Before the comparison, the ratios are divided by the largest absolute ratio of t
 
 
 def _number(a: float, b: float) -> float:
-    if a == b:
+    """Return the difference of two numbers, relative to the larger one."""
+    if a == b:  # also two infinite limits
         return 0.0
-    return abs(a - b) / max(abs(a), abs(b)) if np.isfinite(a) and np.isfinite(b) else np.inf
+    if not (np.isfinite(a) and np.isfinite(b)):
+        return np.inf
+    return abs(a - b) / max(abs(a), abs(b))
 
 
 def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
     """Return the relative difference between two mappings {joint: factor}; a missing joint has the factor 0."""
-    both = np.array([(a.get(n, 0.0), b.get(n, 0.0)) for n in dict.fromkeys((*a, *b))], float).reshape(-1, 2)
-    size = float(np.linalg.norm(both, axis=0).max(initial=0.0))
-    return float(np.linalg.norm(both[:, 0] - both[:, 1])) / size if size else 0.0
+    joints = dict.fromkeys((*a, *b))
+    factors = np.zeros((len(joints), 2))
+    for i, joint in enumerate(joints):
+        factors[i] = (a.get(joint, 0.0), b.get(joint, 0.0))
+    size = float(np.linalg.norm(factors, axis=0).max(initial=0.0))
+    if not size:
+        return 0.0
+    difference = factors[:, 0] - factors[:, 1]
+    return float(np.linalg.norm(difference)) / size
 
 
 def _word(a: Any, b: Any) -> float:
@@ -52,7 +64,15 @@ def _word(a: Any, b: Any) -> float:
 
 
 def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
-    return max((0.0 if x == y else abs(x - y) / max(1.0, min(abs(x), abs(y)))) for x, y in zip(a, b, strict=True))
+    """Return the larger difference of two limits; limits above 1 m or 1 rad differ by their ratio."""
+    differences = []
+    for x, y in zip(a, b, strict=True):
+        if x == y:  # two infinite limits: their difference is not a number
+            differences.append(0.0)
+            continue
+        smaller = min(abs(x), abs(y))
+        differences.append(abs(x - y) / max(1.0, smaller))
+    return max(differences)
 
 
 def _passive(a: Sequence[float], b: Sequence[float]) -> float:
@@ -70,24 +90,32 @@ def _tensor(a: Array, b: Array) -> float:
 
 
 def _direction(a: Array, b: Array) -> float:
-    return float(min(np.linalg.norm(a - b), np.linalg.norm(a + b)))
+    return min(_distance(a, b), float(np.linalg.norm(a + b)))
 
 
 def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
     """Return the distance between two unit vectors; their sign is ignored if one of the files states no sign."""
-    return _distance(a[0], b[0]) if a[1] and b[1] else _direction(a[0], b[0])
+    first, first_signed = a
+    second, second_signed = b
+    if first_signed and second_signed:
+        return _distance(first, second)
+    return _direction(first, second)
 
 
 def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
     """Return the distance in m from b's point to line a; if a or b has no direction, the distance of their points."""
-    off = b[0] - a[0]
-    if a[1] is None or b[1] is None:
-        return float(np.linalg.norm(off))
-    return float(np.linalg.norm(np.cross(a[1], off)))
+    point, direction = a
+    other, other_direction = b
+    shift = other - point
+    if direction is None or other_direction is None:
+        return float(np.linalg.norm(shift))
+    return float(np.linalg.norm(np.cross(direction, shift)))
 
 
 def _place(a: Array, b: Array) -> float:
-    return max(_distance(a[:3, 3], b[:3, 3]), 0.1 * float(poses.angle(a[:3, :3], b[:3, :3])))
+    """Return the larger of the distance in m and of a tenth of the angle in rad between two poses."""
+    angle = float(poses.angle(a[:3, :3], b[:3, :3]))
+    return max(_distance(a[:3, 3], b[:3, 3]), 0.1 * angle)
 
 
 def _surface(a: Array, b: Array) -> float:
@@ -98,14 +126,20 @@ def _surface(a: Array, b: Array) -> float:
     """
     if a.shape == b.shape and np.array_equal(a, b):
         return 0.0
-    there, back = (_tree(y).query(x)[0] for x, y in ((a, b), (b, a)))
-    if min(np.mean(there < ALIKE), np.mean(back < ALIKE)) < 0.7:
+    to_b = _nearest(a, b)
+    to_a = _nearest(b, a)
+    coinciding = min(np.mean(to_b < ALIKE), np.mean(to_a < ALIKE))
+    if coinciding < 0.7:
         return 0.0
-    return float(max(there.max(), back.max()))
+    return float(max(to_b.max(), to_a.max()))
 
 
-def _tree(points: Array) -> KDTree:
-    return KDTree(points, balanced_tree=False, compact_nodes=False)
+def _nearest(points: Array, others: Array) -> Array:
+    """Return the distances (n,) in m of points (n, 3) from the nearest of the other points (m, 3)."""
+    # A tree that is neither balanced nor compact is built several times faster, and is asked only once.
+    tree = KDTree(others, balanced_tree=False, compact_nodes=False)
+    distances, _ = tree.query(points)
+    return distances
 
 
 ALIKE = 3e-6
@@ -198,9 +232,20 @@ class View:
         """Name of the source; formats that are written from the same data have the same source."""
         return family(self.format)
 
+    @property
+    def expected(self) -> bool:
+        """Whether these are the data of the given mechanism."""
+        return self.format == "truth"
+
+    def holds(self, what: Holds) -> bool:
+        """Return whether files of this format contain something."""
+        return holding(self.format, what)
+
     def say(self, subject: str, values: JsonMapping) -> None:
         """Store the values {quantity: value} of a subject; None means that the file does not state the value."""
-        self.said |= {(subject, name): value for name, value in values.items() if value is not None}
+        for name, value in values.items():
+            if value is not None:
+                self.said[subject, name] = value
 
 
 def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -> None:
@@ -208,58 +253,104 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
 
     `truth` contains the data of the expected mechanism. If it is None, the files are compared only with each other.
     """
-    views = [
-        View(c.file, c.format, c.ledger, c.physics or Physics(), c.shapes, c.colors)
-        for c in contents
-        if c.physics is not None or c.shapes
-    ]
+    views = []
+    for content in contents:
+        if content.physics is not None or content.shapes:
+            physics = content.physics or Physics()
+            view = View(content.file, content.format, content.ledger, physics, content.shapes, content.colors)
+            views.append(view)
     if truth is not None:
         views.append(View(MECHANISM, "truth", None, truth))
     views.sort(key=_trust)
     if len(views) < 2:
         return
-    for content, view in ((c, v) for v in views for c in contents if c.file == v.file):
-        view.physics.links = tuple(dict.fromkeys((*(content.declared or ()), *view.physics.links)))
+    _state_all(views, contents)
+    _check_transmissions(views)
+    worst: dict[str, dict[str, tuple[float, str]]] = {}
+    for subject, name in _keys(views):
+        stating = [v for v in views if (subject, name) in v.said]
+        if len(stating) > 1:
+            _compare_values(subject, name, stating, worst)
+    # With one file and the mechanism, the row states the mechanism as the source of the values.
+    others = MECHANISM if truth is not None and len(views) == 2 else "the other files"
+    for view in views:
+        if view.ledger is None:
+            continue
+        for name, (difference, subject) in worst.get(view.file, {}).items():
+            q = QUANTITIES[name]
+            unit = "" if q.relative else q.unit
+            check = f"{_WORDS.get(name, name)} against {others}"
+            finite = min(difference, 1e300)
+            view.ledger.row(check, finite, unit, q.tolerance, where=subject, against=others)
+
+
+def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
+    """Store the values of all quantities that the files state, and which subjects they lack."""
+    for view in views:
+        for content in contents:
+            if content.file == view.file:
+                declared = content.declared or ()
+                view.physics.links = tuple(dict.fromkeys((*declared, *view.physics.links)))
     known = _known_links(views)
     canonical = _canonical(views, known)
-    movable = {n for v in views for n in v.physics.trocars}
-    stems = {(v.format, v.file.rsplit(".", 1)[0]) for v in views}
+    movable = set()
+    for view in views:
+        movable |= view.physics.trocars
     for view in views:
         _state(view, canonical, known, movable)
-        if holding(view.format, Holds.JOINT_TREE) and any(
-            f == view.format and view.file.startswith(f"{s}_") for f, s in stems
-        ):
-            # A file for a single motion has other trocar positions; its `play` checks whether the loops close.
-            children = {j.child for j in view.physics.joints}
-            still = view.physics.held or {n for n in view.physics.links if n not in children}
-            held = tuple(f" on '{n}'" for n in still)
-            view.said = {k: v for k, v in view.said.items() if k[1] != "place" or not k[0].endswith(held)}
-    there = [s for s, name in dict.fromkeys(key for v in views for key in v.said) if name == "existence"]
+        if view.holds(Holds.JOINT_TREE) and _is_for_one_motion(view, views):
+            _forget_held_places(view)
+    subjects = [subject for subject, name in _keys(views) if name == "existence"]
     for view in views:
-        stated = tuple(view.physics.marks)
-        if view.physics.complete:
-            stated += ("joint",)
-            stated += ("motor",) * view.physics.all_motors
-            stated += ("coupling",) * (view.physics.couplings is not None)
-        for subject in there:
-            if subject.startswith(stated):
+        listed = _listed_kinds(view.physics)
+        for subject in subjects:
+            if subject.startswith(listed):
                 view.said.setdefault((subject, "existence"), False)
-    _check_transmissions(views)
-    subjects = dict.fromkeys(key for v in views for key in v.said)
-    worst: dict[str, dict[str, tuple[float, str]]] = {}
-    alone = truth is not None and len(views) == 2
-    for subject, name in subjects:
-        saying = [v for v in views if (subject, name) in v.said]
-        if len(saying) > 1:
-            _hold(subject, name, saying, worst)
+
+
+def _keys(views: Sequence[View]) -> list[tuple[str, str]]:
+    """Return (subject, quantity) of all values that files state, in the order of the files."""
+    keys: dict[tuple[str, str], None] = {}
     for view in views:
-        if view.ledger is not None:
-            for name, (off, where) in worst.get(view.file, {}).items():
-                q = QUANTITIES[name]
-                unit = "" if q.relative else q.unit
-                others = MECHANISM if alone else "the other files"
-                check = f"{_WORDS.get(name, name)} against {others}"
-                view.ledger.row(check, min(off, 1e300), unit, q.tolerance, where=where, against=others)
+        keys |= dict.fromkeys(view.said)
+    return list(keys)
+
+
+def _is_for_one_motion(view: View, views: Sequence[View]) -> bool:
+    """Return whether a file <robot>_<protocol> stands beside a file <robot> of the same format."""
+    for other in views:
+        stem = other.file.rsplit(".", 1)[0]
+        if other.format == view.format and view.file.startswith(f"{stem}_"):
+            return True
+    return False
+
+
+def _forget_held_places(view: View) -> None:
+    """Remove the places of joints on links that are fixed to the world.
+
+    A file for a single motion has other trocar positions; its `play` checks whether the loops close.
+    """
+    physics = view.physics
+    held = physics.held
+    if not held:  # links that no joint moves
+        children = {joint.child for joint in physics.joints}
+        held = set(physics.links) - children
+    endings = tuple(f" on '{link}'" for link in held)
+    for subject, name in list(view.said):
+        if name == "place" and subject.endswith(endings):
+            del view.said[subject, name]
+
+
+def _listed_kinds(physics: Physics) -> tuple[str, ...]:
+    """Return the first words of the subjects of which a file states all that the robot has."""
+    kinds = list(physics.marks)
+    if physics.complete:
+        kinds.append("joint")
+        if physics.all_motors:
+            kinds.append("motor")
+        if physics.couplings is not None:
+            kinds.append("coupling")
+    return tuple(kinds)
 
 
 def _check_transmissions(views: Sequence[View]) -> None:
@@ -268,19 +359,31 @@ def _check_transmissions(views: Sequence[View]) -> None:
     A single file that is compared with the mechanism receives a warning, because URDFs of others often have none.
     """
     for view in views:
-        if view.format != "urdf" or view.physics.reductions is not None or view.ledger is None:
+        if not view.holds(Holds.TRANSMISSIONS) or view.physics.reductions is not None or view.ledger is None:
             continue
-        joints = {j.names[0] for j in view.physics.joints if len(j.names) == 1 and len(j.motions) == 1}
-        stating = [v for v in views if v is not view]
-        driven = {n for n in joints if any(v.said.get((f"joint '{n}'", "driven")) for v in stating)}
+        others = [v for v in views if v is not view]
+        driven = _driven(view.physics.joints, others)
         if driven:
-            text = (
-                f"the file has no transmissions; in {_listed([v.file for v in stating])} the driven joints are "
-                f"{', '.join(sorted(driven))}."
-            )
+            sources = _listed([v.file for v in others])
+            names = ", ".join(sorted(driven))
+            text = f"the file has no transmissions; in {sources} the driven joints are {names}."
             severity = "disagreement" if len(views) > 2 else "warning"
             advice = "write a transmission for each driven joint"
-            view.ledger.add("urdf.transmission", severity, text, "transmissions", suggestion=advice)
+            code = f"{view.format}.transmission"
+            view.ledger.add(code, severity, text, "transmissions", suggestion=advice)
+
+
+def _driven(joints: Sequence[Joint], views: Sequence[View]) -> set[str]:
+    """Return the names of the joints with one coordinate that one of the files states as driven."""
+    driven = set()
+    for joint in joints:
+        if len(joint.names) != 1 or len(joint.motions) != 1:
+            continue
+        name = joint.names[0]
+        for view in views:
+            if view.said.get((f"joint '{name}'", "driven")):
+                driven.add(name)
+    return driven
 
 
 # --------------------------------------------------------------------------------------------- values of each file
@@ -291,35 +394,55 @@ def _known_links(views: Sequence[View]) -> set[str]:
 
     Files with auxiliary links, for example between the hinges of a ball joint, are used only if there are no others.
     """
-    exact = [v for v in views if v.physics.links and (v.format == "truth" or holding(v.format, Holds.LINKS))]
+    exact = [v for v in views if v.physics.links and (v.expected or v.holds(Holds.LINKS))]
     if exact:
         return set(min(exact, key=_order).physics.links)
-    return {n for v in views for n in v.physics.links}
+    links = set()
+    for view in views:
+        links |= set(view.physics.links)
+    return links
 
 
 def _order(view: View) -> int:
     """Return the smallest rank of the files in the format of a source, 0 for the mechanism."""
-    return 0 if view.format == "truth" else family_rank(view.format)
+    return 0 if view.expected else family_rank(view.format)
 
 
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
     """Return {name: joint} for the joints between known links; each joint is from the first file that has it."""
-    out: dict[str, Joint] = {}
-    elsewhere = [(_stem(j), j.kind) for v in views if v.family != "tracks" for j in v.physics.reduced(known) if j.names]
-    several = tuple(f"{name}_" for name, kind in elsewhere if kind not in ("", "fixed", "revolute", "prismatic"))
-    # A GLB contains the names of joints, but not their kinds.
-    turns = {f"{name}_{part}" for name, kind in elsewhere if not kind for part in ("x", "y", "z", "slide")}
-    for view in sorted(views, key=lambda v: holding(v.format, Holds.JOINT_TREE)):  # these may divide joints
+    canonical: dict[str, Joint] = {}
+    prefixes, coordinates = _names_of_coordinates(views, known)
+    # Files with a tree of joints come last, because they may divide joints.
+    for view in sorted(views, key=lambda v: v.holds(Holds.JOINT_TREE)):
         for joint in view.physics.reduced(known):
-            within = {joint.parent, joint.child} <= known | {""}
-            if not within or not joint.names or _match(joint, out, view):
+            ends = {joint.parent, joint.child}
+            if not ends <= known | {""} or not joint.names or _match(joint, canonical, view):
                 continue
-            if view.family == "tracks" and (joint.names[0].startswith(several) or joint.names[0] in turns):
+            first = joint.names[0]
+            if view.holds(Holds.COORDINATES) and (first.startswith(prefixes) or first in coordinates):
                 continue  # one coordinate of a ball or cylindrical joint
-            if joint.kind == "fixed" and view.format == "mjcf":
+            if joint.kind == "fixed" and view.holds(Holds.UNNAMED_FIXED_JOINTS):
                 continue
-            out[_stem(joint)] = joint
-    return out
+            canonical[_stem(joint)] = joint
+    return canonical
+
+
+def _names_of_coordinates(views: Sequence[View], known: set[str]) -> tuple[tuple[str, ...], set[str]]:
+    """Return (prefixes, names) by which a track may name the single coordinates of joints in other files."""
+    prefixes = []
+    names = set()
+    for view in views:
+        if view.holds(Holds.COORDINATES):
+            continue
+        for joint in view.physics.reduced(known):
+            if not joint.names:
+                continue
+            stem = _stem(joint)
+            if joint.kind == "":  # a GLB contains the names of joints, but not their kinds
+                names |= {f"{stem}_x", f"{stem}_y", f"{stem}_z", f"{stem}_slide"}
+            elif joint.kind not in ("fixed", *_SINGLE):
+                prefixes.append(f"{stem}_")
+    return tuple(prefixes), names
 
 
 def _stem(joint: Joint) -> str:
@@ -328,95 +451,92 @@ def _stem(joint: Joint) -> str:
     A tie is a pair of coinciding points. From a single name, a number at the end is removed only if the joint is a tie:
     `setup_1` can be the name of a joint.
     """
-    names = joint.names
-    if len(names) == 1:
-        return re.sub(r"_\d+$", "", names[0]) if joint.tied else names[0]
-    short = min(names, key=len)
-    if all(n == short or n.startswith(f"{short}_") for n in names):
+    first, *others = joint.names
+    if not others:
+        return re.sub(r"_\d+$", "", first) if joint.tied else first
+    short = min(joint.names, key=len)
+    if _parts(joint, short):
         return short
-    common = names[0]
-    for n in names[1:]:
-        while not n.startswith(common):
+    common = first
+    for name in others:
+        while not name.startswith(common):
             common = common[:-1]
     return common.rstrip("_") or short
 
 
 def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
     """Return the name of the reference joint with the same name or the same links as a joint; "" if there is none."""
-    for name in (*joint.names[:1], _stem(joint)) if joint.names else ():
-        if name in canonical:
-            return name
-    if len(joint.names) > 1 or view.family == "tracks":  # tracks have the coordinates of a ball as separate joints
-        begins = [
-            n
-            for n, j in canonical.items()
-            if joint.names and _parts(joint, n) and (len(joint.names) > 1 or j.kind not in ("revolute", "prismatic"))
-        ]
-        if begins:
-            return max(begins, key=len)
+    if joint.names:
+        for name in (joint.names[0], _stem(joint)):
+            if name in canonical:
+                return name
+        if len(joint.names) > 1 or view.holds(Holds.COORDINATES):
+            whole = _divided(joint, canonical)
+            if whole:
+                return whole
     if not joint.parent:
         return ""
-    pair = {joint.parent, joint.child}
-    taken = {p for j in view.physics.joints for p in (*j.names, _stem(j) if j.names else "")}
-    fits = [n for n, j in canonical.items() if {j.parent, j.child} == pair and n not in taken]
-    return fits[0] if len(fits) == 1 else ""
+    ends = {joint.parent, joint.child}
+    taken = _names(view.physics.joints)
+    candidates = []
+    for name, other in canonical.items():
+        if {other.parent, other.child} == ends and name not in taken:
+            candidates.append(name)
+    return candidates[0] if len(candidates) == 1 else ""
+
+
+def _divided(joint: Joint, canonical: Mapping[str, Joint]) -> str:
+    """Return the longest name of a reference joint whose parts are all parts of a joint; "" if there is none.
+
+    Tracks have the coordinates of a ball as separate joints, each with one name.
+    """
+    longest = ""
+    for name, other in canonical.items():
+        divisible = len(joint.names) > 1 or other.kind not in _SINGLE
+        if divisible and _parts(joint, name) and len(name) > len(longest):
+            longest = name
+    return longest
+
+
+def _names(joints: Sequence[Joint]) -> set[str]:
+    """Return the names of the parts of joints, and of the joints without their parts."""
+    names = set()
+    for joint in joints:
+        if joint.names:
+            names |= {*joint.names, _stem(joint)}
+    return names
 
 
 def _parts(joint: Joint, name: str) -> bool:
-    return all(p == name or p.startswith(f"{name}_") for p in joint.names)
+    """Return whether all names of a joint are those of parts of the joint `name`, such as <name>_x."""
+    return all(part == name or part.startswith(f"{name}_") for part in joint.names)
 
 
 def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
-    p = view.physics
-    still = p.still(known)
+    physics = view.physics
+    still = physics.still(known)
     _state_links(view, known, still)
-    found = set()
-    nameless = 0
-    for joint in p.reduced(known):
-        if not {joint.parent, joint.child} <= known | {""}:
-            continue
-        name = _match(joint, canonical, view)
-        if not name:
-            nameless += not joint.names
-            if joint.names and (joint.kind != "fixed" or joint.tied):
-                view.say(f"joint '{_stem(joint)}'", {"existence": True})
-            continue
-        found.add(name)
-        _state_joint(view, name, joint, canonical[name], name in movable)
-    lacking = [name for name, joint in canonical.items() if name not in found and not joint.kind and not joint.parent]
-    if len(lacking) <= nameless:  # a GLB states only names of joints, an MJCF has no names for fixed joints
-        found.update(lacking)
-        for name in lacking:
-            view.say(f"joint '{name}'", {"existence": True})
-    for joint in p.added(known):
-        view.say(f"joint '{_stem(joint)}'", {"existence": True})
-    for name, joint in canonical.items():
-        if name in found or (joint.kind == "fixed" and not joint.parent):
-            continue
-        if (
-            p.complete
-            or (view.format == "tracks" and joint.kind in ("revolute", "prismatic"))
-            or (holding(view.format, Holds.ALL_MOTIONS) and p.joints)
-        ):
-            view.say(f"joint '{name}'", {"existence": False})
-    frames = dict(p.frames)
-    if p.tool in frames:
-        frames.setdefault(TOOL, frames[p.tool])
+    _state_joints(view, canonical, known, movable)
+    frames = dict(physics.frames)
+    if physics.tool in frames:
+        frames.setdefault(TOOL, frames[physics.tool])
     for name, frame in frames.items():
-        subject = "the tool frame" if name == TOOL else f"frame '{name}'"
-        view.say(subject, {"existence": None if name == TOOL else True, "link": frame.link, "frame pose": frame.T})
-    for name, point in p.points.items():
+        if name == TOOL:
+            view.say("the tool frame", {"link": frame.link, "frame pose": frame.T})
+        else:
+            view.say(f"frame '{name}'", {"existence": True, "link": frame.link, "frame pose": frame.T})
+    for name, point in physics.points.items():
         view.say(f"point '{name}'", {"existence": True, "link": point.link, "point": point.T[:3, 3]})
     held = None if still is None else tuple(sorted(still))
-    view.say("the world", {"gravity": p.gravity, "held": held})
-    view.say("the loops", {"opening": p.opening})
-    for name, (ratios, total) in solved(p.couplings or {}).items():
+    view.say("the world", {"gravity": physics.gravity, "held": held})
+    view.say("the loops", {"opening": physics.opening})
+    for name, (ratios, total) in solved(physics.couplings or {}).items():
         joints = tuple(sorted(ratios))
-        numbers = np.array([ratios[n] for n in joints])
+        numbers = np.array([ratios[joint] for joint in joints])
         view.say(f"coupling of '{name}'", {"existence": True, "links": joints, "ratios": numbers, "sum": total})
-    for name, motor in (p.motors or {}).items():
+    for name, motor in (physics.motors or {}).items():
         values = {
-            "existence": True if p.all_motors else None,
+            "existence": True if physics.all_motors else None,
             "row": motor.row,
             "kind": motor.kind,
             "limits": motor.limits,
@@ -429,6 +549,46 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         view.say(f"motor '{name}'", values)
 
 
+def _state_joints(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
+    """State the joints between known links, and which of the reference joints a file lacks."""
+    physics = view.physics
+    found = set()
+    nameless = 0
+    for joint in physics.reduced(known):
+        ends = {joint.parent, joint.child}
+        if not ends <= known | {""}:
+            continue
+        name = _match(joint, canonical, view)
+        if name:
+            found.add(name)
+            _state_joint(view, name, joint, canonical[name], name in movable)
+        elif not joint.names:
+            nameless += 1
+        elif joint.kind != "fixed" or joint.tied:
+            view.say(f"joint '{_stem(joint)}'", {"existence": True})
+    # A GLB states only names of joints, an MJCF has no names for fixed joints.
+    names_only = [name for name, joint in canonical.items() if not (name in found or joint.kind or joint.parent)]
+    if len(names_only) <= nameless:
+        found.update(names_only)
+        for name in names_only:
+            view.say(f"joint '{name}'", {"existence": True})
+    for joint in physics.added(known):
+        view.say(f"joint '{_stem(joint)}'", {"existence": True})
+    for name, joint in canonical.items():
+        bare = joint.kind == "fixed" and not joint.parent
+        if name not in found and not bare and _lists(view, joint):
+            view.say(f"joint '{name}'", {"existence": False})
+
+
+def _lists(view: View, joint: Joint) -> bool:
+    """Return whether a file would contain a joint if it belonged to the robot."""
+    if view.physics.complete:
+        return True
+    if view.holds(Holds.COORDINATES) and leading(view.format) and joint.kind in _SINGLE:
+        return True
+    return view.holds(Holds.ALL_MOTIONS) and bool(view.physics.joints)
+
+
 def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[str, tuple[dict[str, float], float]]:
     """Return couplings in reduced row echelon form; the key of a row is its first joint in alphabetical order.
 
@@ -436,9 +596,16 @@ def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[s
     form does not depend on whether a file couples each of several joints to the next, or all to the first. Couplings
     with numbers that are not finite are left out.
     """
-    joints = sorted({n for ratios, _ in couplings.values() for n in ratios})
-    rows = np.array([[*(ratios.get(n, 0.0) for n in joints), total] for ratios, total in couplings.values()], float)
-    rows = rows[np.isfinite(rows).all(axis=1) & rows[:, :-1].any(axis=1)] if len(rows) else rows
+    coupled: set[str] = set()
+    for ratios, _ in couplings.values():
+        coupled |= ratios.keys()
+    joints = sorted(coupled)
+    rows = np.zeros((len(couplings), len(joints) + 1))
+    for row, (ratios, total) in zip(rows, couplings.values(), strict=True):
+        row[:-1] = [ratios.get(joint, 0.0) for joint in joints]
+        row[-1] = total
+    usable = np.isfinite(rows).all(axis=1) & rows[:, :-1].any(axis=1)
+    rows = rows[usable]
     if not len(rows):
         return {}
     rows /= np.abs(rows[:, :-1]).max(axis=1, keepdims=True)
@@ -447,109 +614,169 @@ def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[s
     for k in range(len(joints)):
         if done == len(rows):
             break
-        at = done + int(np.argmax(np.abs(rows[done:, k])))
-        if abs(rows[at, k]) <= _ZERO:
+        pivot = done + int(np.argmax(np.abs(rows[done:, k])))
+        if abs(rows[pivot, k]) <= _ZERO:
             continue
-        rows[[done, at]] = rows[[at, done]]
+        rows[[done, pivot]] = rows[[pivot, done]]
         rows[done] /= rows[done, k]
         others = np.arange(len(rows)) != done
         rows[others] -= rows[others, k, None] * rows[done]
         done += 1
     for row in rows[:done]:
-        ratios = {n: float(r) for n, r in zip(joints, row[:-1], strict=True) if abs(r) > _ZERO}
-        out[next(iter(ratios))] = ratios, float(row[-1])
+        ratios = {}
+        for joint, ratio in zip(joints, row[:-1], strict=True):
+            if abs(ratio) > _ZERO:
+                ratios[joint] = float(ratio)
+        first = next(iter(ratios))
+        out[first] = (ratios, float(row[-1]))
     return out
 
 
 def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> None:
     """State shapes, colours and masses of the links that are `known`; `still` are those that cannot move."""
-    p = view.physics
-    for link in dict.fromkeys((*p.shown, *view.shapes)):
+    physics = view.physics
+    for link in dict.fromkeys((*physics.shown, *view.shapes)):
         if link in known:
-            view.say(f"link '{link}'", {"shown": p.shown.get(link, True)})
+            view.say(f"link '{link}'", {"shown": physics.shown.get(link, True)})
     for link, shape in view.shapes.items():
         if link in known:
+            # Whether a mesh is closed counts only if the rounding of its points has no influence on it.
             closed = shape.closed if shape.closed == shape.nearly_closed else None
             view.say(f"link '{link}'", {"surface": shape.points, "closed": closed})
     for link, shares in view.colors.items():
         if link in known:
             view.say(f"link '{link}'", {"colours": shares})
-    for link, share in (p.floats or {}).items():
+    for link, share in (physics.floats or {}).items():
         if link in known:
             view.say(f"link '{link}'", {"weightless": share})
-    for link, m in p.masses.items():
+    for link, mass in physics.masses.items():
         if link in known:
-            inertial = {"mass": m.mass, "mass centre": m.center, "inertia": m.inertia}
-            view.say(f"link '{link}'", inertial if link in p.assumed else {"weighed": True} | inertial)
-    if holding(view.format, Holds.MASSES) and p.masses:
-        for link in known & set(p.links) - set(p.masses) - (still or frozenset()) - {WORLD}:
+            if link not in physics.assumed:
+                view.say(f"link '{link}'", {"weighed": True})
+            view.say(f"link '{link}'", {"mass": mass.mass, "mass centre": mass.center, "inertia": mass.inertia})
+    if view.holds(Holds.MASSES) and physics.masses:
+        weightless = (known & set(physics.links)) - set(physics.masses) - {WORLD}
+        if still is not None:  # the mass of a link that cannot move has no influence
+            weightless -= still
+        for link in sorted(weightless):
             view.say(f"link '{link}'", {"weighed": False})
 
 
 def _state_joint(view: View, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
     subject = f"joint '{name}'"
-    part = joint.kind_said and joint.names != canonical.names  # one coordinate of a ball joint, in a track
-    stated = None
-    if joint.names and not part:
-        own = name in (*joint.names, _stem(joint)) or (len(joint.names) > 1 and _parts(joint, name))
-        stated = name if own else _stem(joint)
+    coordinate = joint.kind_said and joint.names != canonical.names  # one coordinate of a ball joint, in a track
     identity = {
         "existence": True,
-        "name": stated,
-        "kind": joint.kind if joint.kind and not part else None,
+        "name": _stated_name(name, joint) if joint.names and not coordinate else None,
+        "kind": joint.kind if joint.kind and not coordinate else None,
         "links": tuple(sorted((joint.parent, joint.child))) if joint.parent else None,
     }
     view.say(subject, identity)
-    for link in (joint.parent, joint.child) if joint.parent else ():
-        if (end := joint.end(link)) is None or joint.kind.startswith(("chain", "free")):
-            continue
-        point, direction = end
-        place = (point, direction) if joint.kind != "prismatic" and not movable else None
-        axis = None if direction is None else (direction, not joint.tied)
-        view.say(f"{subject} on '{link}'", {"place": place, "axis": axis})
-    placed = joint.kind in ("fixed", "revolute", "prismatic") and not joint.tied
-    if placed and joint.T is not None and joint.parent and not movable:
-        first = joint if joint.parent < joint.child else joint.turned()
-        view.say(subject, {"pose" if joint.kind == "fixed" else "zero": first.T})
-    d = joint.drive
-    if joint.kind in ("revolute", "prismatic"):
-        drive = {
-            "limits": None if joint.tied else d.limits,
-            "driven": d.driven,
+    if joint.parent and not joint.kind.startswith(("chain", "free")):
+        for link in (joint.parent, joint.child):
+            end = joint.end(link)
+            if end is not None:
+                _state_line(view, f"{subject} on '{link}'", joint, end, movable)
+    posed = joint.kind in ("fixed", *_SINGLE) and not joint.tied
+    if posed and joint.T is not None and joint.parent and not movable:
+        # Files may exchange parent and child: the pose is that from the first link in alphabetical order.
+        ordered = joint if joint.parent < joint.child else joint.turned()
+        quantity = "pose" if joint.kind == "fixed" else "zero"
+        view.say(subject, {quantity: ordered.T})
+    if joint.kind in _SINGLE:
+        drive = joint.drive
+        values = {
+            "limits": None if joint.tied else drive.limits,
+            "driven": drive.driven,
             "reduction": _reduction(view.physics, joint),
-            "passive": None if joint.tied else d.passive,
-            "law": d.law,
-            "breaks": d.breaks,
-            "stiffness": d.stiffness,
-            "damping": d.damping,
-            "largest effort": d.effort,
-            "largest speed": d.speed,
+            "passive": None if joint.tied else drive.passive,
+            "law": drive.law,
+            "breaks": drive.breaks,
+            "stiffness": drive.stiffness,
+            "damping": drive.damping,
+            "largest effort": drive.effort,
+            "largest speed": drive.speed,
         }
-        view.say(subject, drive)
+        view.say(subject, values)
 
 
-def _reduction(p: Physics, joint: Joint) -> float | None:
+def _stated_name(name: str, joint: Joint) -> str:
+    """Return the reference's name of a joint if the joint has it too, also in the names of its parts; else its own."""
+    stem = _stem(joint)
+    divided = len(joint.names) > 1 and _parts(joint, name)
+    if name in joint.names or name == stem or divided:
+        return name
+    return stem
+
+
+def _state_line(view: View, subject: str, joint: Joint, end: tuple[Array, Array | None], movable: bool) -> None:
+    """State the place and the direction of a joint's axis on one of its links."""
+    _, direction = end
+    if joint.kind != "prismatic" and not movable:  # a slide has a direction, but no place
+        view.say(subject, {"place": end})
+    if direction is not None:
+        view.say(subject, {"axis": (direction, not joint.tied)})
+
+
+def _reduction(physics: Physics, joint: Joint) -> float | None:
     """Return motor coordinate / joint coordinate of a joint with a motor of its own; None if it is not stated.
 
     In files with all motors, driven joints without one have the drive at the joint, which is a reduction of 1.
     """
     name = joint.names[0] if len(joint.names) == 1 else ""
-    if p.reductions is not None:
-        return p.reductions.get(name)
-    if not p.all_motors or p.motors is None or not joint.drive.driven:
+    if physics.reductions is not None:
+        return physics.reductions.get(name)
+    if not physics.all_motors or physics.motors is None or not joint.drive.driven:
         return None
-    rows = [m.row for m in p.motors.values() if m.row and name in m.row]
+    rows = []
+    for motor in physics.motors.values():
+        if motor.row and name in motor.row:
+            rows.append(motor.row)
     if not rows:
         return 1.0
-    return rows[0][name] if len(rows) == 1 and len(rows[0]) == 1 else None
+    own = len(rows) == 1 and len(rows[0]) == 1
+    return rows[0][name] if own else None
 
 
 # --------------------------------------------------------------------------------------------- the comparison
 
 
-def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
+def _compare_values(
+    subject: str, name: str, views: Sequence[View], worst: dict[str, dict[str, tuple[float, str]]]
+) -> None:
+    """Compare the values of one quantity in the files that state it.
+
+    `worst` gets the largest difference of each file and quantity: {file: {quantity: (difference, subject)}}.
+    """
     q = QUANTITIES[name]
     key = (subject, name)
+    right = max(_groups(key, q, views), key=_weight)
+    reference = right[0]
+    expected = any(view.expected for view in views)
+    for view in views:
+        if view.ledger is not None and expected:
+            view.ledger.placed |= name in _GEOMETRY
+        difference = q.apart(reference.said[key], view.said[key])
+        row = worst.setdefault(view.file, {})
+        if name not in row or difference > row[name][0]:
+            row[name] = (difference, subject)
+        if view in right or view.ledger is None:
+            continue
+        others = _listed([v.file for v in right])
+        text = _text(subject, name, q, view.said[key], reference.said[key], others)
+        families = {v.family for v in right}
+        if len(families) == 1 and not reference.expected:
+            text += " One of the two statements is wrong."
+        advice = "find out which file is wrong: `twin audit --robot NAME` compares every file with the mechanism"
+        if reference.expected:
+            advice = "export the file again; if its value is the right one, correct the robot"
+        value = difference if np.isfinite(difference) else None
+        size = Measured(value, q.tolerance, "" if q.relative else q.unit)
+        view.ledger.wrong(f"physics.{name.replace(' ', '_')}", text, subject, suggestion=advice, size=size)
+
+
+def _groups(key: tuple[str, str], q: Compared, views: Sequence[View]) -> list[list[View]]:
+    """Return the files in groups: each agrees with the first of its group."""
     groups: list[list[View]] = []
     for view in views:
         for group in groups:
@@ -558,77 +785,60 @@ def _hold(subject: str, name: str, views: Sequence[View], worst: dict) -> None:
                 break
         else:
             groups.append([view])
-    right = max(groups, key=_weight)
-    expected = any(v.format == "truth" for v in views)
-    for view in views:
-        if view.ledger is not None and expected:
-            view.ledger.placed |= name in _GEOMETRY
-        off = q.apart(right[0].said[key], view.said[key])
-        row = worst.setdefault(view.file, {})
-        if name not in row or off > row[name][0]:
-            row[name] = (off, subject)
-        if view in right or view.ledger is None:
-            continue
-        others = [v.file for v in right]
-        tie = len({v.family for v in right}) == 1 and right[0].format != "truth"
-        text = _text(subject, name, q, view.said[key], right[0].said[key], _listed(others))
-        message = text + (" One of the two statements is wrong." if tie else "")
-        view.ledger.wrong(
-            f"physics.{name.replace(' ', '_')}",
-            message,
-            subject,
-            suggestion="export the file again; if its value is the right one, correct the robot"
-            if right[0].format == "truth"
-            else "find out which file is wrong: `twin audit --robot NAME` compares every file with the mechanism",
-            size=Measured(off if np.isfinite(off) else None, q.tolerance, "" if q.relative else q.unit),
-        )
+    return groups
 
 
 def _trust(view: View) -> int:
-    return 0 if view.format == "truth" else trust(view.format)
+    return 0 if view.expected else trust(view.format)
 
 
 def _weight(group: Sequence[View]) -> tuple[bool, int, int]:
-    families = {v.family for v in group}
+    """Return what decides which group is right: the mechanism, the number of sources, the trust in its first file."""
+    families = {view.family for view in group}
     return "truth" in families, len(families), -min(map(_trust, group))
 
 
 def _listed(files: Sequence[str]) -> str:
-    shown = list(files) if len(files) <= 3 else [*files[:2], f"{len(files) - 2} more"]
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+    shown = list(files)
+    if len(shown) > 3:
+        shown = [*files[:2], f"{len(files) - 2} more"]
+    *first, last = shown
+    return f"{', '.join(first)} and {last}" if first else last
 
 
-def _text(subject: str, name: str, q: Compared, mine: Any, right: Any, others: str) -> str:
+def _text(subject: str, name: str, q: Compared, own: Any, right: Any, others: str) -> str:
+    """Return the finding that a value `own` of a file is not the value `right` in the files `others`."""
     if name == "existence":
-        return (
-            f"{subject} is in this file, but not in {others}." if mine else f"{subject} is missing; it is in {others}."
-        )
+        if own:
+            return f"{subject} is in this file, but not in {others}."
+        return f"{subject} is missing; it is in {others}."
     if name in _SAID:
-        said = _SAID[name]
-        return f"{subject} {said[bool(mine)]}; in {others} it {said[bool(right)]}."
-    if q.relative and isinstance(mine, int | float):
-        ratio = f" (x {mine / right:.4g})" if right else ""
-        word = _WORDS.get(name, name)
-        here, there = (f"{value:.6g} {q.unit}".rstrip() for value in (mine, right))
-        return f"{subject}: {word} is {here}; in {others} it is {there}{ratio}."
-    off = q.apart(mine, right)
+        phrases = _SAID[name]
+        return f"{subject} {phrases[bool(own)]}; in {others} it {phrases[bool(right)]}."
+    word = _WORDS.get(name, name)
+    if q.relative and isinstance(own, int | float):
+        ratio = f" (x {own / right:.4g})" if right else ""
+        own_text = f"{own:.6g} {q.unit}".rstrip()
+        right_text = f"{right:.6g} {q.unit}".rstrip()
+        return f"{subject}: {word} is {own_text}; in {others} it is {right_text}{ratio}."
+    difference = q.apart(own, right)
     if name == "opening":
         return (
-            f"{subject} open by {quantity(mine, 'm')} if 1 g pulls at them, by the parameters of the solver; in "
+            f"{subject} open by {quantity(own, 'm')} if 1 g pulls at them, by the parameters of the solver; in "
             f"{others} by {quantity(right, 'm')}."
         )
     if name in ("mass centre", "place", "frame pose", "point", "pose", "zero"):
-        return f"{subject}: {_WORDS.get(name, name)} differs by {quantity(off, 'm')} from {others}."
+        return f"{subject}: {word} differs by {quantity(difference, 'm')} from {others}."
     if name == "surface":
-        return f"{subject}: a point of its mesh is {quantity(off, 'm')} from the mesh of {others}."
+        return f"{subject}: a point of its mesh is {quantity(difference, 'm')} from the mesh of {others}."
     if name == "colours":
-        return f"{subject}: {100 * off:.3g} % of its surface has a different colour in {others}."
+        return f"{subject}: {100 * difference:.3g} % of its surface has a different colour in {others}."
     if name == "inertia":
-        return f"{subject}: inertia differs from {others} by {100 * off:.3g} %."
+        return f"{subject}: inertia differs from {others} by {100 * difference:.3g} %."
     if name == "axis":
-        return f"{subject}: axis is {_vector(mine[0])}; in {others} it is {_vector(right[0])}."
-    told = f"{_plain(right)} {q.unit}".rstrip()
-    return f"{subject}: {_WORDS.get(name, name)} is {_plain(mine)}; in {others} it is {told}."
+        return f"{subject}: axis is {_vector(own[0])}; in {others} it is {_vector(right[0])}."
+    right_text = f"{_plain(right)} {q.unit}".rstrip()
+    return f"{subject}: {word} is {_plain(own)}; in {others} it is {right_text}."
 
 
 _SAID = {
@@ -664,15 +874,19 @@ _WORDS = {
 
 
 def _vector(v: Iterable[float]) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in v) + ")"
+    numbers = ", ".join(f"{x:.4g}" for x in v)
+    return f"({numbers})"
 
 
 def _plain(value: Any) -> str:
+    """Return a value as text: a vector, a row {joint: factor}, a range, a list of names, or a word."""
     if isinstance(value, np.ndarray):
         return _vector(value)
     if isinstance(value, Mapping):
-        return " + ".join(f"{c:.9g} {n}" for n, c in value.items()) or "nothing"
+        terms = [f"{factor:.9g} {joint}" for joint, factor in value.items()]
+        return " + ".join(terms) or "nothing"
     if isinstance(value, tuple):
-        numbers = value and all(isinstance(v, int | float) for v in value)
-        return " .. ".join(f"{v:g}" for v in value) if numbers else ", ".join(map(str, value)) or "nothing"
+        if value and all(isinstance(v, int | float) for v in value):
+            return " .. ".join(f"{v:g}" for v in value)
+        return ", ".join(map(str, value)) or "nothing"
     return str(value)

@@ -52,8 +52,11 @@ def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
     A model named <robot>_<clip> is used only for the clip <clip>, and the clip uses no other model. If a clip has no
     model of its own, the models without a clip in their names are used.
     """
-    own = [f"{m}_{clip}" for m in models if f"{m}_{clip}" in models]
-    return stem in own if own else not any(stem.startswith(f"{m}_") for m in models)
+    names = {f"{model}_{clip}" for model in models}
+    own = names & set(models)
+    if own:
+        return stem in own
+    return not stem.startswith(tuple(f"{model}_" for model in models))
 
 
 def played(tree: JointTree, path: Path, ledger: Ledger, context: Context) -> Content:
@@ -66,10 +69,11 @@ def played(tree: JointTree, path: Path, ledger: Ledger, context: Context) -> Con
         for clip in track.clips:
             if _plays(path.stem, clip.name, context.models):
                 tree.content.clips.append(tree.play(clip))
-        low, high = track.extra.get("lower", {}), track.extra.get("upper", {})
+        low = track.extra.get("lower", {})
+        high = track.extra.get("upper", {})
         tree.check_limits(track.file, low, high)
-    names, states = tree.content.rest, context.states
-    if not tree.content.clips and states is not None and same_names(names, states().links):
+    states = context.states
+    if not tree.content.clips and states is not None and same_names(tree.content.rest, states().links):
         tree.content.clips.append(tree.play(states().clip()))
     elif not context.tracks:
         text = "there is no track with joint values, so this file's link poses along the motions are not checked."

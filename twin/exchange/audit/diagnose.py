@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -30,35 +31,54 @@ def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
     names = [n for n in found if n in meant]
     if not names:
         return ""
-    every = len(found[names[0]])
-    rows = set(np.linspace(0, every - 1, _LOOKS).astype(int).tolist())
-    rows |= {k for n in names for k in (largest(found[n], meant[n])[1::2])}  # because only one key may be wrong
-    looks = np.array(sorted(rows))
-    F = np.stack([found[n][looks] for n in names])
-    M = np.stack([meant[n][looks] for n in names])
+    looks = _looks(found, meant, names)
+    F = np.stack([found[name][looks] for name in names])
+    M = np.stack([meant[name][looks] for name in names])
     if not (np.all(np.isfinite(F)) and np.all(np.isfinite(M))):
         return ""
-    off = [i for i in range(len(names)) if not _same(F[i], M[i])]
-    if not off:
+    wrong = [i for i in range(len(names)) if not _same(F[i], M[i])]
+    if not wrong:
         return ""
     for text, mistake in _mistakes():
-        if off and _same(F[off], mistake(M[off])):  # other links (a base at the origin) may agree by chance
+        if _same(F[wrong], mistake(M[wrong])):  # other links (a base at the origin) may agree by chance
             return text
-    for i in off:
-        for j in off:
-            if i < j and _same(F[i], M[j]) and _same(F[j], M[i]):
-                return f"links '{names[i]}' and '{names[j]}' are swapped"
-    first = F[:, :1] @ poses.inverse(M[:, :1])  # displacement of the whole robot
-    if _same(F, first[:1] @ M):
-        move = float(np.linalg.norm(first[0, 0, :3, 3]))
-        turn = np.degrees(float(poses.angle(first[0, 0, :3, :3], np.eye(3))))
-        return f"the whole robot is moved by {quantity(move, 'm')} and rotated by {turn:.4g} deg"
-    wrong = [k for k in looks.tolist() if not all(_same(found[n][[k]], meant[n][[k]]) for n in names)]
-    if len(off) == 1 and len(wrong) < len(looks) / 2:
-        keys = [k for k in range(every) if not _same(found[names[off[0]]][[k]], meant[names[off[0]]][[k]])]
-        if len(keys) <= max(2, every // 10):
-            return f"only this link differs, at {'one key' if len(keys) == 1 else f'{len(keys)} keys'} of {every}"
+    for i, j in combinations(wrong, 2):
+        if _same(F[i], M[j]) and _same(F[j], M[i]):
+            return f"links '{names[i]}' and '{names[j]}' are swapped"
+    whole = F[:, :1] @ poses.inverse(M[:, :1])  # displacement of each link at the first key
+    displacement = whole[:1]
+    if _same(F, displacement @ M):
+        T = displacement[0, 0]
+        distance = float(np.linalg.norm(T[:3, 3]))
+        turn = np.degrees(float(poses.angle(T[:3, :3], np.eye(3))))
+        return f"the whole robot is moved by {quantity(distance, 'm')} and rotated by {turn:.4g} deg"
+    if len(wrong) == 1:
+        name = names[wrong[0]]
+        return _at_few_keys(found[name], meant[name], looks)
     return ""
+
+
+def _looks(found: Mapping[str, Array], meant: Mapping[str, Array], names: Sequence[str]) -> Array:
+    """Return the keys at which mistakes are tested: evenly distributed ones, and those with the largest errors."""
+    last = len(found[names[0]]) - 1
+    keys = set(np.linspace(0, last, _LOOKS).astype(int).tolist())
+    for name in names:  # because only one key may be wrong
+        difference = largest(found[name], meant[name])
+        keys |= {difference.distance_key, difference.angle_key}
+    return np.array(sorted(keys))
+
+
+def _at_few_keys(found: Array, meant: Array, looks: Array) -> str:
+    """Return that only this link differs, if it does so at few of its keys; else ""."""
+    wrong_looks = [k for k in looks.tolist() if not _same(found[[k]], meant[[k]])]
+    if not len(wrong_looks) < len(looks) / 2:
+        return ""
+    count = len(found)
+    wrong = [k for k in range(count) if not _same(found[[k]], meant[[k]])]
+    if len(wrong) > max(2, count // 10):
+        return ""
+    keys = "one key" if len(wrong) == 1 else f"{len(wrong)} keys"
+    return f"only this link differs, at {keys} of {count}"
 
 
 def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:
@@ -75,20 +95,40 @@ def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:
         flip = np.eye(4)
         flip[axis, axis] = -1
         text = f"the frame is mirrored (left-handed): {name} has the opposite sign"
-        out.append((text, lambda M, flip=flip: flip @ M @ flip))
+        out.append((text, _mirrored(flip)))
     for factor, text in _FACTORS.items():
-        out.append((text, lambda M, f=factor: poses.pose(M[..., :3, :3], f * M[..., :3, 3])))
+        out.append((text, _scaled(factor)))
     return out
+
+
+def _mirrored(flip: Array) -> Callable[[Array], Array]:
+    def mistake(M: Array) -> Array:
+        return flip @ M @ flip
+
+    return mistake
+
+
+def _scaled(factor: float) -> Callable[[Array], Array]:
+    def mistake(M: Array) -> Array:
+        return poses.pose(M[..., :3, :3], factor * M[..., :3, 3])
+
+    return mistake
 
 
 def _reordered(order: list[int]) -> Callable[[Array], Array]:
     def mistake(M: Array) -> Array:
-        return poses.pose(poses.rotation(poses.quaternion(M[..., :3, :3])[..., order]), M[..., :3, 3])
+        components = poses.quaternion(M[..., :3, :3])
+        R = poses.rotation(components[..., order])
+        return poses.pose(R, M[..., :3, 3])
 
     return mistake
 
 
 def _same(A: Array, B: Array) -> bool:
-    scale = 1e-5 * max(1.0, float(np.abs(B[..., :3, 3]).max(initial=0.0)))
-    apart = float(np.linalg.norm(A[..., :3, 3] - B[..., :3, 3], axis=-1).max())
-    return apart < scale and float(poses.angle(A[..., :3, :3], B[..., :3, :3]).max()) < 1e-3
+    """Return whether poses are equal but for rounding to single precision, relative to the size of the positions."""
+    size = float(np.abs(B[..., :3, 3]).max(initial=0.0))
+    distance = float(np.linalg.norm(A[..., :3, 3] - B[..., :3, 3], axis=-1).max())
+    if not distance < 1e-5 * max(1.0, size):
+        return False
+    angle = float(poses.angle(A[..., :3, :3], B[..., :3, :3]).max())
+    return angle < 1e-3

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from twin.exchange.audit.colors import Rgba
 from twin.exchange.audit.physics import Physics
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
+from twin.exchange.format import Holds
+from twin.exchange.formats import holding, leading
 
 UNIT_TOL = 1e-4
 """Maximum difference between a quaternion's length and 1 that counts as a rounding error of single precision."""
@@ -128,16 +131,25 @@ class Content:
         """Name of the file, as shown in reports."""
         return self.ledger.file
 
+    @property
+    def is_track(self) -> bool:
+        """Whether the file is a track: one motion, with the values of the joints and the header that states it."""
+        return holding(self.format, Holds.COORDINATES) and leading(self.format)
+
+    @property
+    def repeats_track(self) -> bool:
+        """Whether the file repeats the data of a track, as a CSV track does."""
+        return holding(self.format, Holds.COORDINATES) and not leading(self.format)
+
     def as_facts(self) -> JsonObject:
         """Return format and conventions of the file as plain data for the report."""
-        links: int | None = len(self.links) if self.links is not None else None
-        clips = [{"name": c.name, "keys": len(c.times), "duration_s": c.duration} for c in self.clips]
+        links = self.links
         return {
             "file": self.file,
             "format": self.format,
             **self.facts,
-            "clips": clips,
-            "links": links,
+            "clips": [{"name": c.name, "keys": len(c.times), "duration_s": c.duration} for c in self.clips],
+            "links": None if links is None else len(links),
             "nodes": len(self.rest),
         }
 
@@ -150,7 +162,9 @@ class Content:
         """
         if self.declared is not None:
             return self.declared
-        return None if self.known is None else tuple(n for n in self.rest if n in self.known)
+        if self.known is None:
+            return None
+        return tuple(n for n in self.rest if n in self.known)
 
 
 def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
@@ -193,7 +207,8 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str) -> None:
     k = int(np.argmax(off))
     worst = float(off[k])
     if len(steps) > 1 and steps[-1] * stated > 1 + 1e-3:
-        k, worst = len(steps) - 1, float(steps[-1] * stated - 1)
+        k = len(steps) - 1
+        worst = float(steps[-1] * stated - 1)
     if worst > 1e-3:
         text = (
             f"clip '{clip}': the stated rate is {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
@@ -292,27 +307,47 @@ def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
             )
 
 
-def largest(poses: Array, others: Array) -> tuple[float, int, float, int]:
-    """Return the maximum differences between two motions of a link, which are given as poses (k, 4, 4).
+class Deviation(NamedTuple):
+    """Maximum differences between two motions of a link.
 
-    The result is (maximum distance in m, key of this distance, maximum angle in rad, key of this angle).
+    Attributes:
+        distance: maximum distance in m.
+        distance_key: key of this distance.
+        angle: maximum angle in rad.
+        angle_key: key of this angle.
     """
-    apart = np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1)
-    turn = angle(poses[:, :3, :3], others[:, :3, :3])
-    i, j = int(np.argmax(apart)), int(np.argmax(turn))
-    return float(apart[i]), i, float(turn[j]), j
+
+    distance: float
+    distance_key: int
+    angle: float
+    angle_key: int
+
+
+def largest(poses: Array, others: Array) -> Deviation:
+    """Return the maximum differences between two motions of a link, which are given as poses (k, 4, 4)."""
+    distances = np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1)
+    angles = angle(poses[:, :3, :3], others[:, :3, :3])
+    i = int(np.argmax(distances))
+    j = int(np.argmax(angles))
+    return Deviation(float(distances[i]), i, float(angles[j]), j)
 
 
 def check_names(content: Content) -> None:
     """Report unusable names of links and joints: empty, with line breaks, or with spaces at the start or end."""
-    joints = [n for j in (content.physics.joints if content.physics else ()) for n in j.names]
-    for kind, names in (("link", content.declared or ()), ("joint", joints)):
-        for name in dict.fromkeys(names):
-            if not name or name != name.strip() or not name.isprintable():
-                trouble = (
-                    "is empty"
-                    if not name.strip()
-                    else "has a line break, a control character, or a space at its start or end"
-                )
-                text = f"the name {name!r} of a {kind} {trouble}."
-                content.ledger.wrong(f"{content.format}.name", text, repr(name))
+    joints = []
+    if content.physics is not None:
+        for joint in content.physics.joints:
+            joints += joint.names
+    _check_names_of(content, "link", content.declared or ())
+    _check_names_of(content, "joint", joints)
+
+
+def _check_names_of(content: Content, kind: str, names: Sequence[str]) -> None:
+    for name in dict.fromkeys(names):
+        if name and name == name.strip() and name.isprintable():
+            continue
+        trouble = "has a line break, a control character, or a space at its start or end"
+        if not name.strip():
+            trouble = "is empty"
+        text = f"the name {name!r} of a {kind} {trouble}."
+        content.ledger.wrong(f"{content.format}.name", text, repr(name))

@@ -136,10 +136,16 @@ def felt(motors: Mapping[str, Motor], joint: str) -> tuple[float, float] | None:
     All other joints are assumed to be fixed. Each motor contributes its stiffness and damping, both multiplied by the
     square of the motor's factor for the joint.
     """
-    moving = [(m, m.row[joint]) for m in motors.values() if m.row and joint in m.row]
-    if not moving:
-        return None
-    return sum(c * c * (m.stiffness or 0.0) for m, c in moving), sum(c * c * (m.damping or 0.0) for m, c in moving)
+    stiffness = 0.0
+    damping = 0.0
+    moved = False
+    for motor in motors.values():
+        if motor.row and joint in motor.row:
+            factor = motor.row[joint]
+            stiffness += factor * factor * (motor.stiffness or 0.0)
+            damping += factor * factor * (motor.damping or 0.0)
+            moved = True
+    return (stiffness, damping) if moved else None
 
 
 @dataclass(frozen=True)
@@ -172,10 +178,10 @@ class Joint:
         if self.kind_said:
             return self.kind_said
         if self.tied:
-            first = self.tied[0][0]
-            others = [point for point, _ in self.tied[1:] if np.linalg.norm(point - first) > _APART]
-            return {0: "spherical", 1: "revolute"}.get(len(others), "fixed")
-        return "" if self.T is None else _kind(self.motions)
+            return _kind_of_ties(self.tied)
+        if self.T is None:
+            return ""
+        return _kind(self.motions)
 
     def end(self, link: str) -> tuple[Array, Array | None] | None:
         """Return (point (3,) in m, direction (3,) or None for a ball) of the joint in the frame of one of its links.
@@ -184,27 +190,34 @@ class Joint:
         the direction is reversed if the child's name comes before the parent's in alphabetical order. The direction of
         a tie has no defined sign.
         """
-        flip = 1.0 if self.parent < self.child else -1.0
+        sign = 1.0 if self.parent < self.child else -1.0
+        at_parent = link == self.parent
         if self.tied:
-            points = [pair[0 if link == self.parent else 1] for pair in self.tied]
-            return points[0], None if len(points) < 2 else flip * unit(points[1] - points[0])
+            points = [on_parent if at_parent else on_child for on_parent, on_child in self.tied]
+            if len(points) < 2:
+                return points[0], None
+            return points[0], sign * unit(points[1] - points[0])
         if self.T is None or not self.motions:
             return None
-        turns = [m for m in self.motions if m.kind == "turn"]
-        line = (turns or list(self.motions))[-1]
+        turns = [line for line in self.motions if line.kind == "turn"]
+        if self.kind == "spherical":
+            center = meeting(turns)
+            if not at_parent:
+                center = _moved(center, poses.inverse(self.T))
+            return center, None
+        # In a cylindrical joint, both lines are the same; the axis of a turn has a place, that of a slide has none.
+        line = turns[-1] if turns else self.motions[-1]
         if link == self.child:
             line = line.seen(poses.inverse(self.T))
-        if self.kind == "spherical":
-            return meeting(turns) if link == self.parent else _moved(meeting(turns), poses.inverse(self.T)), None
-        return line.point, flip * line.direction
+        return line.point, sign * line.direction
 
     def turned(self) -> Joint:
         """Return the joint with parent and child exchanged; the signs of its coordinates do not change."""
-        tied = tuple((b, a) for a, b in self.tied)
+        tied = tuple((on_child, on_parent) for on_parent, on_child in self.tied)
         if self.T is None:
             return replace(self, parent=self.child, child=self.parent, tied=tied)
         back = poses.inverse(self.T)
-        motions = tuple(m.seen(back, -1.0) for m in self.motions[::-1])
+        motions = tuple(line.seen(back, -1.0) for line in reversed(self.motions))
         return replace(self, parent=self.child, child=self.parent, T=back, motions=motions, tied=tied)
 
 
@@ -274,14 +287,19 @@ class Physics:
         """
         if self.held is None:
             return None
-        out = {WORLD, *self.held}
-        fixed = [{j.parent, j.child} for j in self.reduced({WORLD, *known}) if j.kind == "fixed"]
+        fixed = []
+        for joint in self.reduced({WORLD, *known}):
+            if joint.kind == "fixed":
+                fixed.append({joint.parent, joint.child})
+        still = {WORLD, *self.held}
         grown = True
         while grown:
-            beside = {n for ends in fixed if ends & out for n in ends} - out
-            out |= beside
-            grown = bool(beside)
-        return frozenset(out & set(known)) - {WORLD}
+            grown = False
+            for ends in fixed:
+                if ends & still and not ends <= still:
+                    still |= ends
+                    grown = True
+        return frozenset(still & set(known)) - {WORLD}
 
     def reduced(self, known: Collection[str]) -> list[Joint]:
         """Return the joints between links of `known`.
@@ -290,29 +308,37 @@ class Physics:
         with one joint is removed together with the joint. A link outside `known` with three or more joints remains.
         If a file states joints by ties (`Joint.tied`), all ties between the same two links become one joint.
         """
-        joints = [j for j in self.joints if not j.tied]
+        joints = [joint for joint in self.joints if not joint.tied]
         if WORLD not in known:
             joints = _onto_base(joints)
-        pending = [n for n in dict.fromkeys(n for j in joints for n in (j.parent, j.child)) if n and n not in known]
+        pending = []
+        for joint in joints:
+            for link in (joint.parent, joint.child):
+                if link and link not in known and link not in pending:
+                    pending.append(link)
         while pending:
-            ready = [n for n in pending if sum(n in (j.parent, j.child) for j in joints) <= 2]
-            if not ready:
+            link = _next_removed(pending, joints)
+            if link is None:
                 break
-            pending.remove(ready[0])
-            at = [j for j in joints if ready[0] in (j.parent, j.child)]
-            joints = [j for j in joints if ready[0] not in (j.parent, j.child)]
-            if len(at) == 2 and all(j.T is not None for j in at):
-                first, second = at
-                first = first if first.child == ready[0] else first.turned()
-                second = second if second.parent == ready[0] else second.turned()
-                joints.append(_chained(first, second))
+            pending.remove(link)
+            joints = _without(link, joints)
+        return joints + self._joined_ties()
+
+    def _joined_ties(self) -> list[Joint]:
+        """Return one joint for all ties between the same two links."""
         ties: dict[tuple[str, str], list[Joint]] = {}
-        for j in (j for j in self.joints if j.tied):
-            ties.setdefault((j.parent, j.child), []).append(j)
+        for joint in self.joints:
+            if joint.tied:
+                ties.setdefault((joint.parent, joint.child), []).append(joint)
+        joined = []
         for group in ties.values():
-            names = tuple(n for j in group for n in j.names)
-            joints.append(replace(group[0], names=names, tied=tuple(t for j in group for t in j.tied)))
-        return joints
+            names: list[str] = []
+            points: list[tuple[Array, Array]] = []
+            for joint in group:
+                names += joint.names
+                points += joint.tied
+            joined.append(replace(group[0], names=tuple(names), tied=tuple(points)))
+        return joined
 
     def added(self, known: Collection[str]) -> list[Joint]:
         """Return the movable joints of links outside `known` that have a mass and no other joint.
@@ -320,15 +346,44 @@ class Physics:
         `reduced` leaves them out together with the links, because some formats need such links: they are almost
         without mass.
         """
-        whole = sum(m.mass for m in self.masses.values())
+        whole = sum(mass.mass for mass in self.masses.values())
         out: list[Joint] = []
-        for link, m in self.masses.items():
-            if link in known or not m.mass > _HELPER * whole:
+        for link, mass in self.masses.items():
+            if link in known or not mass.mass > _HELPER * whole:
                 continue
-            joints = [j for j in self.joints if link in (j.parent, j.child)]
+            joints = _at(link, self.joints)
             if len(joints) == 1 and joints[0].names and joints[0].kind not in ("", "fixed"):
                 out.append(joints[0])
         return out
+
+
+def _at(link: str, joints: Collection[Joint]) -> list[Joint]:
+    """Return the joints of a link."""
+    return [joint for joint in joints if link in (joint.parent, joint.child)]
+
+
+def _next_removed(links: Collection[str], joints: Collection[Joint]) -> str | None:
+    """Return the first of the links with at most two joints; None if there is none."""
+    for link in links:
+        if len(_at(link, joints)) <= 2:
+            return link
+    return None
+
+
+def _without(link: str, joints: list[Joint]) -> list[Joint]:
+    """Return joints without a link: if two joints have it, they become one, with the motions of both."""
+    others = [joint for joint in joints if link not in (joint.parent, joint.child)]
+    joined = _at(link, joints)
+    if len(joined) != 2:
+        return others
+    first, second = joined
+    if first.T is None or second.T is None:
+        return others
+    if first.child != link:
+        first = first.turned()
+    if second.parent != link:
+        second = second.turned()
+    return [*others, _chained(first, second)]
 
 
 def _onto_base(joints: list[Joint]) -> list[Joint]:
@@ -338,43 +393,87 @@ def _onto_base(joints: list[Joint]) -> list[Joint]:
         return joints
     mount = mounts[0]
     base = mount.turned()
-    others = (j for j in joints if j is not mount)
-    return [_chained(base, j) if j.parent == WORLD and j.T is not None else j for j in others]
+    moved = []
+    for joint in joints:
+        if joint is mount:
+            continue
+        if joint.parent == WORLD and joint.T is not None:
+            moved.append(_chained(base, joint))
+        else:
+            moved.append(joint)
+    return moved
 
 
 def _chained(first: Joint, second: Joint) -> Joint:
+    """Return two joints as one; it has the drive of the one that moves, and none if both or neither do."""
     assert first.T is not None
     assert second.T is not None
-    drives = [j.drive for j in (first, second) if j.motions]
+    drives = [joint.drive for joint in (first, second) if joint.motions]
+    seen = tuple(line.seen(first.T) for line in second.motions)
     return Joint(
         first.names + second.names,
         first.parent,
         second.child,
         first.T @ second.T,
-        first.motions + tuple(m.seen(first.T) for m in second.motions),
+        first.motions + seen,
         drives[0] if len(drives) == 1 else Drive(),
     )
 
 
+def _kind_of_ties(tied: tuple[tuple[Array, Array], ...]) -> str:
+    """Return the kind of a joint of tied points: one point is a ball, two are a hinge, three or more are fixed."""
+    first, _ = tied[0]
+    apart = 0
+    for point, _ in tied[1:]:
+        if np.linalg.norm(point - first) > _APART:
+            apart += 1
+    if apart == 0:
+        return "spherical"
+    return "revolute" if apart == 1 else "fixed"
+
+
+_KINDS = {(0, 0): "fixed", (1, 0): "revolute", (0, 1): "prismatic", (3, 3): "free"}
+"""Kinds of joints that the numbers of their turns and slides determine."""
+
+
 def _kind(motions: tuple[Line, ...]) -> str:
-    turns, slides = ([m for m in motions if m.kind == k] for k in ("turn", "slide"))
+    turns = [line for line in motions if line.kind == "turn"]
+    slides = [line for line in motions if line.kind == "slide"]
     count = (len(turns), len(slides))
-    if count in ((0, 0), (1, 0), (0, 1), (3, 3)):
-        return {(0, 0): "fixed", (1, 0): "revolute", (0, 1): "prismatic", (3, 3): "free"}[count]
-    if count == (1, 1) and np.linalg.norm(np.cross(turns[0].direction, slides[0].direction)) < _SAME:
-        return "cylindrical"
-    if count == (3, 0) and abs(np.linalg.det([t.direction for t in turns])) > 1e-3:
-        point = meeting(turns)
-        if all(np.linalg.norm(np.cross(t.direction, point - t.point)) < _SAME for t in turns):
-            return "spherical"
-    return f"chain of {count[0]} turns and {count[1]} slides"
+    if count in _KINDS:
+        return _KINDS[count]
+    if count == (1, 1):
+        sine = np.linalg.norm(np.cross(turns[0].direction, slides[0].direction))
+        if sine < _SAME:
+            return "cylindrical"
+    if count == (3, 0) and _meet(turns):
+        return "spherical"
+    return f"chain of {len(turns)} turns and {len(slides)} slides"
+
+
+def _meet(turns: list[Line]) -> bool:
+    """Return whether three lines, which are not in one plane, meet in a point."""
+    directions = [line.direction for line in turns]
+    if not abs(np.linalg.det(directions)) > 1e-3:
+        return False
+    point = meeting(turns)
+    for line in turns:
+        moment = np.cross(line.direction, point - line.point)
+        if not np.linalg.norm(moment) < _SAME:
+            return False
+    return True
 
 
 def meeting(lines: Collection[Line]) -> Array:
     """Return the point (3,) in m with the minimum sum of squared distances from the lines."""
-    projectors = [np.eye(3) - np.outer(m.direction, m.direction) for m in lines]
-    b = np.sum([P @ m.point for P, m in zip(projectors, lines, strict=True)], axis=0)
-    return np.linalg.lstsq(np.sum(projectors, axis=0), b, rcond=None)[0]
+    A = np.zeros((3, 3))
+    b = np.zeros(3)
+    for line in lines:
+        projector = np.eye(3) - np.outer(line.direction, line.direction)  # onto the plane normal to the line
+        A += projector
+        b += projector @ line.point
+    solution, *_ = np.linalg.lstsq(A, b, rcond=None)
+    return solution
 
 
 def _moved(p: Array, T: Array) -> Array:
@@ -392,12 +491,15 @@ def along(kind: str, T: Array, axis: int = 2) -> tuple[Line, ...]:
 
     T (4, 4) is the pose T_parent_joint of the joint's frame; `axis` 0, 1 or 2 is the x, y or z axis of this frame.
     """
-    point, directions = T[:3, 3], T[:3, :3].T
-    own = directions[axis]
-    return {
-        "revolute": (Line("turn", point, own),),
-        "prismatic": (Line("slide", point, own),),
-        "cylindrical": (Line("slide", point, own), Line("turn", point, own)),
-        "spherical": tuple(Line("turn", point, d) for d in directions),
-        "free": tuple(Line(k, point, d) for k in ("slide", "turn") for d in directions),
-    }.get(kind, ())
+    point = T[:3, 3]
+    axes = T[:3, :3].T
+    slides = tuple(Line("slide", point, direction) for direction in axes)
+    turns = tuple(Line("turn", point, direction) for direction in axes)
+    lines = {
+        "revolute": (turns[axis],),
+        "prismatic": (slides[axis],),
+        "cylindrical": (slides[axis], turns[axis]),
+        "spherical": turns,
+        "free": slides + turns,
+    }
+    return lines.get(kind, ())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,60 +11,107 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.physics import FREE_JOINT, Drive, Frame, Joint, Mass, Motor, Physics, along, felt
 
 if TYPE_CHECKING:
+    from twin.model.joint import Joint as MechanismJoint
     from twin.model.mechanism import Mechanism
 
 
 def mechanism_physics(mechanism: Mechanism) -> Physics:
     """Return a mechanism in the common form of mechanism data; its loops need not be closed."""
-    m = mechanism
-    out = Physics(
-        tuple(b.name for b in m.bodies),
-        {b.name: Mass(b.inertia.mass, b.inertia.p_body_com, b.inertia.I_com) for b in m.bodies if b.inertia},
-        shown={b.name: bool(b.meshes) for b in m.bodies if b.whole},
-        gravity=np.array(m.gravity),
-        held=frozenset({m.base}),
-        tool=m.tool,
-        trocars=frozenset(m.trocars),
-        couplings={c.name: (dict(zip(c.joints, c.ratios, strict=True)), c.total) for c in m.couplings},
-        motors=_motors(m),
-        points={p.name: Frame(p.body, poses.pose(None, p.p_body)) for p in m.points},
+    masses = {}
+    shown = {}
+    for body in mechanism.bodies:
+        if body.inertia:
+            masses[body.name] = Mass(body.inertia.mass, body.inertia.p_body_com, body.inertia.I_com)
+        if body.whole:  # else its meshes show only a part of the body
+            shown[body.name] = bool(body.meshes)
+    couplings = {}
+    for coupling in mechanism.couplings:
+        ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
+        couplings[coupling.name] = (ratios, coupling.total)
+    points = {}
+    for point in mechanism.points:
+        points[point.name] = Frame(point.body, poses.pose(None, point.p_body))
+    frames = {}
+    for frame in mechanism.frames:
+        frames[frame.name] = Frame(frame.body, frame.T_body_frame)
+    motors = _motors(mechanism)
+    links = tuple(body.name for body in mechanism.bodies)
+    return Physics(
+        links,
+        masses,
+        shown=shown,
+        joints=[_joint(joint, motors) for joint in mechanism.joints],
+        frames=frames,
+        points=points,
         marks=frozenset({"frame", "point"}),
+        gravity=np.array(mechanism.gravity),
+        held=frozenset({mechanism.base}),
+        tool=mechanism.tool,
+        trocars=frozenset(mechanism.trocars),
+        couplings=couplings,
+        motors=motors,
         all_motors=True,
         opening=0.0,
-        floats={b.name: 0.0 for b in m.bodies},
+        floats=dict.fromkeys(links, 0.0),
         complete=True,
     )
-    for j in m.joints:
-        T = j.T_parent_joint @ poses.inverse(j.T_child_joint)
-        out.joints.append(Joint((j.name,), j.parent, j.child, T, along(j.type, j.T_parent_joint), _drive(j, out)))
-    out.frames = {f.name: Frame(f.body, f.T_body_frame) for f in m.frames}
-    return out
 
 
-def _motors(m: Mechanism) -> dict[str, Motor]:
+def _motors(mechanism: Mechanism) -> dict[str, Motor]:
+    """Return the actuators with the joint factors of their transmissions, which are in general coupled."""
     rows = {}
-    for t in m.transmissions:
-        for name, row in zip(t.actuators, np.linalg.inv(t.matrix), strict=True):
-            rows[name] = {j: float(c) for j, c in zip(t.joints, row, strict=True) if c}
-    return {
-        a.name: Motor(
-            rows[a.name],
-            a.kind,
-            a.limits or (-np.inf, np.inf),
-            a.max_effort or np.inf,
-            a.max_speed or np.inf,
-            a.rotor_inertia or 0.0,
-            a.stiffness or 0.0,
-            a.damping,
+    for transmission in mechanism.transmissions:
+        # q = M m for joints q and motors m; a row of the inverse gives a motor's coordinate.
+        for name, factors in zip(transmission.actuators, np.linalg.inv(transmission.matrix), strict=True):
+            row = {}
+            for joint, factor in zip(transmission.joints, factors, strict=True):
+                if factor:
+                    row[joint] = float(factor)
+            rows[name] = row
+    motors = {}
+    for actuator in mechanism.actuators:
+        motors[actuator.name] = Motor(
+            rows[actuator.name],
+            actuator.kind,
+            actuator.limits or (-np.inf, np.inf),
+            actuator.max_effort or np.inf,
+            actuator.max_speed or np.inf,
+            actuator.rotor_inertia or 0.0,
+            actuator.stiffness or 0.0,
+            actuator.damping,
         )
-        for a in m.actuators
-    }
+    return motors
 
 
-def _drive(j, physics: Physics) -> Drive:
-    if j.type not in ("revolute", "prismatic"):
+def _joint(joint: MechanismJoint, motors: Mapping[str, Motor]) -> Joint:
+    T = joint.T_parent_joint @ poses.inverse(joint.T_child_joint)
+    motions = along(joint.type, joint.T_parent_joint)
+    return Joint((joint.name,), joint.parent, joint.child, T, motions, _drive(joint, motors))
+
+
+def _drive(joint: MechanismJoint, motors: Mapping[str, Motor]) -> Drive:
+    """Return the drive at a joint: its own, or that of the motors behind a transmission, felt at the joint."""
+    if joint.type not in ("revolute", "prismatic"):
         return Drive()
-    gains = (None, None, None) if j.drive is None else (j.drive.stiffness, j.drive.damping, j.drive.max_effort)
-    if (by_motors := felt(physics.motors or {}, j.name)) is not None:
-        gains = (*by_motors, None)
-    return Drive(j.limits or (-np.inf, np.inf), j.active, *gains, j.max_speed, FREE_JOINT, "force", np.inf)
+    stiffness = None
+    damping = None
+    effort = None
+    if joint.drive is not None:
+        stiffness = joint.drive.stiffness
+        damping = joint.drive.damping
+        effort = joint.drive.max_effort
+    by_motors = felt(motors, joint.name)
+    if by_motors is not None:
+        stiffness, damping = by_motors
+        effort = None
+    return Drive(
+        joint.limits or (-np.inf, np.inf),
+        joint.active,
+        stiffness,
+        damping,
+        effort,
+        joint.max_speed,
+        FREE_JOINT,
+        "force",
+        np.inf,
+    )

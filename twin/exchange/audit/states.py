@@ -9,9 +9,10 @@ the links get the names of the mechanism, so that masses, limits and drives are 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 
@@ -42,6 +43,8 @@ MOST_STEPS = 20_000
 """Maximum number of steps in the search of assignments."""
 
 _SINGLE = ("revolute", "prismatic")
+
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True)
@@ -80,40 +83,42 @@ def compare_states(content: Content, truth: Physics, states: States) -> None:
     physics = content.physics
     if physics is None:
         return
-    ways = _assignments(physics, truth)
-    by_name = len(ways) == 1 and all(a == b for a, b in ways[0].items())
-    seen = [(_apart(physics, truth, states, way, by_name), way) for way in ways]
-    seen = [(rows, way) for rows, way in seen if rows]
-    if not seen:
+    assignments = _assignments(physics, truth)
+    by_name = len(assignments) == 1 and all(own == other for own, other in assignments[0].items())
+    compared: list[tuple[list[_Pair], dict[str, str]]] = []
+    for assignment in assignments:
+        pairs = _differences(physics, truth, states, assignment, by_name)
+        if pairs:
+            compared.append((pairs, assignment))
+    if not compared:
         return
-    rows, way = min(seen, key=lambda s: max(row.share for row in s[0]))
+    pairs, assignment = min(compared, key=lambda c: max(pair.share for pair in c[0]))
     ledger = content.ledger
-    worst = max(rows, key=lambda row: row.distance)
-    turned = max(rows, key=lambda row: row.cosine)
-    count = f"{len(way)} joints x {states.count} states"
     how = "by name" if by_name else "by structure"
-    for kind, row, off, unit, limit in (
-        ("distances", worst, worst.distance, "m", LINE_TOL),
-        ("angles", turned, turned.cosine, "1", ANGLE_TOL),
-    ):
-        text = f"{kind} of joints (assigned {how}) against {MECHANISM}, {count}"
-        ledger.row(text, off, unit, limit, where=f"{row.first}, {row.second}", against=MECHANISM)
+    kind = f"of joints (assigned {how}) against {MECHANISM}, {len(assignment)} joints x {states.count} states"
+    pair = max(pairs, key=lambda p: p.distance)
+    ledger.row(f"distances {kind}", pair.distance, "m", LINE_TOL, where=pair.names, against=MECHANISM)
+    pair = max(pairs, key=lambda p: p.cosine)
+    ledger.row(f"angles {kind}", pair.cosine, "1", ANGLE_TOL, where=pair.names, against=MECHANISM)
     ledger.placed = True
-    wrong = [row for row in rows if row.share > 1]
+    wrong = [pair for pair in pairs if pair.share > 1]
     if not wrong:
-        _take_names(content, way, truth, states)
+        _take_names(content, assignment, truth, states)
         return
-    rigid = [row for row in wrong if row.rigid]
+    rigid = [pair for pair in wrong if pair.rigid]
     if by_name or rigid:
-        for row in sorted(rigid or wrong, key=lambda row: (row.between, -row.share)):
-            ledger.wrong("states.joints", row.text(), row.first, size=um(row.distance, LINE_TOL))
+        reported = rigid or wrong
+        reported.sort(key=lambda p: (p.between, -p.share))
+        for pair in reported:
+            ledger.wrong("states.joints", pair.text(), pair.first, size=um(pair.distance, LINE_TOL))
         return
+    first = wrong[0]
     text = (
         f"{content.file}: its joints were assigned to those of {MECHANISM} by structure only; the zero positions of "
-        f"the joints or the distances along their axes differ: {wrong[0].text()}"
+        f"the joints or the distances along their axes differ: {first.text()}"
     )
     advice = "give joints and links the names of the robot"
-    ledger.add("audit.not_compared", "error", text, wrong[0].first, suggestion=advice)
+    ledger.add("audit.not_compared", "error", text, first.first, suggestion=advice)
 
 
 @dataclass(frozen=True)
@@ -137,6 +142,11 @@ class _Pair:
     meant: float
     rigid: bool
     between: int
+
+    @property
+    def names(self) -> str:
+        """Names of both joints."""
+        return f"{self.first}, {self.second}"
 
     @property
     def share(self) -> float:
@@ -166,83 +176,118 @@ def _length(value: float) -> str:
 def _assignments(physics: Physics, truth: Physics) -> list[dict[str, str]]:
     """Return assignments {joint of the file: joint of the mechanism}: the one by names, else those by structure."""
     own = _singles(physics)
-    there = _singles(truth)
-    shared = {n: n for n, j in own.items() if n in there and there[n].kind == j.kind}
+    others = _singles(truth)
+    shared = {}
+    for name, joint in own.items():
+        if name in others and others[name].kind == joint.kind:
+            shared[name] = name
     if len(shared) >= 2 and 2 * len(shared) >= len(own):
         return [shared]
-    ways: list[dict[str, str]] = []
-    for steps, way in enumerate(_ways(physics, truth)):
-        if way:
-            ways.append(way)
-        if len(ways) == MOST_WAYS or steps == MOST_STEPS:
+    found: list[dict[str, str]] = []
+    for steps, assignment in enumerate(_by_structure(physics, truth)):
+        if assignment:
+            found.append(assignment)
+        if len(found) == MOST_WAYS or steps == MOST_STEPS:
             break
-    return ways
+    return found
 
 
 def _singles(physics: Physics) -> dict[str, Joint]:
     """Return {name: joint} of the joints with one coordinate, which all formats state by one name."""
-    return {j.names[0]: j for j in physics.joints if j.kind in _SINGLE and len(j.names) == 1 and j.T is not None}
+    singles = {}
+    for joint in physics.joints:
+        if joint.kind in _SINGLE and len(joint.names) == 1 and joint.T is not None:
+            singles[joint.names[0]] = joint
+    return singles
 
 
 def _parts(physics: Physics) -> dict[str, str]:
     """Return {link: name of its rigid part}; fixed joints connect the links of a part."""
-    part = {n: n for n in (*physics.links, *(n for j in physics.joints for n in (j.parent, j.child)))}
+    part = {link: link for link in physics.links}
+    for joint in physics.joints:
+        part.setdefault(joint.parent, joint.parent)
+        part.setdefault(joint.child, joint.child)
     for joint in physics.joints:
         if joint.kind == "fixed" and joint.parent and joint.child:
-            kept, gone = part[joint.parent], part[joint.child]
-            part = {n: kept if p == gone else p for n, p in part.items()}
+            kept = part[joint.parent]
+            joined = part[joint.child]
+            for link, name in part.items():
+                if name == joined:
+                    part[link] = kept
     return part
 
 
 def _base(physics: Physics) -> str:
-    """Return the link from which the joints lead outwards: no joint's child, with the most joints beyond it."""
-    children = {j.child for j in physics.joints}
-    roots = [n for n in dict.fromkeys(j.parent for j in physics.joints) if n and n not in children]
-    held = [n for n in physics.held or () if n in physics.links]
-    return (held or roots or list(physics.links) or [""])[0]
+    """Return the link from which the joints lead outwards: one that is held, else the first that is no joint's child.
+
+    Without such links, this is the first link.
+    """
+    for link in physics.held or ():
+        if link in physics.links:
+            return link
+    children = {joint.child for joint in physics.joints}
+    for joint in physics.joints:
+        if joint.parent and joint.parent not in children:
+            return joint.parent
+    return physics.links[0] if physics.links else ""
 
 
-def _ways(physics: Physics, truth: Physics) -> Iterator[dict[str, str]]:
+@dataclass(frozen=True)
+class _Edge:
+    """A joint with one coordinate, between the rigid parts `near` and `far` of a tree, seen from its base."""
+
+    name: str
+    joint: Joint
+    near: str
+    far: str
+
+
+def _by_structure(physics: Physics, truth: Physics) -> Iterator[dict[str, str]]:
     """Yield the assignments by structure, each complete; {} for a step of the search without a result."""
-    own, there = _parts(physics), _parts(truth)
-    start = (own.get(_base(physics), ""), there.get(_base(truth), ""))
-    edges = _outwards(physics, own, start[0])
-    singles = list(_singles(truth).items())
-    parts = set(there.values())
+    own = _parts(physics)
+    others = _parts(truth)
+    start = own.get(_base(physics), "")
+    edges = _outwards(physics, own, start)
+    singles = _singles(truth)
     if not edges or len(edges) != len(set(own.values())) - 1:
         return
 
-    def search(k: int, placed: dict[str, str], way: dict[str, str]) -> Iterator[dict[str, str]]:
+    def search(k: int, placed: dict[str, str], assignment: dict[str, str]) -> Iterator[dict[str, str]]:
+        """Assign the edges from number k on; `placed` is {part of the file: part of the mechanism}."""
         if k == len(edges):
-            yield dict(way) if set(placed.values()) == parts else {}
+            complete = set(placed.values()) == set(others.values())
+            yield dict(assignment) if complete else {}
             return
         yield {}
-        name, joint, near, far = edges[k]
-        for other, candidate in singles:
-            ends = (there[candidate.parent], there[candidate.child])
-            if candidate.kind != joint.kind or placed[near] not in ends or other in way.values():
+        edge = edges[k]
+        near = placed[edge.near]
+        for name, candidate in singles.items():
+            ends = (others[candidate.parent], others[candidate.child])
+            if candidate.kind != edge.joint.kind or near not in ends or name in assignment.values():
                 continue
-            beyond = ends[1] if placed[near] == ends[0] else ends[0]
-            if beyond not in placed.values():
-                yield from search(k + 1, placed | {far: beyond}, way | {name: other})
+            far = ends[1] if near == ends[0] else ends[0]
+            if far not in placed.values():
+                yield from search(k + 1, placed | {edge.far: far}, assignment | {edge.name: name})
 
-    yield from search(0, {start[0]: start[1]}, {})
+    yield from search(0, {start: others.get(_base(truth), "")}, {})
 
 
-def _outwards(physics: Physics, part: Mapping[str, str], start: str) -> list[tuple[str, Joint, str, str]]:
-    """Return (name, joint, nearer part, farther part) for the joints of a tree from the part `start` outwards."""
-    reached, out = {start}, []
-    singles = list(_singles(physics).items())
+def _outwards(physics: Physics, part: Mapping[str, str], start: str) -> list[_Edge]:
+    """Return the joints of a tree from the part `start` outwards."""
+    reached = {start}
+    edges = []
+    singles = _singles(physics)
     grown = True
     while grown:
         grown = False
-        for name, joint in singles:
-            near, far = part[joint.parent], part[joint.child]
+        for name, joint in singles.items():
+            near = part[joint.parent]
+            far = part[joint.child]
             if near in reached and far not in reached:
-                out.append((name, joint, near, far))
+                edges.append(_Edge(name, joint, near, far))
                 reached.add(far)
                 grown = True
-    return out
+    return edges
 
 
 # -------------------------------------------------------------------------------------------------- geometry
@@ -256,9 +301,15 @@ def _placed(physics: Physics, values: Mapping[str, Array], count: int) -> dict[s
     while grown:
         grown = False
         for joint in physics.joints:
-            for one in (joint, joint.turned()) if joint.T is not None else ():
-                if one.parent in placed and one.child not in placed and (T := _relative(one, values)) is not None:
-                    placed[one.child] = placed[one.parent] @ T
+            if joint.T is None:
+                continue
+            # A file may lead from the base outwards by the child of a joint.
+            for outward in (joint, joint.turned()):
+                if outward.parent not in placed or outward.child in placed:
+                    continue
+                T = _relative(outward, values)
+                if T is not None:
+                    placed[outward.child] = placed[outward.parent] @ T
                     grown = True
     return placed
 
@@ -276,38 +327,65 @@ def _lines(joint: Joint, links: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return points and directions, both (k, 3), of a joint's line in the world."""
     line: Line = joint.motions[0]
     T = links[joint.parent]
-    return T[:, :3, :3] @ line.point + T[:, :3, 3], T[:, :3, :3] @ line.direction
+    R = T[:, :3, :3]
+    return R @ line.point + T[:, :3, 3], R @ line.direction
 
 
-def _apart(physics: Physics, truth: Physics, states: States, way: Mapping[str, str], signed: bool) -> list[_Pair]:
+def _values(states: States, assignment: Mapping[str, str]) -> dict[str, Array]:
+    """Return {joint of the file: values (k,)} for the joints that are assigned to joints with known values."""
+    values = {}
+    for name, other in assignment.items():
+        if other in states.joints:
+            values[name] = states.joints[other]
+    return values
+
+
+def _differences(
+    physics: Physics, truth: Physics, states: States, assignment: Mapping[str, str], signed: bool
+) -> list[_Pair]:
     """Return the differences of all pairs of assigned joints; [] if fewer than two can be placed.
 
     `signed` is whether the directions of the axes count: a file can have parent and child of a joint exchanged.
     """
-    own, there = _singles(physics), _singles(truth)
-    values = {name: states.joints[other] for name, other in way.items() if other in states.joints}
+    own = _singles(physics)
+    others = _singles(truth)
+    values = _values(states, assignment)
     links = _placed(physics, values, states.count)
     part = _parts(physics)
-    names = [n for n in way if n in values and own[n].parent in links]
-    out = []
+    names = [name for name in assignment if name in values and own[name].parent in links]
+    pairs = []
     for i, k in combinations(range(len(names)), 2):
-        a, b = names[i], names[k]
-        slides = "prismatic" in (own[a].kind, own[b].kind)
-        here = _seen(_lines(own[a], links), _lines(own[b], links))
-        meant = _seen(_lines(there[way[a]], states.links), _lines(there[way[b]], states.links))
+        a = names[i]
+        b = names[k]
+        cosine, distance = _seen(_lines(own[a], links), _lines(own[b], links))
+        expected_lines = _lines(others[assignment[a]], states.links), _lines(others[assignment[b]], states.links)
+        expected_cosine, expected_distance = _seen(*expected_lines)
         if not signed:
-            here, meant = ((np.abs(cosine), np.abs(distance)) for cosine, distance in (here, meant))
-        cosine = np.abs(here[0] - meant[0])
-        distance = np.zeros(states.count) if slides else np.abs(here[1] - meant[1]).max(axis=1)
-        at = int(np.argmax(distance))
-        shown = [float(np.abs(s[1][at]).max()) for s in (here, meant)]
-        if distance[at] <= LINE_TOL:
-            at = int(np.argmax(cosine))
-            shown = [float(np.degrees(np.arccos(np.clip(s[0][at], -1, 1)))) for s in (here, meant)]
-        ends = [{part[own[n].parent], part[own[n].child]} for n in (a, b)]
-        rigid = bool(ends[0] & ends[1])
-        out.append(_Pair(a, b, float(distance.max()), float(cosine.max()), shown[0], shown[1], rigid, k - i))
-    return out
+            cosine = np.abs(cosine)
+            distance = np.abs(distance)
+            expected_cosine = np.abs(expected_cosine)
+            expected_distance = np.abs(expected_distance)
+        turned = np.abs(cosine - expected_cosine)
+        shifted = np.zeros(states.count)
+        if "prismatic" not in (own[a].kind, own[b].kind):  # the line of a slide has no place
+            shifted = np.abs(distance - expected_distance).max(axis=1)
+        at = int(np.argmax(shifted))
+        if shifted[at] > LINE_TOL:
+            shown = float(np.abs(distance[at]).max())
+            expected = float(np.abs(expected_distance[at]).max())
+        else:
+            at = int(np.argmax(turned))
+            shown = _degrees(cosine[at])
+            expected = _degrees(expected_cosine[at])
+        parts_of_a = {part[own[a].parent], part[own[a].child]}
+        parts_of_b = {part[own[b].parent], part[own[b].child]}
+        rigid = bool(parts_of_a & parts_of_b)
+        pairs.append(_Pair(a, b, float(shifted.max()), float(turned.max()), shown, expected, rigid, k - i))
+    return pairs
+
+
+def _degrees(cosine: float) -> float:
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def _seen(one: tuple[Array, Array], two: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -316,39 +394,33 @@ def _seen(one: tuple[Array, Array], two: tuple[Array, Array]) -> tuple[Array, Ar
     The first distance is signed, by the side on which one line passes the other; it is zero for parallel lines. The
     second is the distance of parallel lines; it is zero for other lines.
     """
-    (p, d), (q, e) = one, two
-    cosine = np.sum(d * e, axis=1)
-    normal = np.cross(d, e)
-    size = np.linalg.norm(normal, axis=1)
-    parallel = size < 1e-4
-    passing = np.sum((q - p) * normal, axis=1) / np.where(parallel, 1.0, size)
-    beside = np.linalg.norm(np.cross(d, q - p), axis=1)
-    return cosine, np.column_stack([np.where(parallel, 0.0, passing), np.where(parallel, beside, 0.0)])
+    point, direction = one
+    other_point, other_direction = two
+    between = other_point - point
+    cosine = np.sum(direction * other_direction, axis=1)
+    normal = np.cross(direction, other_direction)
+    sine = np.linalg.norm(normal, axis=1)
+    parallel = sine < 1e-4  # the common normal of nearly parallel lines is only rounding
+    passing = np.sum(between * normal, axis=1) / np.where(parallel, 1.0, sine)
+    beside = np.linalg.norm(np.cross(direction, between), axis=1)
+    distances = np.column_stack([np.where(parallel, 0.0, passing), np.where(parallel, beside, 0.0)])
+    return cosine, distances
 
 
 # ----------------------------------------------------------------------------------------------------- names
 
 
-def _take_names(content: Content, way: Mapping[str, str], truth: Physics, states: States) -> None:
+def _take_names(content: Content, assignment: Mapping[str, str], truth: Physics, states: States) -> None:
     """Give links and joints of a file the names of the mechanism, if their frames are those of the mechanism.
 
     Otherwise, state in the file's ledger that masses, shapes and limits are not compared.
     """
     physics = content.physics
     assert physics is not None
-    values = {name: states.joints[other] for name, other in way.items() if other in states.joints}
-    links = _placed(physics, values, states.count)
-    base = _base(truth)
-    named: dict[str, str] = {}
-    for body in truth.links:
-        meant = poses.inverse(states.links[base]) @ states.links[body]
-        for link, T in links.items():
-            p, _, r, _ = largest(np.broadcast_to(T, meant.shape), meant)
-            if link not in named and p <= POSITION_TOL and r <= ROTATION_TOL:
-                named[link] = body
-                break
-    if len(named) < len(truth.links):
-        lacking = [n for n in truth.links if n not in named.values()]
+    links = _placed(physics, _values(states, assignment), states.count)
+    bodies = _bodies_of_links(links, truth, states)
+    if len(bodies) < len(truth.links):
+        lacking = [body for body in truth.links if body not in bodies.values()]
         more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
         text = (
             f"{content.file}: the joints agree with {MECHANISM}, but no link has the frame of '{lacking[0]}'"
@@ -356,60 +428,90 @@ def _take_names(content: Content, way: Mapping[str, str], truth: Physics, states
         )
         content.ledger.add("audit.not_compared", "error", text, lacking[0], suggestion="give links the robot's names")
         return
-    between = {frozenset((j.parent, j.child)): j.names[0] for j in truth.joints}
-    joints = dict(way)
+    by_ends = {}
+    for joint in truth.joints:
+        by_ends[frozenset((joint.parent, joint.child))] = joint.names[0]
+    joints = dict(assignment)
     for joint in physics.joints:
-        ends = frozenset((named.get(joint.parent, ""), named.get(joint.child, "")))
-        if len(joint.names) == 1 and not joint.tied and ends in between:
-            joints.setdefault(joint.names[0], between[ends])
-    _rename(content, named, joints)
+        ends = frozenset((bodies.get(joint.parent, ""), bodies.get(joint.child, "")))
+        if len(joint.names) == 1 and not joint.tied and ends in by_ends:
+            joints.setdefault(joint.names[0], by_ends[ends])
+    _rename(content, bodies, joints)
     # The joints of links without a body have no counterpart by name: in a URDF, two such links join the ends of a loop.
-    bodies = {"", *truth.links}
+    named = {"", *truth.links}
     for i, joint in enumerate(physics.joints):
-        if not {joint.parent, joint.child} <= bodies:
+        if not {joint.parent, joint.child} <= named:
             physics.joints[i] = replace(joint, names=())
-    pairs = ", ".join(f"{a} is {b}" for a, b in named.items() if a != b)
+    pairs = ", ".join(f"{link} is {body}" for link, body in bodies.items() if link != body)
     content.ledger.add("states.names", "info", f"links have other names than in {MECHANISM}: {pairs}.")
 
 
-def _keyed(row: Mapping[str, float], names: Mapping[str, str]) -> dict[str, float]:
-    return {names.get(n, n): value for n, value in row.items()}
+def _bodies_of_links(links: Mapping[str, Array], truth: Physics, states: States) -> dict[str, str]:
+    """Return {link: body of the mechanism with the same frame at all states}."""
+    from_base = poses.inverse(states.links[_base(truth)])
+    bodies: dict[str, str] = {}
+    for body in truth.links:
+        expected = from_base @ states.links[body]
+        for link, T in links.items():
+            difference = largest(np.broadcast_to(T, expected.shape), expected)
+            same = difference.distance <= POSITION_TOL and difference.angle <= ROTATION_TOL
+            if same and link not in bodies:
+                bodies[link] = body
+                break
+    return bodies
 
 
 def _rename(content: Content, links: Mapping[str, str], joints: Mapping[str, str]) -> None:
+    """Rename links {old: new} and joints {old: new} in all data of a file; other names stay."""
     physics = content.physics
     assert physics is not None
-
-    def link(name: str) -> str:
-        return links.get(name, name)
-
-    physics.links = tuple(map(link, physics.links))
-    physics.masses = {link(n): m for n, m in physics.masses.items()}
-    physics.shown = {link(n): shown for n, shown in physics.shown.items()}
+    physics.links = _renamed(physics.links, links)
+    physics.masses = _keyed(physics.masses, links)
+    physics.shown = _keyed(physics.shown, links)
+    physics.assumed = frozenset(_renamed(physics.assumed, links))
+    physics.partly = frozenset(_renamed(physics.partly, links))
+    physics.frames = _moved_frames(physics.frames, links)
+    physics.points = _moved_frames(physics.points, links)
     if physics.floats is not None:
-        physics.floats = {link(n): share for n, share in physics.floats.items()}
-    physics.assumed = frozenset(map(link, physics.assumed))
-    physics.partly = frozenset(map(link, physics.partly))
-    physics.held = None if physics.held is None else frozenset(map(link, physics.held))
-    physics.frames = {n: Frame(link(f.link), f.T) for n, f in physics.frames.items()}
-    physics.points = {n: Frame(link(f.link), f.T) for n, f in physics.points.items()}
-    physics.joints = [
-        replace(j, names=tuple(joints.get(n, n) for n in j.names), parent=link(j.parent), child=link(j.child))
-        for j in physics.joints
-    ]
+        physics.floats = _keyed(physics.floats, links)
+    if physics.held is not None:
+        physics.held = frozenset(_renamed(physics.held, links))
+    for i, joint in enumerate(physics.joints):
+        parent, child = _renamed((joint.parent, joint.child), links)
+        physics.joints[i] = replace(joint, names=_renamed(joint.names, joints), parent=parent, child=child)
     if physics.reductions is not None:
         physics.reductions = _keyed(physics.reductions, joints)
     if physics.couplings is not None:
-        physics.couplings = {n: (_keyed(row, joints), total) for n, (row, total) in physics.couplings.items()}
+        couplings = {}
+        for name, (row, total) in physics.couplings.items():
+            couplings[name] = (_keyed(row, joints), total)
+        physics.couplings = couplings
     if physics.motors is not None:
-        motors = {
-            n: replace(m, row=None if m.row is None else _keyed(m.row, joints)) for n, m in physics.motors.items()
-        }
+        motors = {}
+        for name, motor in physics.motors.items():
+            row = None if motor.row is None else _keyed(motor.row, joints)
+            motors[name] = replace(motor, row=row)
         physics.motors = motors
-    content.declared = None if content.declared is None else tuple(map(link, content.declared))
-    content.rest = {link(n): T for n, T in content.rest.items()}
-    content.shapes = {link(n): s for n, s in content.shapes.items()}
-    content.colors = {link(n): c for n, c in content.colors.items()}
+    if content.declared is not None:
+        content.declared = _renamed(content.declared, links)
+    content.rest = _keyed(content.rest, links)
+    content.shapes = _keyed(content.shapes, links)
+    content.colors = _keyed(content.colors, links)
+
+
+def _renamed(names: Iterable[str], new: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(new.get(name, name) for name in names)
+
+
+def _keyed(values: Mapping[str, _Value], new: Mapping[str, str]) -> dict[str, _Value]:
+    return {new.get(name, name): value for name, value in values.items()}
+
+
+def _moved_frames(frames: Mapping[str, Frame], new: Mapping[str, str]) -> dict[str, Frame]:
+    moved = {}
+    for name, frame in frames.items():
+        moved[name] = Frame(new.get(frame.link, frame.link), frame.T)
+    return moved
 
 
 # ------------------------------------------------------------------------------------------------------ rest
@@ -419,40 +521,56 @@ def compare_joints(content: Content, truth: Physics) -> None:
     """Compare the poses of a file at rest with the joints of the mechanism, which hold at any joint values."""
     if not content.rest or holding(content.format, Holds.JOINT_TREE) or not same_names(content.rest, truth.links):
         return
-    links = {n: T[None] for n, T in content.rest.items()}
-    within = [j for j in truth.joints if {j.parent, j.child} <= set(links) and not truth.trocars & set(j.names)]
-    off = {joint.names[0]: _misfit(joint, links) for joint in within}
-    if not off:
+    links = {link: T[None] for link, T in content.rest.items()}
+    distances = {}
+    angles = {}
+    for joint in truth.joints:
+        moved = truth.trocars & set(joint.names)  # each protocol has its own positions of trocars
+        if {joint.parent, joint.child} <= set(links) and not moved:
+            name = joint.names[0]
+            distances[name], angles[name] = _misfit(joint, links)
+    if not distances:
         return
     ledger = content.ledger
-    for kind, at, unit, limit in (("position", 0, "m", REST_TOL), ("rotation", 1, "rad", ROTATION_TOL)):
-        name = max(off, key=lambda n: off[n][at])
-        worst = off[name][at]
-        ledger.row(f"rest: {kind} at the joints of {MECHANISM}", worst, unit, limit, where=name, against=MECHANISM)
-        if worst > limit:
-            size = quantity(worst, "m") if unit == "m" else f"{np.degrees(worst):.4g} deg"
-            text = f"rest: the links of joint '{name}' are {size} from any position that {MECHANISM} allows."
-            ledger.wrong("states.rest", text, name)
+    ending = f"from any position that {MECHANISM} allows."
+
+    name = max(distances, key=lambda n: distances[n])
+    worst = distances[name]
+    check = f"rest: position at the joints of {MECHANISM}"
+    ledger.row(check, worst, "m", REST_TOL, where=name, against=MECHANISM)
+    if worst > REST_TOL:
+        text = f"rest: the links of joint '{name}' are {quantity(worst, 'm')} {ending}"
+        ledger.wrong("states.rest", text, name)
+
+    name = max(angles, key=lambda n: angles[n])
+    worst = angles[name]
+    check = f"rest: rotation at the joints of {MECHANISM}"
+    ledger.row(check, worst, "rad", ROTATION_TOL, where=name, against=MECHANISM)
+    if worst > ROTATION_TOL:
+        text = f"rest: the links of joint '{name}' are {np.degrees(worst):.4g} deg {ending}"
+        ledger.wrong("states.rest", text, name)
     ledger.placed = True
 
 
 def _misfit(joint: Joint, links: Mapping[str, Array]) -> tuple[float, float]:
     """Return the largest distance (m) and angle (rad) of a joint's two links from the positions that it allows."""
     assert joint.T is not None
-    off = poses.inverse(links[joint.parent] @ joint.T) @ links[joint.child]  # from the child at zero to the child
-    lines = [line.seen(poses.inverse(joint.T)) for line in joint.motions]
+    zero = links[joint.parent] @ joint.T  # the child at zero
+    T = poses.inverse(zero) @ links[joint.child]
+    R = T[:, :3, :3]
+    to_child = poses.inverse(joint.T)
+    lines = [line.seen(to_child) for line in joint.motions]
     turns = [line for line in lines if line.kind == "turn"]
-    R = off[:, :3, :3]
-    point, turn = np.zeros(3), 0.0
-    if turns:
-        point = turns[0].point
+    point = turns[0].point if turns else np.zeros(3)  # a point that the turns do not move
+    angle = 0.0
     if len(turns) == 1:
         axis = turns[0].direction
-        turn = float(np.linalg.norm(R @ axis - axis, axis=1).max())
+        angle = float(np.linalg.norm(R @ axis - axis, axis=1).max())
     elif not turns:
-        turn = float(poses.angle(R, np.broadcast_to(np.eye(3), R.shape)).max())
-    shift = R @ point + off[:, :3, 3] - point
+        angle = float(poses.angle(R, np.broadcast_to(np.eye(3), R.shape)).max())
+    shift = R @ point + T[:, :3, 3] - point
     for line in lines:
         if line.kind == "slide":
-            shift = shift - np.sum(shift * line.direction, axis=1, keepdims=True) * line.direction
-    return float(np.linalg.norm(shift, axis=1).max()), turn
+            along = np.sum(shift * line.direction, axis=1, keepdims=True)
+            shift = shift - along * line.direction
+    return float(np.linalg.norm(shift, axis=1).max()), angle

@@ -112,6 +112,11 @@ def family_rank(kind: str) -> int:
     return min(variant.rank for variant in _kinds()[kind][0].variants) if kind in _kinds() else 99
 
 
+def leading(kind: str) -> bool:
+    """Return whether a kind of file has the smallest rank in its format: the other kinds repeat its data."""
+    return rank(kind) == family_rank(kind)
+
+
 def trust(kind: str) -> int:
     """Return the number of a kind of file that decides whom to trust, see `Variant`; an unknown kind comes last."""
     return _kinds()[kind][1].trust if kind in _kinds() else 999

@@ -26,7 +26,7 @@ FORMAT = Format(
     places=Places(export=60, use=60, audit=50, new=20),
     variants=(Variant("mjcf", ".xml", "MJCF", BUDGETS["MJCF"], trust=20),),
     recognise=is_mjcf,
-    holds=Holds.MASSES | Holds.JOINT_TREE,
+    holds=Holds.MASSES | Holds.JOINT_TREE | Holds.UNNAMED_FIXED_JOINTS,
     code="mjcf",
     sources=(".xml", ".mjcf"),
     takes=("root",),

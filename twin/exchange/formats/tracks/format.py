@@ -56,7 +56,7 @@ FORMAT = Format(
         Variant("csv", ".csv", "CSV", BUDGETS["CSV"], rank=40, trust=50),
     ),
     recognise=is_track,
-    holds=Holds.LINKS | Holds.ONE_MOTION,
+    holds=Holds.LINKS | Holds.ONE_MOTION | Holds.COORDINATES,
     code="tracks",
     use="- Other programs: tracks/*.csv opens in a spreadsheet, tracks/*.json follows track.schema.json.",
 )

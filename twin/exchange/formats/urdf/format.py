@@ -10,7 +10,7 @@ FORMAT = Format(
     title="URDF",
     places=Places(export=70, use=70, audit=60, new=10),
     variants=(Variant("urdf", ".urdf", "XML", BUDGETS["XML"], trust=40),),
-    holds=Holds.MASSES | Holds.JOINT_TREE,
+    holds=Holds.MASSES | Holds.JOINT_TREE | Holds.TRANSMISSIONS,
     code="urdf",
     sources=(".urdf",),
     takes=("closures",),
