@@ -37,8 +37,8 @@ from twin.exchange.audit.proof import check_proof
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.sense import check_sense
 from twin.exchange.audit.states import CLIP, States, compare_joints, compare_states, same_names
-from twin.exchange.format import Format
-from twin.exchange.formats import audited
+from twin.exchange.format import Format, Holds
+from twin.exchange.formats import audited, leading
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
@@ -79,7 +79,8 @@ def audit(
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
     """
-    path, tell = Path(path), progress or (lambda label, fraction: None)
+    path = Path(path)
+    tell = progress or _silent
     if (path / SCENE).is_file():
         from twin.exchange.audit.scene import audit_scene  # imports audits of formats, which import this package
 
@@ -87,7 +88,11 @@ def audit(
     else:
         drawn = None if states is None else cache(states)
         contents, ledgers = _audited(path, truth or {}, mechanism, drawn, tell)
-    return finished(str(path), [c.as_facts() for c in contents], ledgers)
+    return finished(str(path), [content.as_facts() for content in contents], ledgers)
+
+
+def _silent(label: str, fraction: float) -> None:
+    """Show no progress."""
 
 
 def _audited(
@@ -102,7 +107,7 @@ def _audited(
         if content is not None:
             contents.append(content)
     with np.errstate(all="ignore"):  # values that are not finite have already been reported
-        declared = frozenset(n for c in contents for n in c.declared or ())
+        declared = _declared(contents)
         for content in contents:
             content.known = declared or None
             check_names(content)
@@ -110,7 +115,7 @@ def _audited(
         tell("compare", 0.9)
         refs = references(contents, truth)
         expected = None if mechanism is None else mechanism_physics(mechanism)
-        if states is not None and any(clip.name == CLIP for c in contents for clip in c.clips):
+        if states is not None and _has_drawn_states(contents):
             refs[CLIP] = Reference(states().clip(), MECHANISM)
         compare(contents, refs)
         strangers: list[Content] = []
@@ -118,23 +123,41 @@ def _audited(
             strangers = _compare_still(contents, expected, states)
         compare_rest(contents)
         compare_shapes(contents)
-        known = [c for c in contents if not any(c is other for other in strangers)]
-        compare_physics(known, expected)
+        strange_files = {content.file for content in strangers}
+        compare_physics([content for content in contents if content.file not in strange_files], expected)
         compare_physics(strangers)
         if expected is not None:
             _check_placed(contents, expected)
         check_claims(contents)
         for file in found.readmes:
-            ledgers.append(Ledger(found.name(file), "twin.exchange.audit readme", "1"))
-            guarded(partial(check_readme, contents), file, ledgers[-1])
-        hashes = []
+            ledger = Ledger(found.name(file), "twin.exchange.audit readme", "1")
+            ledgers.append(ledger)
+            guarded(partial(check_readme, contents), file, ledger)
+        proven_hash = ""  # of the model, in the first proof.json that states it
         for file in found.proofs:
-            ledgers.append(Ledger(found.name(file), "sha256", "2"))
-            proof = guarded(check_proof, file, ledgers[-1]) or {}
-            check_proof_clips(proof, contents, ledgers[-1])
-            hashes.append(str(proof.get("model_hash", "")))
-        compare_hashes(contents, next(filter(None, hashes), ""))
+            ledger = Ledger(found.name(file), "sha256", "2")
+            ledgers.append(ledger)
+            proof = guarded(check_proof, file, ledger) or {}
+            check_proof_clips(proof, contents, ledger)
+            proven_hash = proven_hash or str(proof.get("model_hash", ""))
+        compare_hashes(contents, proven_hash)
     return contents, ledgers
+
+
+def _declared(contents: Sequence[Content]) -> frozenset[str]:
+    """Return the names of the links that at least one file marks."""
+    names: set[str] = set()
+    for content in contents:
+        names |= set(content.declared or ())
+    return frozenset(names)
+
+
+def _has_drawn_states(contents: Sequence[Content]) -> bool:
+    for content in contents:
+        for clip in content.clips:
+            if clip.name == CLIP:
+                return True
+    return False
 
 
 def _compare_still(
@@ -146,10 +169,13 @@ def _compare_still(
         if content.clips:
             continue
         compare_joints(content, expected)
-        named = {*content.rest, *(content.physics.links if content.physics else ())}
+        physics = content.physics
+        named = set(content.rest)
+        if physics is not None:
+            named |= set(physics.links)
         if states is not None and not same_names(named, expected.links):
             compare_states(content, expected, states())
-            if content.physics and not same_names(content.physics.links, expected.links):
+            if physics is not None and not same_names(physics.links, expected.links):
                 strangers.append(content)
     return strangers
 
@@ -178,19 +204,25 @@ def _placed(contents: Sequence[Content]) -> set[str]:
     while grown:
         grown = False
         for content in contents:
-            others = {check.against for check in content.ledger.checks if check.check.startswith("clip ")}
-            pair = {content.file, *(other for other in others if other)}
-            if pair & placed and not pair <= placed:
-                placed |= pair
+            compared = {content.file}
+            for check in content.ledger.checks:
+                if check.check.startswith("clip ") and check.against:
+                    compared.add(check.against)
+            if compared & placed and not compared <= placed:
+                placed |= compared
                 grown = True
     return placed
 
 
 def _gravity(contents: Sequence[Content], content: Content, mechanism: Mechanism | None) -> list[np.ndarray]:
     """Return the gravity (3,) in m/s2 of the mechanism and of the files in other formats than that of `content`."""
-    stated = [] if mechanism is None else [np.array(mechanism.gravity)]
-    others = [c.physics for c in contents if c.format != content.format and c.physics is not None]
-    return stated + [physics.gravity for physics in others if physics.gravity is not None]
+    stated = []
+    if mechanism is not None:
+        stated.append(np.array(mechanism.gravity))
+    for other in contents:
+        if other.format != content.format and other.physics is not None and other.physics.gravity is not None:
+            stated.append(other.physics.gravity)
+    return stated
 
 
 def key_times(path: str | Path) -> dict[str, np.ndarray]:
@@ -200,28 +232,48 @@ def key_times(path: str | Path) -> dict[str, np.ndarray]:
         TwinError: the path does not exist, or has no file that can be audited.
     """
     found = find(Path(path))
-    tracks = [p for p in found.files.get("tracks", []) if p.suffix.lower() == ".json"]
-    if tracks:  # tracks contain all key times and are fast to read
-        found = Found(found.root, {"tracks": tracks})
-    contents = [c for _, c in _read(found, lambda label, fraction: None, None) if c is not None]
+    tracks = _tracks(found)
+    if tracks.files:  # tracks contain all key times and are fast to read
+        found = tracks
+    contents = []
+    for _, content in _read(found, _silent, None):
+        if content is not None:
+            contents.append(content)
     return {name: ref.clip.times for name, ref in references(contents, {}).items()}
+
+
+def _tracks(found: Found) -> Found:
+    """Return the files whose values of joints no other file of their format has before them: the JSON tracks."""
+    tracks: dict[str, list[Path]] = {}
+    for format in audited():
+        if Holds.COORDINATES in format.holds:
+            for file in found.files.get(format.name, []):
+                variant = format.variant(file)
+                if variant is not None and leading(variant.name):
+                    tracks.setdefault(format.name, []).append(file)
+    return Found(found.root, tracks)
 
 
 def _read(found: Found, tell: Progress, states: Callable[[], States] | None) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
-    guarded_together = [p for format in audited() if format.guard for p in found.files.get(format.name, [])]
+    jobs: list[tuple[Format, Path]] = []
+    guarded_together: list[Path] = []
+    for format in audited():
+        files = found.files.get(format.name, [])
+        jobs += [(format, file) for file in files]
+        if format.guard:
+            guarded_together += files
     if guarded_together:
         tell("test whether the stages can be opened", 0)
     context = Context(states=states, admitted=admit_together(guarded_together))
-    jobs = [(format, path) for format in audited() for path in found.files.get(format.name, [])]
     for i, (format, path) in enumerate(jobs):
         name = found.name(path)
         tell(f"read {name}", 0.9 * i / len(jobs))
         ledger = Ledger(name, code=format.code)
-        context.models = [p.stem for p in found.files[format.name]]
+        context.models = [file.stem for file in found.files[format.name]]
         with np.errstate(all="ignore"):
             content = guarded(partial(_filled, format, context), path, ledger)
-        if content is not None and content.format == "tracks":
+        if content is not None and content.is_track:
             context.tracks.append(content)
         yield ledger, content
 

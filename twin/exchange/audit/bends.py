@@ -19,8 +19,11 @@ from twin.exchange.formats.glb.audit.container import Gltf, open_gltf
 from twin.exchange.formats.glb.audit.nodes import parents_first, read_nodes
 from twin.exchange.formats.usd.audit.header import trouble
 
-GLB, USD = "organs.glb", "usd/organs.usdc"
-"""Paths of the files of the deformables, relative to the folder of the scene."""
+GLB = "organs.glb"
+"""Path of the file of the deformables for displays, relative to the folder of the scene."""
+
+USD = "usd/organs.usdc"
+"""Path of the layer of the deformables, relative to the folder of the scene."""
 
 TOLERANCE = 10e-6
 """Maximum difference in m between the coordinates of the same vertex in the two files."""
@@ -34,7 +37,8 @@ def audit_bends(folder: Path) -> list[Ledger]:
 
     The ledger contains the checks and the findings.
     """
-    glb, usd = folder / GLB, folder / USD
+    glb = folder / GLB
+    usd = folder / USD
     ledger = Ledger(GLB, "twin.exchange.audit bends", "1")
     if not glb.is_file():
         return []
@@ -43,7 +47,8 @@ def audit_bends(folder: Path) -> list[Ledger]:
         file = open_gltf(glb, ledger)
         shown = _Played(file)
         if usd.is_file():
-            if broken := trouble(read_bytes(usd, "USD")):
+            broken = trouble(read_bytes(usd, "USD"))
+            if broken:
                 raise ValueError(f"{USD}: {broken}")
             admit(usd)
             _compare(shown, Usd.Stage.Open(str(usd)), ledger)
@@ -70,8 +75,13 @@ class _Played:
         nodes = read_nodes(file)
         clips = Clips(file, nodes, parents_first(nodes))
         world = clips.world({})
-        self._node = {n.name: n.index for n in nodes if "mesh" in n.spec}
-        self._T = {n.name: poses.pose(poses.R_Z_UP_Y_UP) @ world[n.index][0] for n in nodes if "mesh" in n.spec}
+        to_z_up = poses.pose(poses.R_Z_UP_Y_UP)
+        self._node: dict[str, int] = {}
+        self._T: dict[str, Array] = {}
+        for node in nodes:
+            if "mesh" in node.spec:
+                self._node[node.name] = node.index
+                self._T[node.name] = to_z_up @ world[node.index][0]
         self.names = tuple(self._node)
         self._keys: dict[int, tuple[Array, Array]] = {}
         for animation in file.items("animations"):
@@ -83,12 +93,14 @@ class _Played:
                     self._keys.setdefault(channel["target"]["node"], (times, values))
 
     def _primitive(self, name: str) -> JsonObject:
-        mesh = self._file.item("meshes", self._file.item("nodes", self._node[name])["mesh"])
+        node = self._file.item("nodes", self._node[name])
+        mesh = self._file.item("meshes", node["mesh"])
         (primitive,) = mesh["primitives"]
         return primitive
 
     def triangles(self, name: str) -> np.ndarray:
-        return self._file.accessor(self._primitive(name)["indices"]).astype(int).reshape(-1, 3)
+        indices = self._file.accessor(self._primitive(name)["indices"])
+        return indices.astype(int).reshape(-1, 3)
 
     def vertices(self, name: str, t: float) -> Array:
         """Return the vertices (n, 3) in m, z up, of the mesh `name` at time t in s."""
@@ -98,7 +110,8 @@ class _Played:
         if targets and self._node[name] in self._keys:
             times, values = self._keys[self._node[name]]
             for k, target in enumerate(targets):
-                v += np.interp(t, times, values[:, k]) * self._file.accessor(target["POSITION"])
+                weight = np.interp(t, times, values[:, k])
+                v += weight * self._file.accessor(target["POSITION"])
         T = self._T[name]
         return v @ T[:3, :3].T + T[:3, 3]
 
@@ -113,17 +126,11 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
     for name in shown.names:
         if name not in meshes:
             continue
-        points = meshes[name].GetPointsAttr()
-        codes = points.GetTimeSamples()
-        worst, when = 0.0, ""
-        for k in np.unique(np.linspace(0, len(codes) - 1, _TIMES).astype(int)) if codes else ():
-            there, here = np.array(points.Get(codes[k]), float), shown.vertices(name, codes[k] / rate)
-            off = float(np.abs(here - there).max()) if here.shape == there.shape else np.inf
-            if not off <= worst:
-                worst, when = off, f"t = {codes[k] / rate:.3f} s"
+        worst, when = _largest_difference(shown, name, meshes[name], rate)
         faces = np.array(meshes[name].GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
         if not np.array_equal(faces, shown.triangles(name)):
-            worst, when = np.inf, "triangles"
+            worst = np.inf
+            when = "triangles"
         ledger.row(f"vertices of '{name}' against {USD}", worst, "m", TOLERANCE, where=name, when=when)
         if not worst <= TOLERANCE:
             if np.isfinite(worst):
@@ -133,7 +140,29 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
             ledger.wrong("bend.vertices", text, name, size=Measured(worst, TOLERANCE, "m"), when=when)
 
 
+def _largest_difference(shown: _Played, name: str, mesh: UsdGeom.Mesh, rate: float) -> tuple[float, str]:
+    """Return (largest difference of a coordinate in m, time) of a mesh in both files; infinite for other counts."""
+    points = mesh.GetPointsAttr()
+    codes = points.GetTimeSamples()
+    worst = 0.0
+    when = ""
+    if not codes:
+        return worst, when
+    for k in np.unique(np.linspace(0, len(codes) - 1, _TIMES).astype(int)):
+        t = codes[k] / rate
+        expected = np.array(points.Get(codes[k]), float)
+        vertices = shown.vertices(name, t)
+        difference = np.inf
+        if vertices.shape == expected.shape:
+            difference = float(np.abs(vertices - expected).max())
+        if not difference <= worst:
+            worst = difference
+            when = f"t = {t:.3f} s"
+    return worst, when
+
+
 def _unpaired(triangles: np.ndarray) -> int:
     """Return the number of edges that do not belong to exactly two triangles."""
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    return int(np.count_nonzero(np.unique(edges, axis=0, return_counts=True)[1] != 2))
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    return int(np.count_nonzero(counts != 2))

@@ -47,7 +47,8 @@ class Link:
             return self.fixed
         if self.kind == "turn":
             return self.fixed @ poses.pose(poses.about(self.axis, q))
-        return self.fixed @ poses.pose(None, np.asarray(q)[:, None] * (self.axis / np.linalg.norm(self.axis)))
+        direction = self.axis / np.linalg.norm(self.axis)
+        return self.fixed @ poses.pose(None, np.asarray(q)[:, None] * direction)
 
 
 def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array:
@@ -69,55 +70,72 @@ def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> li
     returned. The later comparison of poses detects the remaining error.
     """
     count = len(goal)
-    free = [i for i, (link, g) in enumerate(zip(links, given, strict=True)) if g is None and link.kind != "fixed"]
+    free = []
+    for i, (link, values) in enumerate(zip(links, given, strict=True)):
+        if values is None and link.kind != "fixed":
+            free.append(i)
     if not free:
         return list(given)
-    q, off = _descend(links, given, free, np.zeros((len(free), count)), goal)
+    q, errors = _descend(links, given, free, np.zeros((len(free), count)), goal)
     starts = iter(product((0.0, 1.3, -1.3), repeat=min(len(free), 3)))
     for attempt in range(_TRIES):
-        bad = off > _GOOD
-        if not bad.any():
+        unsolved = errors > _GOOD
+        if not unsolved.any():
             break
-        good = np.flatnonzero(~bad)
-        if len(good) and attempt % 2 == 0:  # start from the nearest solved key, because a motion is continuous
-            begin = q[:, good[np.clip(np.searchsorted(good, np.flatnonzero(bad)), 0, len(good) - 1)]]
+        solved = np.flatnonzero(~unsolved)
+        if len(solved) and attempt % 2 == 0:  # start from the nearest solved key, because a motion is continuous
+            following = np.searchsorted(solved, np.flatnonzero(unsolved))
+            nearest = solved[np.clip(following, 0, len(solved) - 1)]
+            begin = q[:, nearest]
         else:
-            begin = np.zeros((len(free), int(bad.sum())))
-            seed = next(starts, None)
-            if seed is None:
+            begin = np.zeros((len(free), int(unsolved.sum())))
+            start = next(starts, None)
+            if start is None:
                 break
-            begin[: len(seed)] = np.array(seed)[:, None]
-        rows = [None if g is None else g[bad] for g in given]
-        tried, new = _descend(links, rows, free, begin, goal[bad])
-        better = new < off[bad]
-        q[:, bad], off[bad] = np.where(better, tried, q[:, bad]), np.where(better, new, off[bad])
+            begin[: len(start)] = np.array(start)[:, None]
+        rows = [None if values is None else values[unsolved] for values in given]
+        tried, new_errors = _descend(links, rows, free, begin, goal[unsolved])
+        better = new_errors < errors[unsolved]
+        q[:, unsolved] = np.where(better, tried, q[:, unsolved])
+        errors[unsolved] = np.where(better, new_errors, errors[unsolved])
     out = list(given)
     for row, i in enumerate(free):
         out[i] = q[row]
     return out
 
 
-def _descend(links, given, free: list[int], q: Array, goal: Array) -> tuple[Array, Array]:
+def _descend(
+    links: Sequence[Link], given: Sequence[Array | None], free: list[int], q: Array, goal: Array
+) -> tuple[Array, Array]:
+    """Return (values (f, k) of the free joints after Gauss-Newton from q (f, k), residuals (k,) in m and rad)."""
     values = list(given)
 
     def residual(x: Array) -> Array:
+        """Return the differences (k, 6) in position and rotation of the end of the chain from its goals."""
         for row, i in enumerate(free):
             values[i] = x[row]
         T = along(links, values, x.shape[1])
         E = np.swapaxes(goal[:, :3, :3], 1, 2) @ T[:, :3, :3]
         xyzw = poses.quaternion(E)  # |vector part| = sin(angle / 2) increases up to 180 deg; sin(angle) does not
-        turn = 2 * xyzw[:, :3] * np.where(xyzw[:, 3:] < 0, -1.0, 1.0)
-        return np.concatenate([T[:, :3, 3] - goal[:, :3, 3], turn], axis=1)
+        sign = np.where(xyzw[:, 3:] < 0, -1.0, 1.0)
+        turn = 2 * xyzw[:, :3] * sign
+        shift = T[:, :3, 3] - goal[:, :3, 3]
+        return np.concatenate([shift, turn], axis=1)
 
+    unit = np.eye(len(free))
     r = residual(q)
     for _ in range(30):
-        J = np.stack(
-            [(residual(q + _STEP * np.eye(len(free))[:, j, None]) - r) / _STEP for j in range(len(free))], axis=2
-        )
-        A = np.swapaxes(J, 1, 2) @ J + 1e-12 * np.eye(len(free))
-        step = np.linalg.solve(A, np.swapaxes(J, 1, 2) @ r[..., None])[..., 0]
+        columns = []
+        for j in range(len(free)):
+            moved = residual(q + _STEP * unit[:, j, None])
+            columns.append((moved - r) / _STEP)
+        J = np.stack(columns, axis=2)
+        J_transposed = np.swapaxes(J, 1, 2)
+        A = J_transposed @ J + 1e-12 * unit  # a joint without influence would make A singular
+        step = np.linalg.solve(A, J_transposed @ r[..., None])[..., 0]
         size = np.abs(step).max(axis=1, keepdims=True)
-        q = q - (step * np.minimum(1.0, 0.5 / np.maximum(size, 1e-30))).T
+        shortened = step * np.minimum(1.0, 0.5 / np.maximum(size, 1e-30))  # at most 0.5 rad or m
+        q = q - shortened.T
         r = residual(q)
         if size.max() < 1e-12:
             break

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,8 @@ from twin.exchange.audit.between import halved
 from twin.exchange.audit.motion import Content, Shape
 from twin.exchange.audit.physics import Joint, Physics
 from twin.exchange.audit.report import Ledger, Measured, quantity
+from twin.exchange.format import Holds
+from twin.exchange.formats import holding
 
 TOO_GOOD = 3.0
 """Maximum ratio of the estimated error to the stated error; at higher ratios, the stated error is too small."""
@@ -35,22 +37,46 @@ _STATED = (
 
 def check_claims(contents: Sequence[Content]) -> None:
     """Report statements of a file that contradict other data of the same file."""
-    tracks = [c for c in contents if c.format in ("tracks", "csv") and "data" in c.extra]
+    tracks = []  # JSON and CSV
+    for content in contents:
+        if (content.is_track or content.repeats_track) and "data" in content.extra:
+            tracks.append(content)
     shapes = next((c.shapes for c in contents if c.shapes and c.declared), {})
-    physics = next((c.physics for c in contents if c.physics is not None and _places(c.physics)), Physics())
-    held = physics.held or frozenset()
-    # Joints on the world, such as trocars, may have a different position in each motion.
-    joints = [
-        j for j in physics.joints if not physics.trocars & set(j.names) and not (j.tied and held & {j.parent, j.child})
-    ]
-    tables = {str(c.extra["data"].get("protocol")): c for c in tracks if c.format == "tracks"}
+    joints = _placed_joints(contents)
+    by_protocol = {_protocol(content): content for content in tracks if content.is_track}
     for content in tracks:
         _check_between(content, shapes, joints)
-        other = tables.get(str(content.extra["data"].get("protocol")))
-        if content.format == "csv" and other is not None:
-            _check_heads(content, other)
+        track = by_protocol.get(_protocol(content))
+        if content.repeats_track and track is not None:
+            _check_heads(content, track)
     _check_assumed(contents, tracks)
     _check_same_robot(tracks)
+
+
+def _protocol(track: Content) -> str:
+    return str(track.extra["data"].get("protocol"))
+
+
+def _playing(contents: Iterable[Content]) -> dict[str, Content]:
+    """Return {protocol: track} of the tracks whose motion could be read."""
+    return {_protocol(content): content for content in contents if content.is_track and content.clips}
+
+
+def _placed_joints(contents: Sequence[Content]) -> list[Joint]:
+    """Return the joints of the first file that states where all are, without those that move with the protocol."""
+    for content in contents:
+        physics = content.physics
+        if physics is None or not _places(physics):
+            continue
+        held = physics.held or frozenset()
+        joints = []
+        for joint in physics.joints:
+            # Joints on the world, such as trocars, may have a different position in each motion.
+            on_world = joint.tied and held & {joint.parent, joint.child}
+            if not on_world and not physics.trocars & set(joint.names):
+                joints.append(joint)
+        return joints
+    return []
 
 
 def _places(physics: Physics) -> bool:
@@ -59,34 +85,43 @@ def _places(physics: Physics) -> bool:
 
 
 def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> None:
-    data = content.extra["data"]
-    if not content.clips or (loss := halved(content.clips[0], shapes, joints)) is None:
+    """Compare the stated errors between keys with estimates from the keys."""
+    if not content.clips:
         return
-    for (key, text, unit), cost, floor in zip(_STATED, loss, _FLOOR, strict=True):
-        said, estimate = data.get(key), cost / 4
-        if not isinstance(said, int | float) or (key == "joint_gap" and not joints):
+    halved_errors = halved(content.clips[0], shapes, joints)
+    if halved_errors is None:
+        return
+    for (key, text, unit), halved_error, floor in zip(_STATED, halved_errors, _FLOOR, strict=True):
+        stated = content.extra["data"].get(key)
+        if not isinstance(stated, int | float) or (key == "joint_gap" and not joints):
             continue
-        low = said < estimate / TOO_GOOD and estimate > floor
-        high = said > TOO_BAD * max(estimate, floor) and (shapes or key != "between_position")
-        message = f"{key}: stated error compared with an estimate from every second key"
-        content.ledger.row(message, abs(estimate - said), unit, fits=not low)
+        estimate = halved_error / 4
+        low = stated < estimate / TOO_GOOD and estimate > floor
+        high = stated > TOO_BAD * max(estimate, floor)
+        if key == "between_position" and not shapes:
+            high = False  # the estimate at the origins of links is too small
+        check = f"{key}: stated error compared with an estimate from every second key"
+        content.ledger.row(check, abs(estimate - stated), unit, fits=not low)
         if low or high:
             message = (
-                f"{key} states an error of {quantity(said, unit)} for {text}, but the estimate is "
+                f"{key} states an error of {quantity(stated, unit)} for {text}, but the estimate is "
                 f"{quantity(estimate, unit)}: a quarter of the error with every second key left out, "
-                f"{quantity(cost, unit)}."
+                f"{quantity(halved_error, unit)}."
             )
-            content.ledger.wrong(f"claims.{key}", message, key, size=Measured(said, estimate, unit))
+            content.ledger.wrong(f"claims.{key}", message, key, size=Measured(stated, estimate, unit))
 
 
-def _check_heads(table: Content, other: Content) -> None:
-    mine, its = table.extra["data"], other.extra["data"]
-    for key in dict.fromkeys((*its, *mine)):
-        if key not in mine or key not in its:
-            here, there = (other.file, table.file) if key in its else (table.file, other.file)
-            text = f"the entry '{key}' is in {here}, but not in {there}."
-        elif not _equal(mine[key], its[key]):
-            text = f"'{key}' is {_short(mine[key])}; in {other.file} it is {_short(its[key])}."
+def _check_heads(table: Content, track: Content) -> None:
+    """Report differences of the headers of a CSV and a JSON track."""
+    own = table.extra["data"]
+    other = track.extra["data"]
+    for key in dict.fromkeys((*other, *own)):
+        if key not in own:
+            text = f"the entry '{key}' is in {track.file}, but not in {table.file}."
+        elif key not in other:
+            text = f"the entry '{key}' is in {table.file}, but not in {track.file}."
+        elif not _equal(own[key], other[key]):
+            text = f"'{key}' is {_short(own[key])}; in {track.file} it is {_short(other[key])}."
         else:
             continue
         table.ledger.wrong("claims.head", text, key, suggestion="write both files from one source")
@@ -111,28 +146,38 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
     first = tracks[0]
     for content in tracks[1:]:
         for key in ("robot", "tool_link", "tool_frame", "frame_names", "frame_links", "joints", "joint_types"):
-            a, b = (c.extra["data"].get(key) for c in (content, first))
-            if not _equal(a, b):
-                text = f"'{key}' is {_short(a)}; in {first.file} it is {_short(b)}."
+            value = content.extra["data"].get(key)
+            expected = first.extra["data"].get(key)
+            if not _equal(value, expected):
+                text = f"'{key}' is {_short(value)}; in {first.file} it is {_short(expected)}."
                 content.ledger.wrong("claims.robot", text, key)
 
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
     """Report numbers that a stage marks as ASSUMED, but that a track does not list as assumed."""
-    known = next((c for c in contents if c.extra.get("assumed")), None)
-    names: Mapping[str, str] = {} if known is None else known.extra["assumed"]
+    stage = next((c for c in contents if c.extra.get("assumed")), None)
+    if stage is None:
+        return
     for content in tracks:
         lines = content.extra["data"].get("assumed")
         if not isinstance(lines, list):
             continue
-        listed = {head(line) for line in map(str, lines)}
-        lacking = [n for n in names if n not in listed and not n.startswith("drawing.")]
-        if known is not None and lacking:
-            more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
+        listed = {head(str(line)) for line in lines}
+        lacking = []
+        for name in stage.extra["assumed"]:
+            if name not in listed and not name.startswith("drawing."):
+                lacking.append(name)
+        if lacking:
             text = (
-                f"the file's list of assumed numbers lacks '{lacking[0]}'{more}, which {known.file} lists as assumed."
+                f"the file's list of assumed numbers lacks '{lacking[0]}'{_more(lacking)}, which {stage.file} lists as "
+                "assumed."
             )
             content.ledger.wrong("claims.assumed", text, "assumed", size=float(len(lacking)))
+
+
+def _more(names: Sequence[str]) -> str:
+    """Return " and n more" for the names behind the first, "" if there are none."""
+    return f" and {len(names) - 1} more" if len(names) > 1 else ""
 
 
 def head(line: str) -> str:
@@ -182,9 +227,11 @@ def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> Non
     text = re.sub(r"[ \t]*\n[ \t]+", " ", raw)  # join wrapped lines
     for topic, pattern, expected in STATEMENTS:
         found = re.search(pattern, text)
-        if found and tuple(g.lower() for g in found.groups()) != expected:
-            said = " / ".join(found.groups())
-            message = f"README.txt states '{said}' for {topic}; the files have '{' / '.join(expected)}'."
+        if found is None:
+            continue
+        stated = found.groups()
+        if tuple(word.lower() for word in stated) != expected:
+            message = f"README.txt states '{' / '.join(stated)}' for {topic}; the files have '{' / '.join(expected)}'."
             ledger.wrong("readme.convention", message, topic)
     _check_listed(path.parent, raw, contents, ledger)
     _check_motions(text, contents, ledger)
@@ -194,45 +241,71 @@ def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> Non
 
 
 def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: Ledger) -> None:
+    """Report files that README.txt lists, but that do not exist, and motions that the listed files should play."""
     rows = re.findall(r"^(\S+?)(?:, (\.\w+))?  +(.*)$", _section(raw, "What is where"), re.MULTILINE)
-    # A stage does not state the name of its motion; the clip has the name of the file.
-    clips = {clip.name for c in contents if c.format in ("glb", "tracks") for clip in c.clips}
-    for name, also, what in rows:
-        for file in (name, *([str(Path(name).with_suffix(also))] if also else [])):
+    motions = _named_motions(contents)
+    for name, second_suffix, what in rows:
+        files = [name]
+        if second_suffix:
+            files.append(str(Path(name).with_suffix(second_suffix)))
+        for file in files:
             if file != "proof.json" and not (folder / file).exists():
                 ledger.wrong("readme.file", f"README.txt lists '{file}', which does not exist.", file)
         playing = re.search(r"playing (\w+)", what)
-        if playing and clips and playing[1] not in clips and not any(c.endswith(f"_{playing[1]}") for c in clips):
-            message = f"README.txt states that '{name}' plays '{playing[1]}', but the files have no such motion."
+        if playing is None or not motions:
+            continue
+        motion = playing[1]
+        if motion not in motions and not any(name.endswith(f"_{motion}") for name in motions):
+            message = f"README.txt states that '{name}' plays '{motion}', but the files have no such motion."
             ledger.wrong("readme.file", message, name)
 
 
+def _named_motions(contents: Sequence[Content]) -> set[str]:
+    """Return the motions of the files that state the names of their motions; those of stages have the file's name."""
+    names = set()
+    for content in contents:
+        if content.is_track or holding(content.format, Holds.ALL_MOTIONS):
+            names |= {clip.name for clip in content.clips}
+    return names
+
+
 def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
-    tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
-    said = {m["name"]: m for m in _MOTION.finditer(text)}
-    for name in tables.keys() - said.keys() if said else ():
-        ledger.wrong("readme.motion", f"motion '{name}' is missing from the list of motions in README.txt.", name)
-    for name, m in said.items():
-        if (track := tables.get(name)) is None:
-            if tables:
-                ledger.wrong("readme.motion", f"motion '{name}' has no track.", name)
+    """Compare the list of motions in README.txt with the tracks."""
+    tracks = _playing(contents)
+    rows = {row["name"]: row for row in _MOTION.finditer(text)}
+    if rows:
+        for name in tracks.keys() - rows.keys():
+            ledger.wrong("readme.motion", f"motion '{name}' is missing from the list of motions in README.txt.", name)
+    for name, row in rows.items():
+        if name in tracks:
+            _check_motion(row, tracks[name], ledger)
+        elif tracks:
+            ledger.wrong("readme.motion", f"motion '{name}' has no track.", name)
+
+
+def _check_motion(row: re.Match[str], track: Content, ledger: Ledger) -> None:
+    name = row["name"]
+    data = track.extra["data"]
+    clip = track.clips[0]
+    for what, value, real in (
+        ("the duration in s", row["duration"], clip.duration),
+        ("the number of keys", row["keys"], len(clip.times)),
+        ("the key rate in Hz", row["rate"], data.get("rate")),
+        ("the error between keys in um", row["position"], _times(data.get("between_position"), 1e6)),
+        ("the error between keys in degrees", row["rotation"], _times(data.get("between_rotation"), 57.29577951)),
+        ("the gap of joints in um", row["gap"], _times(data.get("joint_gap"), 1e6)),
+    ):
+        if not isinstance(real, int | float):
             continue
-        data, clip = track.extra["data"], track.clips[0]
-        for what, value, real in (
-            ("the duration in s", m["duration"], clip.duration),
-            ("the number of keys", m["keys"], len(clip.times)),
-            ("the key rate in Hz", m["rate"], data.get("rate")),
-            ("the error between keys in um", m["position"], _times(data.get("between_position"), 1e6)),
-            ("the error between keys in degrees", m["rotation"], _times(data.get("between_rotation"), 57.29577951)),
-            ("the gap of joints in um", m["gap"], _times(data.get("joint_gap"), 1e6)),
-        ):
-            digits = len(value.partition(".")[2])
-            if isinstance(real, int | float) and abs(float(value) - real) > 0.51 * 10.0**-digits:
-                message = f"motion '{name}': {what} is {value}; in {track.file} it is {real:.{max(digits, 1)}f}."
-                ledger.wrong("readme.motion", message, name)
-        if str(data.get("title", m["title"])) != m["title"]:
-            message = f"motion '{name}' has the title '{m['title']}'; in {track.file} it is '{data.get('title')}'."
+        digits = len(value.partition(".")[2])
+        rounding = 0.51 * 10.0**-digits  # half of the last digit
+        if abs(float(value) - real) > rounding:
+            message = f"motion '{name}': {what} is {value}; in {track.file} it is {real:.{max(digits, 1)}f}."
             ledger.wrong("readme.motion", message, name)
+    title = str(data.get("title", row["title"]))
+    if title != row["title"]:
+        message = f"motion '{name}' has the title '{row['title']}'; in {track.file} it is '{title}'."
+        ledger.wrong("readme.motion", message, name)
 
 
 def _times(value: Any, factor: float) -> Any:
@@ -240,23 +313,38 @@ def _times(value: Any, factor: float) -> Any:
 
 
 def _check_list(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
-    tables = [c for c in contents if c.format == "tracks" and isinstance(c.extra["data"].get("assumed"), list)]
-    if not tables or "\nAssumed" not in text:
+    """Compare the assumptions in README.txt with those in the tracks."""
+    protocols = set()
+    listed = set()
+    for content in contents:
+        lines = content.extra["data"].get("assumed") if content.is_track else None
+        if isinstance(lines, list):
+            protocols.add(_protocol(content))
+            listed |= {_plain(str(line)) for line in lines}
+    if not protocols or "\nAssumed" not in text:
         return
-    lines = [" ".join(x[2:].split()) for x in _section(text, "Assumed").splitlines() if x.startswith("- ")]
-    names = {str(c.extra["data"].get("protocol")) for c in tables}
-    bare = set()
-    for line in lines:
-        front, colon, rest = line.partition(": ")
-        of_protocols = colon and all(n in names for n in front.split(", "))
-        bare.add(rest if of_protocols else line)
-    bare.discard("none")
-    listed = {" ".join(str(a).split()) for c in tables for a in c.extra["data"]["assumed"]}
-    for lacking, who in ((sorted(listed - bare), "README.txt"), (sorted(bare - listed), "the tracks")):
+    stated = set()
+    for line in _section(text, "Assumed").splitlines():
+        if line.startswith("- "):
+            stated.add(_without_protocols(_plain(line[2:]), protocols))
+    stated.discard("none")
+    for lacking, source in ((sorted(listed - stated), "README.txt"), (sorted(stated - listed), "the tracks")):
         if lacking:
-            more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
-            text = f"the assumption '{_clipped(lacking[0])}'{more} is not in {who}."
+            text = f"the assumption '{_clipped(lacking[0])}'{_more(lacking)} is not in {source}."
             ledger.wrong("readme.assumed", text, "Assumed", size=float(len(lacking)))
+
+
+def _plain(text: str) -> str:
+    """Return a text with single spaces: README.txt wraps lines."""
+    return " ".join(text.split())
+
+
+def _without_protocols(line: str, protocols: Collection[str]) -> str:
+    """Return a line "protocol, protocol: assumption" without its protocols; other lines are unchanged."""
+    front, colon, rest = line.partition(": ")
+    if colon and set(front.split(", ")) <= set(protocols):
+        return rest
+    return line
 
 
 def _clipped(line: str) -> str:
@@ -272,21 +360,28 @@ def _section(text: str, title: str) -> str:
 def check_proof_clips(proof: JsonMapping, contents: Iterable[Content], ledger: Ledger) -> None:
     """Compare the list of motions in a proof.json with the tracks; `proof` is the content of the proof.json."""
     rows = proof.get("clips")
-    tables = {str(c.extra["data"].get("protocol")): c for c in contents if c.format == "tracks" and c.clips}
-    for row in rows if isinstance(rows, list) else ():
-        track = tables.get(str(row.get("protocol"))) if isinstance(row, dict) else None
-        if track is None:
+    if not isinstance(rows, list):
+        return
+    tracks = _playing(contents)
+    for row in rows:
+        if isinstance(row, dict) and str(row.get("protocol")) in tracks:
+            _check_proof_clip(row, tracks[str(row.get("protocol"))], ledger)
+
+
+def _check_proof_clip(row: JsonMapping, track: Content, ledger: Ledger) -> None:
+    data = track.extra["data"]
+    clip = track.clips[0]
+    for key, real in (
+        ("rate", data.get("rate")),
+        ("keys", len(clip.times)),
+        ("duration_s", clip.duration),
+        ("between_position_m", data.get("between_position")),
+        ("between_rotation_rad", data.get("between_rotation")),
+        ("joint_gap_m", data.get("joint_gap")),
+    ):
+        stated = row.get(key)
+        if not isinstance(real, int | float) or not isinstance(stated, int | float):
             continue
-        own, clip = track.extra["data"], track.clips[0]
-        for key, real in (
-            ("rate", own.get("rate")),
-            ("keys", len(clip.times)),
-            ("duration_s", clip.duration),
-            ("between_position_m", own.get("between_position")),
-            ("between_rotation_rad", own.get("between_rotation")),
-            ("joint_gap_m", own.get("joint_gap")),
-        ):
-            said = row.get(key)
-            if isinstance(real, int | float) and isinstance(said, int | float) and abs(said - real) > 1e-5 * abs(real):
-                text = f"clip '{row['protocol']}': {key} is {said:g}; in {track.file} it is {real:g}."
-                ledger.wrong("proof.clip", text, key)
+        if abs(stated - real) > 1e-5 * abs(real):
+            text = f"clip '{row['protocol']}': {key} is {stated:g}; in {track.file} it is {real:g}."
+            ledger.wrong("proof.clip", text, key)

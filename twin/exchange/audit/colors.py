@@ -22,9 +22,10 @@ class Palette:
 
     def add(self, link: str, rgba: Array | Rgba, area: float) -> None:
         """Add a surface with the linear colour `rgba` (4,) and the area `area` in m2 to a link."""
-        r, g, b, a = (round(float(v), 4) for v in rgba)
-        own = self._areas.setdefault(link, {})
-        own[r, g, b, a] = own.get((r, g, b, a), 0.0) + area
+        r, g, b, a = np.asarray(rgba, float).tolist()
+        color = (round(r, 4), round(g, 4), round(b, 4), round(a, 4))
+        areas = self._areas.setdefault(link, {})
+        areas[color] = areas.get(color, 0.0) + area
 
     def shares(self) -> dict[str, dict[Rgba, float]]:
         """Return {link: {colour: fraction (0..1) of the link's area}}; links without area are omitted."""
@@ -32,20 +33,25 @@ class Palette:
         for link, areas in self._areas.items():
             total = sum(areas.values())
             if total > 0:
-                out[link] = {c: area / total for c, area in areas.items()}
+                out[link] = {color: area / total for color, area in areas.items()}
         return out
 
 
 def linear(shown: Array) -> Array:
     """Return linear components (..., 3) of display values (sRGB)."""
     c = np.asarray(shown, float)
-    return np.where(c <= 0.04045, c / 12.92, ((np.maximum(c, 0.0) + 0.055) / 1.055) ** 2.4)
+    dark = c / 12.92
+    bright = ((np.maximum(c, 0.0) + 0.055) / 1.055) ** 2.4
+    return np.where(c <= 0.04045, dark, bright)
 
 
 def surface_area(vertices: Array, triangles: Array) -> float:
     """Return the area in m2 of triangles (m, 3) over points (n, 3) in m."""
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    a = vertices[triangles[:, 0]]
+    b = vertices[triangles[:, 1]]
+    c = vertices[triangles[:, 2]]
+    doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return float(doubled.sum() / 2)
 
 
 def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
@@ -56,11 +62,16 @@ def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
     left = dict(other)
     matched = 0.0
     for color, share in one.items():
-        for near in sorted(left, key=lambda c: float(np.abs(np.subtract(c, color)).max())):
-            if np.abs(np.subtract(near, color)).max() > SAME or share <= 0:
+        for near in sorted(left, key=lambda c: _difference(c, color)):
+            if _difference(near, color) > SAME or share <= 0:
                 break
-            take = min(share, left[near])
-            left[near] -= take
-            share -= take
-            matched += take
+            common = min(share, left[near])
+            left[near] -= common
+            share -= common
+            matched += common
     return 1.0 - matched
+
+
+def _difference(one: Rgba, other: Rgba) -> float:
+    """Return the largest difference between two components."""
+    return float(np.abs(np.subtract(one, other)).max())

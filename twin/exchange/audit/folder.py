@@ -43,7 +43,9 @@ class Found:
 
     def name(self, path: Path) -> str:
         """Return a path as reports show it: relative to the audited folder."""
-        return path.relative_to(self.root).as_posix() if path != self.root else path.name
+        if path == self.root:
+            return path.name
+        return path.relative_to(self.root).as_posix()
 
 
 def find(path: Path) -> Found:
@@ -64,22 +66,30 @@ def find(path: Path) -> Found:
     out = Found(path)
     files = []
     for file in sorted(path.rglob("*")):
-        parts = file.relative_to(path).parts
-        if file.is_file() and not any(p.startswith(".") for p in parts):
+        if file.is_file() and not _hidden(file.relative_to(path)):
             files.append(file)
-            if suffix := _TEXT.get(file.suffix.lower()):
-                check_size(file, suffix)
+            syntax = _TEXT.get(file.suffix.lower())
+            if syntax is not None:
+                check_size(file, syntax)
         if len(files) > MOST_FILES:
             raise TwinError(f"{path} contains more than {MOST_FILES} files: give the folder of one export")
-    wholes = _wholes(files)
-    for format, folders in wholes:
+    single = files
+    for format, folders in _wholes(files):
         out.files[format.name] = folders
-    inside = [folder for _, folders in wholes for folder in folders]
-    _sort(out, [f for f in files if not any(f.is_relative_to(folder) for folder in inside)], alone=False)
+        single = [file for file in single if not _within(file, folders)]
+    _sort(out, single, alone=False)
     if not out.count:
         known = ", ".join(format.title for format in audited())
         raise TwinError(f"{path}: the folder has no file that can be audited ({known})")
     return out
+
+
+def _hidden(path: Path) -> bool:
+    return any(part.startswith(".") for part in path.parts)
+
+
+def _within(path: Path, folders: Sequence[Path]) -> bool:
+    return any(path.is_relative_to(folder) for folder in folders)
 
 
 def _shown(format: Format) -> str:
@@ -94,7 +104,7 @@ def _wholes(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
     for format in audited():
         if format.marker:
             folders = [f.parent for f in files if f.name == format.marker and format.accepts(f)]
-            outer = [p for p in folders if not any(p != q and p.is_relative_to(q) for q in folders)]
+            outer = [folder for folder in folders if not _within(folder.parent, folders)]
             found.append((format, outer))
     return found
 
@@ -106,9 +116,12 @@ def _sort(out: Found, files: Sequence[Path], alone: bool) -> None:
     for file in files:
         if file.name == "README.txt" and not alone:
             out.readmes.append(file)
-        elif file.name == "proof.json":
+            continue
+        if file.name == "proof.json":
             out.proofs.append(file)
-        elif (format := _format_of(file, formats, alone)) is not None:
+            continue
+        format = _format_of(file, formats, alone)
+        if format is not None:
             variant = format.variant(file)
             if variant is not None:
                 by_format.setdefault(format.name, []).append((variant.rank, file))

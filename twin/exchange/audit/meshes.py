@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -38,18 +39,19 @@ def check_mesh(
         ledger.wrong(f"{code}.finite", f"mesh '{where}' has points that are not finite.", where)
         return None
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        bad = int(triangles.max()) if triangles.max() >= len(vertices) else int(triangles.min())
-        text = f"mesh '{where}': a face uses point {bad}, but the mesh has {len(vertices)} points."
-        ledger.wrong(f"{code}.index", text, where, size=Measured(bad, float(len(vertices) - 1)))
+        index = int(triangles.max())
+        if index < len(vertices):
+            index = int(triangles.min())
+        text = f"mesh '{where}': a face uses point {index}, but the mesh has {len(vertices)} points."
+        ledger.wrong(f"{code}.index", text, where, size=Measured(index, float(len(vertices) - 1)))
         return None
     shape, mixed = _measured(np.asarray(vertices, float).tobytes(), np.asarray(triangles, np.int64).tobytes())
-    closed, volume = shape.closed, shape.volume
     if mixed:
         text = f"mesh '{where}' is closed, but its faces are not consistently oriented."
         ledger.wrong(f"{code}.winding_mixed", text, where)
-    elif closed and volume < -shape.rounding:
-        text = f"mesh '{where}' is inside out (volume {volume:.3g} m3): viewers show its inner side."
-        ledger.wrong(f"{code}.winding", text, where, size=Measured(volume, 0.0, "m3"))
+    elif shape.closed and shape.volume < -shape.rounding:
+        text = f"mesh '{where}' is inside out (volume {shape.volume:.3g} m3): viewers show its inner side."
+        ledger.wrong(f"{code}.winding", text, where, size=Measured(shape.volume, 0.0, "m3"))
     if normals is not None:
         _check_normals(ledger, where, vertices, triangles, normals, code)
     return shape
@@ -64,43 +66,60 @@ def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
     vertices = np.frombuffer(points).reshape(-1, 3)
     triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
     closed, mixed = edges(weld(vertices, triangles))
+    nearly_closed = closed
+    if not closed:
+        nearly_closed, _ = edges(weld_near(vertices, triangles))
     unique, place = np.unique(triangles, return_inverse=True)
     used = vertices[unique]
-    return Shape(
+    shape = Shape(
         used.min(axis=0),
         used.max(axis=0),
         signed_volume(vertices, triangles),
         closed,
-        closed or edges(weld_near(vertices, triangles))[0],
+        nearly_closed,
         used,
         place.reshape(-1, 3),
         surface_area(vertices, triangles),
-    ), mixed
+    )
+    return shape, mixed
 
 
 def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array, code: str) -> None:
-    size = np.linalg.norm(normals, axis=1)
-    if not np.all(np.isfinite(size)) or np.max(np.abs(size - 1)) > 0.01:
-        k = int(np.argmax(np.where(np.isfinite(size), np.abs(size - 1), np.inf)))
-        text = f"mesh '{where}': a normal has length {size[k]:.4g}, not 1."
-        ledger.wrong(f"{code}.normal", text, where, size=Measured(size[k], 1.0), suggestion="normalise the normals")
+    """Report normals that are not unit vectors, or that point against the winding."""
+    lengths = np.linalg.norm(normals, axis=1)
+    errors = np.abs(lengths - 1)
+    finite = np.isfinite(lengths)
+    if not np.all(finite) or np.max(errors) > 0.01:
+        k = int(np.argmax(np.where(finite, errors, np.inf)))
+        text = f"mesh '{where}': a normal has length {lengths[k]:.4g}, not 1."
+        ledger.wrong(f"{code}.normal", text, where, size=Measured(lengths[k], 1.0), suggestion="normalise the normals")
         return
-    a, b, c = (vertices[triangles[:, i]] for i in range(3))
-    area = np.cross(b - a, c - a)
-    total = float(np.linalg.norm(area, axis=1).sum())
-    along = np.einsum("ij,ikj->ik", area, normals.reshape(-1, 3, 3))
-    against = float(-along[along < 0].sum() / 3)
+    areas = _doubled_areas(vertices, triangles)
+    total = float(np.linalg.norm(areas, axis=1).sum())
+    corner_normals = normals.reshape(-1, 3, 3)
+    along = np.einsum("ij,ikj->ik", areas, corner_normals)
+    against = float(-along[along < 0].sum() / 3)  # each triangle has three corners
     if total > 0 and against > AGAINST * total:
+        share = against / total
         text = (
-            f"mesh '{where}': normals of {100 * against / total:.3g} % of the area point against the winding of the "
+            f"mesh '{where}': normals of {100 * share:.3g} % of the area point against the winding of the "
             "faces: the mesh looks lit from inside."
         )
-        ledger.wrong(f"{code}.normals_against", text, where, size=Measured(against / total, AGAINST))
+        ledger.wrong(f"{code}.normals_against", text, where, size=Measured(share, AGAINST))
+
+
+def _doubled_areas(vertices: Array, triangles: Array) -> Array:
+    """Return vectors (m, 3) along the normals of triangles, with twice the areas of the triangles as lengths."""
+    a = vertices[triangles[:, 0]]
+    b = vertices[triangles[:, 1]]
+    c = vertices[triangles[:, 2]]
+    return np.cross(b - a, c - a)
 
 
 def weld(vertices: Array, triangles: Array) -> Array:
     """Return the triangles (m, 3) with merged indices of equal points; exporters duplicate points at sharp edges."""
     rows = np.ascontiguousarray(vertices + 0.0)  # adding 0.0 removes negative zeros
+    # Each row becomes one value of 24 bytes: np.unique(axis=0) would sort the same rows much more slowly.
     keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * 3))).ravel()
     _, first = np.unique(keys, return_inverse=True)
     return first[triangles]
@@ -113,9 +132,12 @@ def weld_near(vertices: Array, triangles: Array) -> Array:
     opens a closed mesh.
     """
     points, place = np.unique(vertices, axis=0, return_inverse=True)
-    pairs = KDTree(points, balanced_tree=False, compact_nodes=False).query_pairs(NEAR, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-    return connected_components(links, directed=False)[1][place.ravel()][triangles]
+    tree = KDTree(points, balanced_tree=False, compact_nodes=False)
+    pairs = tree.query_pairs(NEAR, output_type="ndarray")
+    ones = np.ones(len(pairs))
+    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    _, merged = connected_components(graph, directed=False)
+    return merged[place.ravel()][triangles]
 
 
 def edges(triangles: Array) -> tuple[bool, bool]:
@@ -124,16 +146,21 @@ def edges(triangles: Array) -> tuple[bool, bool]:
     The orientation is consistent if each directed edge occurs as often as its opposite. Both values are False for an
     open mesh. Triangles that are degenerate after welding are ignored.
     """
-    t = triangles[(triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])]
-    t = t[t[:, 0] != t[:, 2]].astype(np.int64)
+    a = triangles[:, 0]
+    b = triangles[:, 1]
+    c = triangles[:, 2]
+    proper = (a != b) & (b != c) & (a != c)
+    t = triangles[proper].astype(np.int64)
     if not len(t):
         return False, False
     pairs = np.vstack([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    # One number for each directed edge, and one for its opposite.
     n = int(pairs.max()) + 1
-    there, back = pairs[:, 0] * n + pairs[:, 1], pairs[:, 1] * n + pairs[:, 0]
-    if np.array_equal(np.sort(there), np.sort(back)):
+    forward = pairs[:, 0] * n + pairs[:, 1]
+    backward = pairs[:, 1] * n + pairs[:, 0]
+    if np.array_equal(np.sort(forward), np.sort(backward)):
         return True, False
-    _, count = np.unique(np.minimum(there, back), return_counts=True)
+    _, count = np.unique(np.minimum(forward, backward), return_counts=True)
     return False, bool(np.all(count % 2 == 0))
 
 
@@ -142,8 +169,11 @@ def signed_volume(vertices: Array, triangles: Array) -> float:
 
     The origin is moved to the centre of the bounding box, which reduces rounding errors.
     """
-    p = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    a, b, c = (p[triangles[:, i]] for i in range(3))
+    center = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    points = vertices - center
+    a = points[triangles[:, 0]]
+    b = points[triangles[:, 1]]
+    c = points[triangles[:, 2]]
     return float(np.sum(a * np.cross(b, c)) / 6)
 
 
@@ -152,25 +182,32 @@ def joined(shapes: Iterable[Shape]) -> Shape | None:
     parts = list(shapes)
     if not parts:
         return None
-    points = np.vstack([s.points for s in parts])
-    offsets = np.cumsum([0, *(len(s.points) for s in parts[:-1])])
-    triangles = np.vstack([s.triangles + offset for s, offset in zip(parts, offsets, strict=True)])
-    volume = sum(s.volume for s in parts)
-    closed = all(s.closed for s in parts)
-    nearly_closed = all(s.nearly_closed for s in parts)
+    points = np.vstack([shape.points for shape in parts])
+    offset = 0
+    indices = []
+    for shape in parts:
+        indices.append(shape.triangles + offset)
+        offset += len(shape.points)
+    triangles = np.vstack(indices)
+    volume = sum(shape.volume for shape in parts)
+    closed = all(shape.closed for shape in parts)
+    nearly_closed = all(shape.nearly_closed for shape in parts)
     if len(parts) > 1 and not closed:
-        closed = edges(weld(points, triangles))[0]
-        nearly_closed = closed or nearly_closed or edges(weld_near(points, triangles))[0]
+        closed, _ = edges(weld(points, triangles))
+        if closed:
+            nearly_closed = True
+        elif not nearly_closed:
+            nearly_closed, _ = edges(weld_near(points, triangles))
         volume = signed_volume(points, triangles)
     return Shape(
-        np.min([s.low for s in parts], axis=0),
-        np.max([s.high for s in parts], axis=0),
+        np.min([shape.low for shape in parts], axis=0),
+        np.max([shape.high for shape in parts], axis=0),
         volume,
         closed,
         nearly_closed,
         points,
         triangles,
-        sum(s.area for s in parts),
+        sum(shape.area for shape in parts),
     )
 
 
@@ -196,17 +233,22 @@ def _read_obj(path: Path, time: int, size: int) -> tuple[Array, Array]:
             if not words:
                 continue
             if words[0] == "v":
-                points.append([float(w) for w in words[1:4]])
+                points.append([float(word) for word in words[1:4]])
             elif words[0] == "f":
-                corners = [int(w.split("/", 1)[0]) for w in words[1:]]
-                corners = [c - 1 if c > 0 else len(points) + c for c in corners]
-                faces += [(corners[0], corners[i], corners[i + 1]) for i in range(1, len(corners) - 1)]
+                corners = [_corner(word, len(points)) for word in words[1:]]
+                for second, third in pairwise(corners[1:]):  # a polygon becomes a fan of triangles
+                    faces.append((corners[0], second, third))
     except (OSError, ValueError, IndexError) as error:
         raise ReadError(f"{path.name} cannot be read: {error}") from error
     vertices = np.array(points, float).reshape(-1, 3)
     triangles = np.array(faces, int).reshape(-1, 3)
     if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(vertices)):
-        raise ReadError(
-            f"{path.name}: a face uses point {int(triangles.max()) + 1}, but the file has {len(vertices)} points"
-        )
+        last = int(triangles.max()) + 1
+        raise ReadError(f"{path.name}: a face uses point {last}, but the file has {len(vertices)} points")
     return vertices, triangles
+
+
+def _corner(word: str, count: int) -> int:
+    """Return the index from 0 of a corner "point/texture/normal"; negative numbers count back from the last point."""
+    number = int(word.split("/", 1)[0])
+    return number - 1 if number > 0 else count + number

@@ -18,10 +18,12 @@ R_Z_UP_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 def rotation(xyzw: ArrayLike) -> Array:
     """Return rotations (..., 3, 3) of quaternions (..., 4) of any length; a zero quaternion gives the identity."""
     q = np.asarray(xyzw, float)
-    n = np.sum(q * q, axis=-1, keepdims=True)
-    usable = np.isfinite(n) & (n > 1e-24)
-    q = np.where(usable, q, [0.0, 0.0, 0.0, 1.0]) / np.sqrt(np.where(usable, n, 1.0))
-    v, w = q[..., :3], q[..., 3, None, None]
+    squared = np.sum(q * q, axis=-1, keepdims=True)
+    usable = np.isfinite(squared) & (squared > 1e-24)
+    q = np.where(usable, q, [0.0, 0.0, 0.0, 1.0])
+    q = q / np.sqrt(np.where(usable, squared, 1.0))
+    v = q[..., :3]
+    w = q[..., 3, None, None]
     outer = v[..., :, None] * v[..., None, :]
     inner = np.sum(v * v, axis=-1)[..., None, None]
     return (w * w - inner) * np.eye(3) + 2 * outer + 2 * w * cross_matrix(v)
@@ -39,9 +41,10 @@ def cross_matrix(v: ArrayLike) -> Array:
 
 def about(axis: ArrayLike, angle: ArrayLike) -> Array:
     """Return rotations (..., 3, 3) by angles (...) in rad about one axis (3,)."""
-    a = np.asarray(axis, float) / np.linalg.norm(axis)
+    direction = np.asarray(axis, float) / np.linalg.norm(axis)
     half = np.asarray(angle, float)[..., None] / 2
-    return rotation(np.concatenate([a * np.sin(half), np.cos(half)], axis=-1))
+    xyzw = np.concatenate([direction * np.sin(half), np.cos(half)], axis=-1)
+    return rotation(xyzw)
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
@@ -50,7 +53,9 @@ def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
     p = np.zeros(3) if p is None else np.asarray(p, float)
     shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
     out = np.zeros((*shape, 4, 4))
-    out[..., :3, :3], out[..., :3, 3], out[..., 3, 3] = R, p, 1.0
+    out[..., :3, :3] = R
+    out[..., :3, 3] = p
+    out[..., 3, 3] = 1.0
     return out
 
 
@@ -64,7 +69,8 @@ def inverse(T: ArrayLike) -> Array:
     """Return the inverse of rigid poses (..., 4, 4)."""
     T = np.asarray(T, float)
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
-    return pose(Rt, -(Rt @ T[..., :3, 3, None])[..., 0])
+    turned = Rt @ T[..., :3, 3, None]
+    return pose(Rt, -turned[..., 0])
 
 
 def angle(A: ArrayLike, B: ArrayLike) -> Array:
@@ -73,7 +79,8 @@ def angle(A: ArrayLike, B: ArrayLike) -> Array:
     The Frobenius norm of the difference of two rotations is 2 sqrt(2) sin(angle / 2); an arc cosine would be inaccurate
     for small angles.
     """
-    size = np.linalg.norm(np.asarray(A, float) - np.asarray(B, float), axis=(-2, -1))
+    difference = np.asarray(A, float) - np.asarray(B, float)
+    size = np.linalg.norm(difference, axis=(-2, -1))
     return 2 * np.arcsin(np.clip(size / np.sqrt(8), 0.0, 1.0))
 
 
@@ -84,25 +91,29 @@ def split(M: ArrayLike) -> tuple[Array, Array]:
     size = np.linalg.norm(A, axis=-2)
     mirrored = np.linalg.det(A) < 0
     size = size * np.where(mirrored[..., None], [-1.0, 1.0, 1.0], 1.0)
-    return pose(A / np.where(size == 0, 1.0, size)[..., None, :], M[..., :3, 3]), size
+    divisor = np.where(size == 0, 1.0, size)
+    R = A / divisor[..., None, :]
+    return pose(R, M[..., :3, 3]), size
 
 
 def slerp(a: Array, b: Array, u: Array) -> Array:
     """Return quaternions (k, 4), interpolated along the shorter rotation from a to b (k, 4) at fractions u (k,)."""
-    d = np.sum(a * b, axis=-1, keepdims=True)
-    b = np.where(d < 0, -b, b)
-    half = np.arccos(np.clip(np.abs(d), 0.0, 1.0))
-    s = np.sin(half)
-    near = s < 1e-6
-    s = np.where(near, 1.0, s)
+    cosine = np.sum(a * b, axis=-1, keepdims=True)
+    b = np.where(cosine < 0, -b, b)
+    half = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
+    sine = np.sin(half)
+    near = sine < 1e-6  # equal quaternions: the arc has no direction, and its chord is exact enough
+    sine = np.where(near, 1.0, sine)
     u = np.asarray(u)[:, None]
-    return np.where(near, (1 - u) * a + u * b, (np.sin((1 - u) * half) * a + np.sin(u * half) * b) / s)
+    chord = (1 - u) * a + u * b
+    arc = (np.sin((1 - u) * half) * a + np.sin(u * half) * b) / sine
+    return np.where(near, chord, arc)
 
 
 def rpy(angles: ArrayLike) -> Array:
     """Return the rotation (3, 3) of roll, pitch, yaw in rad about the fixed axes x, y, z (URDF)."""
-    r, p, y = np.asarray(angles, float)
-    return about([0, 0, 1], y) @ about([0, 1, 0], p) @ about([1, 0, 0], r)
+    roll, pitch, yaw = np.asarray(angles, float)
+    return about([0, 0, 1], yaw) @ about([0, 1, 0], pitch) @ about([1, 0, 0], roll)
 
 
 def quaternion(R: ArrayLike) -> Array:
@@ -114,11 +125,17 @@ def quaternion(R: ArrayLike) -> Array:
     K = np.zeros((*R.shape[:-2], 4, 4))
     trace = np.trace(R, axis1=-2, axis2=-1)
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         K[..., i, i] = 1 + 2 * R[..., i, i] - trace
-        K[..., i, j] = K[..., j, i] = R[..., i, j] + R[..., j, i]
-        K[..., i, 3] = K[..., 3, i] = R[..., k, j] - R[..., j, k]
+        symmetric = R[..., i, j] + R[..., j, i]
+        K[..., i, j] = symmetric
+        K[..., j, i] = symmetric
+        antisymmetric = R[..., k, j] - R[..., j, k]
+        K[..., i, 3] = antisymmetric
+        K[..., 3, i] = antisymmetric
     K[..., 3, 3] = 1 + trace
-    best = np.argmax(np.einsum("...ii->...i", K), axis=-1)
+    diagonal = np.einsum("...ii->...i", K)
+    best = np.argmax(diagonal, axis=-1)
     column = np.take_along_axis(K, best[..., None, None], axis=-1)[..., 0]
     return column / np.linalg.norm(column, axis=-1, keepdims=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
+from typing import TypeGuard
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.report import Ledger
@@ -23,7 +24,7 @@ def check_proof(path: Path, ledger: Ledger) -> JsonObject:
         ledger.add("proof.schema", "error", f'the file does not contain "schema": "{SCHEMA}" and "version": 1.')
         return {}
     rows = data.get("files")
-    if not isinstance(rows, list) or not all(isinstance(r, dict) and isinstance(r.get("file"), str) for r in rows):
+    if not _are_files(rows):
         ledger.add("proof.schema", "error", "'files' is not a list of files.")
         return {}
     folder = path.parent
@@ -32,8 +33,8 @@ def check_proof(path: Path, ledger: Ledger) -> JsonObject:
     for row in rows:
         listed.add(row["file"])
         wrong += not _fits(folder, row, ledger)
-    there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
-    for name in sorted(there - listed):
+    present = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+    for name in sorted(present - listed):
         if not any(part.startswith(".") for part in Path(name).parts):
             text = f"'{name}' is in the folder, but not listed in proof.json."
             ledger.add("proof.unlisted", "warning", text, name, suggestion="export again, or remove the file")
@@ -42,6 +43,17 @@ def check_proof(path: Path, ledger: Ledger) -> JsonObject:
         text = f"the verdict in proof.json is '{data['verdict']}': the audit at the export found a fault."
         ledger.wrong("proof.verdict", text, "verdict")
     return data
+
+
+def _are_files(rows: object) -> TypeGuard[list[JsonObject]]:
+    """Return whether the entry "files" is a list of objects that each name a file."""
+    if not isinstance(rows, list):
+        return False
+    for row in rows:
+        file = row.get("file") if isinstance(row, dict) else None
+        if not isinstance(file, str):
+            return False
+    return True
 
 
 def _fits(folder: Path, row: JsonObject, ledger: Ledger) -> bool:
@@ -53,13 +65,13 @@ def _fits(folder: Path, row: JsonObject, ledger: Ledger) -> bool:
     if not file.is_file():
         ledger.wrong("proof.missing", f"'{name}' is listed in proof.json, but does not exist.", name)
         return False
-    said = str(row.get("sha256", "")).removeprefix("sha256:")
+    stated = str(row.get("sha256", "")).removeprefix("sha256:")
     real = hashlib.sha256(file.read_bytes()).hexdigest()
-    if said == real:
+    if stated == real:
         return True
     text = (
         f"'{name}' has changed since proof.json was written: the sha256 is {real[:12]}…, "
-        f"in proof.json it is {said[:12] or 'nothing'}…."
+        f"in proof.json it is {stated[:12] or 'nothing'}…."
     )
     ledger.wrong("proof.hash", text, name)
     return False

@@ -88,10 +88,10 @@ class AuditReport(Result):
         if self.verdict == "disagree":
             return "FAIL: files are invalid or inconsistent with each other; see the findings"
         if self.verdict == "unchecked":
-            causes = [f for f in self.findings if f.severity == "error"]
+            causes = [finding for finding in self.findings if finding.severity == "error"]
             more = f" And {len(causes) - 1} more, see the findings." if len(causes) > 1 else ""
             return f"UNCHECKED: {causes[0].message}{more}"
-        if any(c.against for c in self.checks):
+        if any(check.against for check in self.checks):
             return "PASS: all files are valid and consistent with each other"
         return "VALID: the file is well formed; there is nothing to compare it with"
 
@@ -102,23 +102,29 @@ class AuditReport(Result):
         """
         yield f"{self.path}\n\n  {self.headline}\n"
         if self.files:
-            rows = [
-                (f["file"], *(str(f.get(k, "")) for k in ("units", "up_axis", "handedness")), _links(f), _clips(f))
-                for f in self.files
-            ]
-            yield Table(("file", "units", "up", "handed", "links", "clips"), rows, fit=True)
+            titles = ("file", "units", "up", "handed", "links", "clips")
+            yield Table(titles, [_row_of_file(file) for file in self.files], fit=True)
             yield ""
-        if rows := [_row(c) for c in (self.checks if everything else worst(self.checks))]:
-            yield Table(("check", "worst in", "worst", "tolerance", "where", "when", ""), rows, fit=True)
+        checks = self.checks if everything else worst(self.checks)
+        if checks:
+            titles = ("check", "worst in", "worst", "tolerance", "where", "when", "")
+            yield Table(titles, [_row(check) for check in checks], fit=True)
             yield ""
-        shown = [f for f in by_severity(self.findings) if everything or f.severity != "info"]
+        shown = []
+        for found in by_severity(self.findings):
+            if everything or found.severity != "info":
+                shown.append(found)
         yield from shown
-        notes = len(self.findings) - len(shown)
-        yield ("\n" if shown else "") + (
-            f"  {format.count(len(self.checks), 'check')}, {format.count(len(self.findings), 'finding')}"
-            + (f", of which {format.count(notes, 'note')} (shown by --all)" if notes else "")
-            + f"; tolerance of poses: {POSITION_TOL * 1e6:g} µm and {math.degrees(ROTATION_TOL):.3g} deg"
-        )
+        yield ("\n" if shown else "") + self._counts(len(self.findings) - len(shown))
+
+    def _counts(self, notes: int) -> str:
+        """Return the last line of the text: counts of checks and findings, of which `notes` are not shown."""
+        checks = format.count(len(self.checks), "check")
+        findings = format.count(len(self.findings), "finding")
+        hidden = f", of which {format.count(notes, 'note')} (shown by --all)" if notes else ""
+        position = f"{POSITION_TOL * 1e6:g} µm"
+        rotation = f"{math.degrees(ROTATION_TOL):.3g} deg"
+        return f"  {checks}, {findings}{hidden}; tolerance of poses: {position} and {rotation}"
 
 
 _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
@@ -130,21 +136,33 @@ def worst(checks: Sequence[Check]) -> list[Check]:
     for check in checks:
         kind = re.sub(r"clip '[^']*': | against [^,]*|, \d.*|\d+", "", check.check)
         first = kinds.setdefault(kind, check)
-        if (check.verdict != "agree", check.worst or 0.0) > (first.verdict != "agree", first.worst or 0.0):
+        if _badness(check) > _badness(first):
             kinds[kind] = check
     return list(kinds.values())
 
 
-def _links(file: JsonMapping) -> str:
-    return f"{file['nodes']} nodes" if file["links"] is None else str(file["links"])
+def _badness(check: Check) -> tuple[bool, float]:
+    return check.verdict != "agree", check.worst or 0.0
 
 
-def _clips(file: JsonMapping) -> str:
-    return ", ".join(f"{c['name']} ({c['keys']} keys, {c['duration_s']:.3f} s)" for c in file["clips"]) or "-"
+def _row_of_file(file: JsonMapping) -> tuple[str, ...]:
+    """Return a file's row in the table of files; without marked links, the number of its nodes."""
+    links = str(file["links"])
+    if file["links"] is None:
+        links = f"{file['nodes']} nodes"
+    clips = []
+    for clip in file["clips"]:
+        clips.append(f"{clip['name']} ({clip['keys']} keys, {clip['duration_s']:.3f} s)")
+    units = str(file.get("units", ""))
+    up = str(file.get("up_axis", ""))
+    handedness = str(file.get("handedness", ""))
+    return file["file"], units, up, handedness, links, ", ".join(clips) or "-"
 
 
-def _row(c: Check) -> tuple[str, ...]:
-    return c.check, c.file, _shown(c.worst, c.unit), _shown(c.tolerance, c.unit), c.where, c.when, _MARKS[c.verdict]
+def _row(check: Check) -> tuple[str, ...]:
+    size = _shown(check.worst, check.unit)
+    tolerance = _shown(check.tolerance, check.unit)
+    return check.check, check.file, size, tolerance, check.where, check.when, _MARKS[check.verdict]
 
 
 def _shown(value: float | None, unit: str) -> str:
@@ -240,12 +258,16 @@ class Ledger:
         self._count[code] += 1
         if self._count[code] > MOST:
             return
-        place = f"{self.file}: {where}" if where and where != self.file else self.file
+        place = self.file
+        if where and where != self.file:
+            place = f"{self.file}: {where}"
         value, limit, unit = size if isinstance(size, Measured) else Measured(size)
-        value = None if value is None or not math.isfinite(value) else float(value)
-        sized, bound = (None if x is None else Quantity(x, unit) for x in (value, limit))
+        measured = None
+        if value is not None and math.isfinite(value):
+            measured = Quantity(float(value), unit)
+        bound = None if limit is None else Quantity(limit, unit)
         advice = suggestion or ADVICE.get(code) or ADVICE.get(code.partition(".")[2], "")
-        self.found.append(finding(severity, code, place, message, sized, bound, advice, when=when, word=""))
+        self.found.append(finding(severity, code, place, message, measured, bound, advice, when=when, word=""))
 
     def wrong(self, code: str, message: str, where: str = "", **more: Any) -> None:
         """Add a finding of severity "disagreement"; for the arguments see `add`."""
@@ -270,7 +292,9 @@ class Ledger:
         """
         if fits is None:
             fits = worst is None or tolerance is None or bool(worst <= tolerance)
-        number = None if worst is None or not math.isfinite(worst) else float(worst)
+        number = None  # JSON has no number for an infinite deviation
+        if worst is not None and math.isfinite(worst):
+            number = float(worst)
         says: Verdict = "agree" if fits else "disagree"
         source = (self.file, self.tool, self.version)
         self.checks.append(Check(check, *source, number, unit, tolerance, says, where, when, against))
@@ -281,7 +305,7 @@ class Ledger:
         out = list(self.found)
         for code, count in self._count.items():
             if count > MOST:
-                last = max(i for i, f in enumerate(out) if f.code == code)
+                last = [i for i, found in enumerate(out) if found.code == code][-1]
                 more = f"{out[last].message} And {count - MOST} more of this kind."
                 out[last] = replace(out[last], message=more)
         return out
@@ -311,20 +335,33 @@ def guarded(read: Callable[[Path, Ledger], Read], path: Path, ledger: Ledger) ->
 
 def finished(path: str, files: list[JsonObject], ledgers: list[Ledger]) -> AuditReport:
     """Return the report with the checks and findings of all ledgers."""
-    checks = [c for ledger in ledgers for c in ledger.checks]
-    nothing = not checks or (files and not any(f["links"] or f["nodes"] for f in files))
-    if nothing and verdict(f for g in ledgers for f in g.findings) == "agree":  # "agree" would be false
+    checks: list[Check] = []
+    findings: list[Finding] = []
+    for ledger in ledgers:
+        checks += ledger.checks
+        findings += ledger.findings
+    if verdict(findings) == "agree" and not _has_content(files, checks):  # "agree" would be false
         none = Ledger(path)
         none.add("audit.no_checks", "error", "the files have nothing that can be checked.")
-        ledgers = [*ledgers, none]
-    return AuditReport(path, files, checks, by_severity(f for ledger in ledgers for f in ledger.findings))
+        findings += none.findings
+    return AuditReport(path, files, checks, by_severity(findings))
+
+
+def _has_content(files: list[JsonObject], checks: list[Check]) -> bool:
+    """Return whether something was checked, and one of the files, if there are any, has links or nodes."""
+    if not checks:
+        return False
+    return not files or any(file["links"] or file["nodes"] for file in files)
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
     """Return a value with its unit as text, such as "1.5 mm"; values in m are converted to um, mm or m."""
-    if unit == "m" and math.isfinite(value):
-        factor, unit = next((f, u) for most, f, u in _LENGTHS if abs(value) < most)
-        value *= factor
+    if unit == "m" and abs(value) < 1e-3:
+        value *= 1e6
+        unit = "um"
+    elif unit == "m" and abs(value) < 1.0:
+        value *= 1e3
+        unit = "mm"
     return f"{value:.{digits}g} {unit}"
 
 
@@ -334,6 +371,3 @@ def told_apart(a: float, b: float) -> tuple[str, str]:
     while digits < 16 and f"{a:.{digits}g}" == f"{b:.{digits}g}":
         digits += 1
     return f"{a:.{digits}g}", f"{b:.{digits}g}"
-
-
-_LENGTHS = ((1e-3, 1e6, "um"), (1.0, 1e3, "mm"), (math.inf, 1.0, "m"))

@@ -20,6 +20,8 @@ from twin.exchange.audit.folder import SCENE
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, ReadError, guarded, quantity
+from twin.exchange.format import Holds
+from twin.exchange.formats import holding
 from twin.exchange.formats.usd.audit import World
 from twin.exchange.formats.usd.audit.checks import version
 from twin.usd.check import run_usd_validators
@@ -51,22 +53,25 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     """
     contents: list[Content] = []
     ledger = Ledger(SCENE, "twin.exchange.audit scene", "1")
-    ledgers, robots = [ledger], {}
+    ledgers = [ledger]
+    robots: dict[str, Shown] = {}
     for name, protocol, T, path in _places(folder, ledger):
-        own, theirs = audited(path)
-        robots[name] = _shown(own, protocol, T)
-        contents += own
-        for one in theirs:
-            one.file = f"{name}/{one.file}"
-            one.checks = [replace(c, file=f"{name}/{c.file}") for c in one.checks]
-            one.found = [replace(f, where=f"{name}/{f.where}") for f in one.found]
-        ledgers += theirs
+        robot_contents, robot_ledgers = audited(path)
+        robots[name] = _shown(robot_contents, protocol, T)
+        contents += robot_contents
+        for robot_ledger in robot_ledgers:
+            robot_ledger.file = f"{name}/{robot_ledger.file}"
+            robot_ledger.checks = [replace(check, file=f"{name}/{check.file}") for check in robot_ledger.checks]
+            robot_ledger.found = [replace(f, where=f"{name}/{f.where}") for f in robot_ledger.found]
+        ledgers += robot_ledgers
     ledger.row("robots", float(len(robots)), "found")
-    if robots and (objects := _objects(folder, ledger)):
-        robots["objects"] = Shown(np.eye(4), np.zeros(1), objects)
-        ledger.row("objects", float(len(objects)), "found")
-    for stage in sorted((folder / "usd").glob("*.usda")) if robots else ():
-        ledgers.append(_audit_stage(stage, robots))
+    if robots:
+        objects = _objects(folder, ledger)
+        if objects:
+            robots["objects"] = Shown(np.eye(4), np.zeros(1), objects)
+            ledger.row("objects", float(len(objects)), "found")
+        for stage in sorted((folder / "usd").glob("*.usda")):
+            ledgers.append(_audit_stage(stage, robots))
     ledgers += audit_bends(folder)
     return contents, ledgers
 
@@ -87,12 +92,19 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
         except (ValueError, TypeError):
             T = np.zeros(0)
         path = folder / own
-        if T.shape != (4, 4) or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9):
+        if not _is_pose(T):
             ledger.add("scene.pose", "error", f"robot '{name}': T_world_base is not a pose (4, 4).", name)
         elif not os.path.isdir(path) or not path.resolve().is_relative_to(folder.resolve()):  # noqa: PTH112 - any name
             ledger.add("scene.folder", "error", f"robot '{name}': the scene has no folder '{own}'.", name)
         else:
             yield name, protocol, T, path
+
+
+def _is_pose(T: Array) -> bool:
+    if T.shape != (4, 4):
+        return False
+    R = T[:3, :3]
+    return np.allclose(R @ R.T, np.eye(3), atol=1e-9)
 
 
 def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
@@ -118,8 +130,12 @@ def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> S
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):
             return Shown(T_world_base, ref.clip.times, ref.clip.links)
-    still = sorted((c for c in contents if c.links and c.rest), key=lambda c: c.format != "glb")
-    links = {n: still[0].rest[n][None] for n in still[0].links or ()} if still and not protocol else {}
+    still = [content for content in contents if content.links and content.rest]
+    still.sort(key=lambda c: not holding(c.format, Holds.ALL_MOTIONS))
+    links = {}
+    if still and not protocol:
+        for link in still[0].links or ():
+            links[link] = still[0].rest[link][None]
     return Shown(T_world_base, np.zeros(1), links)
 
 
@@ -135,18 +151,18 @@ def _compare_stage(robots: Mapping[str, Shown], path: Path, ledger: Ledger) -> N
         public = [f for f in run_usd_validators(path) if f.severity != "info"]
         worst, where, when = deviation(path, robots)
     except (Tf.ErrorException, RuntimeError) as error:
-        text = f"OpenUSD cannot read the stage: {str(error).strip().splitlines()[-1][:200]}"
+        reason = str(error).strip().splitlines()[-1]
+        text = f"OpenUSD cannot read the stage: {reason[:200]}"
         raise ReadError(text, "usd.unreadable") from error
     for f in public:
         ledger.add(f.code, f.severity, f.message, f.where)
     ledger.row("public validators", float(len(public)), "found", 0.0)
-    ledger.row(
-        "links in the world frame, compared with the robots' files", worst, "m", POSITION_TOL, where=where, when=when
-    )
+    check = "links in the world frame, compared with the robots' files"
+    ledger.row(check, worst, "m", POSITION_TOL, where=where, when=when)
     if not worst <= POSITION_TOL:
-        text = f"{where}: " + (
-            f"the pose differs from the robot's files by {quantity(worst, 'm')}." if np.isfinite(worst) else "missing."
-        )
+        text = f"{where}: missing."
+        if np.isfinite(worst):
+            text = f"{where}: the pose differs from the robot's files by {quantity(worst, 'm')}."
         ledger.wrong("scene.link", text, where, size=Measured(worst, POSITION_TOL, "m"), when=when)
 
 
@@ -158,20 +174,29 @@ def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str
     """
     opened = Usd.Stage.Open(str(stage))
     opened.Reload()  # USD keeps layers in memory, but the file may have changed
-    world, rate, root = World(opened), opened.GetTimeCodesPerSecond(), opened.GetDefaultPrim().GetPath()
+    world = World(opened)
+    rate = opened.GetTimeCodesPerSecond()
+    root = opened.GetDefaultPrim().GetPath()
     corners = np.vstack([np.zeros(3), REACH * np.eye(3)])
-    worst, where, when = 0.0, "", ""
+    worst = 0.0
+    where = ""
+    when = ""
     for name, robot in robots.items():
-        keys = sorted({0, len(robot.times) // 2, len(robot.times) - 1})
+        last = len(robot.times) - 1
+        keys = sorted({0, len(robot.times) // 2, last})
         if not robot.links:
             return np.inf, f"link poses in the files of {name}", ""
-        for link, Ts in robot.links.items():
-            if not (prim := opened.GetPrimAtPath(root.AppendChild(name).AppendChild(link))):
+        codes = [Usd.TimeCode(float(robot.times[k] * rate)) for k in keys]
+        for link, poses in robot.links.items():
+            prim = opened.GetPrimAtPath(root.AppendChild(name).AppendChild(link))
+            if not prim:
                 return np.inf, f"{name}/{link}", ""
-            codes = [Usd.TimeCode(float(robot.times[k] * rate)) for k in keys]
             for k, T in zip(keys, world.poses(prim, codes), strict=True):
-                off = T - robot.T_world_base @ Ts[k]
-                distance = float(np.linalg.norm(corners @ off[:3, :3].T + off[:3, 3], axis=1).max())
+                difference = T - robot.T_world_base @ poses[k]
+                shift = corners @ difference[:3, :3].T + difference[:3, 3]
+                distance = float(np.linalg.norm(shift, axis=1).max())
                 if not distance < worst:
-                    worst, where, when = distance, f"{name}/{link}", f"t = {robot.times[k]:.3f} s"
+                    worst = distance
+                    where = f"{name}/{link}"
+                    when = f"t = {robot.times[k]:.3f} s"
     return worst, where, when

@@ -44,22 +44,23 @@ def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
     `gravity` are the values (3,) in m/s2 of the mechanism and of files in other formats. Gravity that does not point
     down is wrong only if none of them is the same: some robots are meant for a slope, or drawn with another axis up.
     """
-    p, ledger = content.physics, content.ledger
-    if p is None:
+    physics = content.physics
+    ledger = content.ledger
+    if physics is None:
         return
     before = len(ledger.found)
-    for link, mass in p.masses.items():
+    for link, mass in physics.masses.items():
         _check_mass(ledger, link, mass)
-        known = np.isfinite(mass.mass) and mass.mass > 0 and link not in p.assumed
+        known = np.isfinite(mass.mass) and mass.mass > 0 and link not in physics.assumed
         if known and link in content.shapes:
-            _check_extent(ledger, link, mass, content.shapes[link], link not in p.partly)
-    for joint in p.joints:
+            _check_extent(ledger, link, mass, content.shapes[link], link not in physics.partly)
+    for joint in physics.joints:
         if joint.names:
             _check_drive(ledger, joint.names[-1], joint.drive)
-    if p.gravity is not None:
-        meant = any(np.linalg.norm(p.gravity - other) < SAME_GRAVITY for other in gravity)
-        _check_gravity(ledger, p.gravity, meant)
-    if p.masses or p.joints:
+    if physics.gravity is not None:
+        meant = any(np.linalg.norm(physics.gravity - other) < SAME_GRAVITY for other in gravity)
+        _check_gravity(ledger, physics.gravity, meant)
+    if physics.masses or physics.joints:
         wrong = [f for f in ledger.found[before:] if f.severity != "info"]
         ledger.row("masses, drives, gravity: physically possible", float(len(wrong)), "found", 0.0)
 
@@ -102,44 +103,59 @@ def _check_extent(ledger: Ledger, link: str, mass: Mass, shape: Shape, whole: bo
 
     if mass.inertia is not None and not np.all(np.isfinite(mass.inertia)):
         return
-    diagonal = float(np.linalg.norm(shape.high - shape.low))
+    size = shape.high - shape.low
+    diagonal = shape.diagonal
     if mass.center is not None:
-        away = float(np.linalg.norm(np.maximum(np.maximum(shape.low - mass.center, mass.center - shape.high), 0.0)))
+        outside = np.maximum(shape.low - mass.center, mass.center - shape.high)
+        away = float(np.linalg.norm(np.maximum(outside, 0.0)))
         if away > OUTSIDE * diagonal:
             text = f"the centre of mass is {quantity(away, 'm')} outside the bounding box of the link's meshes"
             wrong("mass_centre_outside", text, away, "m", OUTSIDE * diagonal)
     if mass.inertia is not None and diagonal > 0:
-        gyration = float(np.sqrt(max(np.linalg.eigvalsh((mass.inertia + mass.inertia.T) / 2)[2], 0.0) / mass.mass))
+        moments = np.linalg.eigvalsh((mass.inertia + mass.inertia.T) / 2)
+        largest = max(moments[2], 0.0)
+        gyration = float(np.sqrt(largest / mass.mass))
         if gyration > diagonal:
             text = (
                 f"the radius of gyration is {quantity(gyration, 'm')}, more than the diagonal "
                 f"{quantity(diagonal, 'm')} of the bounding box of the link's meshes"
             )
             wrong("inertia_too_large", text, gyration, "m", diagonal)
-    box = float(np.prod(np.maximum(shape.high - shape.low, SHEET)))
-    volume = shape.volume if shape.closed and shape.volume > shape.rounding else box
-    if volume == box and np.min(shape.high - shape.low) < SHEET:
+    box = float(np.prod(np.maximum(size, SHEET)))
+    volume = box
+    if shape.closed and shape.volume > shape.rounding:
+        volume = shape.volume
+    if volume == box and np.min(size) < SHEET:
         return  # a sheet, such as a sticker or a marker, shows no volume
-    if mass.mass / volume > DENSEST:
+    density = mass.mass / volume
+    box_density = mass.mass / box
+    if density > DENSEST:
         text = (
-            f"the mass of {mass.mass:.4g} kg in a volume of {volume:.3g} m3 gives {mass.mass / volume:.3g} kg/m3, "
+            f"the mass of {mass.mass:.4g} kg in a volume of {volume:.3g} m3 gives {density:.3g} kg/m3, "
             "more than the density of any material"
         )
-        wrong("density", text, mass.mass / volume, "kg/m3", DENSEST)
-    elif mass.mass / box < LIGHTEST:
+        wrong("density", text, density, "kg/m3", DENSEST)
+    elif box_density < LIGHTEST:
         text = (
-            f"the mass of {mass.mass:.4g} kg in a bounding box of {box:.3g} m3 gives {mass.mass / box:.3g} kg/m3, "
+            f"the mass of {mass.mass:.4g} kg in a bounding box of {box:.3g} m3 gives {box_density:.3g} kg/m3, "
             "less than the density of air"
         )
-        wrong("density", text, mass.mass / box, "kg/m3", LIGHTEST)
+        wrong("density", text, box_density, "kg/m3", LIGHTEST)
 
 
 def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
-    if drive.limits is not None and not drive.limits[0] <= drive.limits[1]:
-        text = f"joint '{joint}': lower limit {drive.limits[0]:g} is above upper limit {drive.limits[1]:g}."
-        ledger.wrong("physics.limits", text, joint, suggestion="exchange the limits")
-    gains = {"stiffness": drive.stiffness, "damping": drive.damping}
-    for name, value in (gains | {"maximum effort": drive.effort, "maximum speed": drive.speed}).items():
+    if drive.limits is not None:
+        lower, upper = drive.limits
+        if not lower <= upper:
+            text = f"joint '{joint}': lower limit {lower:g} is above upper limit {upper:g}."
+            ledger.wrong("physics.limits", text, joint, suggestion="exchange the limits")
+    values = {
+        "stiffness": drive.stiffness,
+        "damping": drive.damping,
+        "maximum effort": drive.effort,
+        "maximum speed": drive.speed,
+    }
+    for name, value in values.items():
         if value is not None and value < 0:
             text = f"joint '{joint}': the {name} is {value:g}, but must not be negative."
             ledger.wrong("physics.drive_negative", text, joint, size=Measured(value, 0.0))
@@ -159,12 +175,7 @@ def _check_gravity(ledger: Ledger, gravity: np.ndarray, meant: bool) -> None:
         text = f"gravity is ({shown}) m/s2 in a world with z up, but must point down (-z)."
         ledger.wrong("physics.gravity", text, "gravity", suggestion="gravity along -z: (0, 0, -9.81)")
     elif not GRAVITY[0] <= size <= GRAVITY[1]:
-        grave = not 1.0 < size < 20.0  # gravity of other planets is allowed
+        # Gravity of other planets is allowed.
+        severity = "warning" if 1.0 < size < 20.0 else "disagreement"
         text = f"gravity is {size:g} m/s2; on earth it is 9.81 (x {size / 9.81:.4g})."
-        ledger.add(
-            "physics.gravity",
-            "disagreement" if grave else "warning",
-            text,
-            "gravity",
-            size=Measured(size, 9.81, "m/s2"),
-        )
+        ledger.add("physics.gravity", severity, text, "gravity", size=Measured(size, 9.81, "m/s2"))

@@ -21,6 +21,7 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, Table
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
+from twin.exchange.format import Holds
 from twin.exchange.formats import exported, named
 from twin.exchange.write import readme
 from twin.exchange.write.clip import Between, Budget, Clip, model_hash
@@ -74,39 +75,38 @@ class Bundle(Result):
             "folder": str(self.folder),
             "files": [f.as_posix() for f in self.files],
             "bytes": self.size,
-            "clips": [
-                {
-                    "protocol": c.name,
-                    "keys": len(c.times),
-                    "rate": c.rate,
-                    "between_position": c.between.position,
-                    "between_rotation": c.between.rotation,
-                    "joint_gap": c.between.joint_gap,
-                }
-                for c in self.order.clips
-            ],
+            "clips": [_entry(clip) for clip in self.order.clips],
             "checks": list(self.checks),
         }
 
     def text(self) -> Iterator[Part]:
         """Yield lines of text: verdict, findings, motions with their errors, and files."""
         yield f"{self.order.mechanism.name} · {', '.join(self.formats)}\n\n  {_VERDICTS[self.verdict]}\n"
-        if shown := [f for f in by_severity(self.findings) if f.severity != "info"]:
+        shown = [finding for finding in by_severity(self.findings) if finding.severity != "info"]
+        if shown:
             yield from shown
             yield ""
         if self.order.clips:
             header = ("motion", "duration s", "keys per second", "error µm", "error deg", "joint gap µm")
-            yield Table(header, [_row(c) for c in self.order.clips])
+            yield Table(header, [_row(clip) for clip in self.order.clips])
             yield ""
-        top: dict[str, int] = {}
-        for file in self.files:
-            name = f"{file.parts[0]}/" if len(file.parts) > 1 else file.name
-            top[name] = top.get(name, 0) + (self.folder / file).stat().st_size
-        rows = [(f"{self.folder / n}{'/' * n.endswith('/')}", f"{size / 1e3:.0f} kB") for n, size in top.items()]
-        yield Table((), rows)
+        yield Table((), self._sizes())
         yield f"\n  {self.size / 1e6:.1f} MB in {len(self.files)} files; {len(self.checks)} checks in proof.json"
-        if assumed := len(self.order.assumed) + sum(len(c.assumed) for c in self.order.clips):
+        assumed = len(self.order.assumed)
+        for clip in self.order.clips:
+            assumed += len(clip.assumed)
+        if assumed:
             yield f"  {assumed} assumed values (unpublished) are listed in README.txt."
+
+    def _sizes(self) -> list[tuple[str, str]]:
+        """Return (path, size) of the files in the export folder, and of its folders with all that they contain."""
+        sizes: dict[str, int] = {}
+        for file in self.files:
+            top = str(self.folder / file.parts[0])
+            if len(file.parts) > 1:
+                top += "/"
+            sizes[top] = sizes.get(top, 0) + (self.folder / file).stat().st_size
+        return [(top, f"{size / 1e3:.0f} kB") for top, size in sizes.items()]
 
 
 _VERDICTS = {
@@ -116,10 +116,23 @@ _VERDICTS = {
 }
 
 
-def _row(c: Clip) -> tuple[str, ...]:
-    b = c.between
-    between = (f"{b.position / UM:.1f}", f"{b.rotation / DEG:.4f}", f"{b.joint_gap / UM:.1f}")
-    return c.name, f"{c.times[-1]:.3f}", f"{c.rate:g}", *between
+def _entry(clip: Clip) -> JsonObject:
+    return {
+        "protocol": clip.name,
+        "keys": len(clip.times),
+        "rate": clip.rate,
+        "between_position": clip.between.position,
+        "between_rotation": clip.between.rotation,
+        "joint_gap": clip.between.joint_gap,
+    }
+
+
+def _row(clip: Clip) -> tuple[str, ...]:
+    between = clip.between
+    position = f"{between.position / UM:.1f}"
+    rotation = f"{between.rotation / DEG:.4f}"
+    gap = f"{between.joint_gap / UM:.1f}"
+    return clip.name, f"{clip.times[-1]:.3f}", f"{clip.rate:g}", position, rotation, gap
 
 
 def chosen_formats(asked: Sequence[str] | None) -> tuple[str, ...]:
@@ -160,9 +173,8 @@ def write_bundle(
         OutputError: the folder cannot be written.
         TwinError: a format cannot hold the robot, or only tracks are chosen and there is no motion.
     """
-    if tuple(formats) == ("tracks",) and not order.clips:
-        text = "tracks contain only motions: choose another format as well, such as glb,tracks"
-        raise TwinError(f"{order.mechanism.name} has no motion to export, and {text}")
+    if not order.clips:
+        _require_more_than_motions(order, formats)
     with assets.atomic_folder(folder, replacing=_written_before(folder)) as work:
         findings = list(order.findings)
         written: dict[str, set[str]] = {}  # files by format, except schemas, which do not depend on the robot
@@ -173,16 +185,26 @@ def write_bundle(
             written[name] = {f for f in _tree(work) - before if not f.endswith(".schema.json")}
         (work / "README.txt").write_text(readme.text(order, formats, findings), encoding="utf-8")
         progress("audit", 0.0)
-        truth = {s.clip.name: (s.clip.times, s.judged) for s in order.scenes}
+        truth = {scene.clip.name: (scene.clip.times, scene.judged) for scene in order.scenes}
         judged = audit(work, truth=truth, mechanism=order.mechanism)
         checks, missed = _budgets(order)
-        checks += [c.as_dict() for c in judged.checks]
-        findings += [*missed, *judged.findings, *_unjudged(written, {c.file for c in judged.checks})]
-        files = sorted(Path(p) for p in _tree(work))
+        checks += [check.as_dict() for check in judged.checks]
+        read = {check.file for check in judged.checks}
+        findings += [*missed, *judged.findings, *_unjudged(written, read)]
+        files = sorted(map(Path, _tree(work)))
         proof = _proof(order, work, files, checks, findings)
         (work / PROOF).write_text(_lines(proof), encoding="utf-8")
         files = sorted([*files, Path(PROOF)])
     return Bundle(folder, tuple(formats), tuple(files), order, tuple(findings), tuple(checks))
+
+
+def _require_more_than_motions(order: Order, formats: Sequence[str]) -> None:
+    """Raise an error if all chosen formats contain only motions: without a motion, there would be no files."""
+    chosen = [named(name) for name in formats]
+    if chosen and all(Holds.COORDINATES in format.holds for format in chosen):
+        titles = ", ".join(format.title for format in chosen)
+        text = f"{titles} contain only motions: choose another format as well, such as glb,{','.join(formats)}"
+        raise TwinError(f"{order.mechanism.name} has no motion to export, and {text}")
 
 
 def write_format(name: str, order: Order, folder: Path) -> list[Finding]:
@@ -196,16 +218,23 @@ def _tree(folder: Path) -> set[str]:
 
 def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding]:
     """Return an error for each format whose files the audit did not read; such an error makes the export fail."""
-    return [
-        error(
-            "export.unjudged",
-            min(files),
-            f"the audit read none of the files of format '{name}', so these files are unchecked",
-            suggestion="add a reader for the format: audit.py in its folder",
-        )
-        for name, files in written.items()
-        if files and not any(f == j or f.startswith(f"{j}/") for f in files for j in judged)
-    ]
+    findings = []
+    for name, files in written.items():
+        if files and not _reads_one(files, judged):
+            text = f"the audit read none of the files of format '{name}', so these files are unchecked"
+            advice = "add a reader for the format: audit.py in its folder"
+            findings.append(error("export.unjudged", min(files), text, suggestion=advice))
+    return findings
+
+
+def _reads_one(files: set[str], judged: set[str]) -> bool:
+    """Return whether the audit read one of the files, or a folder with one of them."""
+    for file in files:
+        path = Path(file)
+        places = {file, *(parent.as_posix() for parent in path.parents)}
+        if places & judged:
+            return True
+    return False
 
 
 # ------------------------------------------------------------------------------------------------ proof
@@ -213,32 +242,38 @@ def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding
 
 def _budgets(order: Order) -> tuple[list[JsonObject], list[Finding]]:
     """Return a check for each error budget of each clip, and a finding for each budget that is exceeded."""
-    rows, findings = [], []
+    rows = []
+    findings = []
     for clip in order.clips:
-        b, budget = clip.between, clip.budget
+        between = clip.between
+        position = rotation = joint_gap = None
+        if clip.budget is not None:
+            position = clip.budget.position
+            rotation = clip.budget.rotation
+            joint_gap = clip.budget.joint_gap
         for name, worst, (where, when), unit, limit in (
-            ("any point of a link, between keys", b.position, b.position_at, "m", budget and budget.position),
-            ("rotation of a link, between keys", b.rotation, b.rotation_at, "rad", budget and budget.rotation),
-            ("gap of a joint, between keys", b.joint_gap, b.joint_gap_at, "m", budget and budget.joint_gap),
+            ("any point of a link, between keys", between.position, between.position_at, "m", position),
+            ("rotation of a link, between keys", between.rotation, between.rotation_at, "rad", rotation),
+            ("gap of a joint, between keys", between.joint_gap, between.joint_gap_at, "m", joint_gap),
         ):
+            time = f"t = {when:.3f} s"
             kept = limit is None or worst <= limit
-            rows.append(
-                {
-                    "check": name,
-                    "file": f"clip {clip.name}",
-                    "tool": "twin.exchange.write",
-                    "version": __version__,
-                    "worst": _short(worst),
-                    "unit": unit,
-                    "tolerance": None if limit is None else _short(limit),
-                    "verdict": "agree" if kept else "disagree",
-                    "where": where,
-                    "when": f"t = {when:.3f} s" if where else "",
-                }
-            )
+            row = {
+                "check": name,
+                "file": f"clip {clip.name}",
+                "tool": "twin.exchange.write",
+                "version": __version__,
+                "worst": _short(worst),
+                "unit": unit,
+                "tolerance": None if limit is None else _short(limit),
+                "verdict": "agree" if kept else "disagree",
+                "where": where,
+                "when": time if where else "",
+            }
+            rows.append(row)
             if limit is not None and not kept:
-                what, at = f"{clip.name}: {name} at {clip.rate:g} Hz", f"t = {when:.3f} s"
-                findings.append(_BUDGET(where, what, Quantity(worst, unit), limit, when=at))
+                text = f"{clip.name}: {name} at {clip.rate:g} Hz"
+                findings.append(_BUDGET(where, text, Quantity(worst, unit), limit, when=time))
     return rows, findings
 
 
@@ -253,44 +288,63 @@ def _proof(
         "model_hash": model_hash(order.mechanism),
         "made_by": f"twin {__version__}",
         "inputs": [{"file": name, "sha256": sha} for name, sha in order.inputs],
-        "files": [
-            {"file": f.as_posix(), "sha256": _sha256(work / f), "bytes": (work / f).stat().st_size} for f in files
-        ],
-        "clips": [
-            {
-                "protocol": c.name,
-                "rate": c.rate,
-                "keys": len(c.times),
-                "duration_s": round(float(c.times[-1]), 9),
-                **_errors("between_", "", c.between),
-                **(_errors("budget_", "budget_", c.budget) if c.budget else {}),
-            }
-            for c in order.clips
-        ],
-        "checks": [{k: _short(v) if isinstance(v, float) else v for k, v in c.items()} for c in checks],
-        "findings": [f.as_dict() for f in findings],
+        "files": [_proof_of_file(work, file) for file in files],
+        "clips": [_proof_of_clip(clip) for clip in order.clips],
+        "checks": [_shortened(check) for check in checks],
+        "findings": [finding.as_dict() for finding in findings],
         "verdict": verdict(findings),
     }
 
 
-def _errors(begin: str, begin_gap: str, e: Between | Budget) -> dict[str, float]:
+def _proof_of_file(work: Path, file: Path) -> JsonObject:
+    path = work / file
+    return {"file": file.as_posix(), "sha256": _sha256(path), "bytes": path.stat().st_size}
+
+
+def _proof_of_clip(clip: Clip) -> JsonObject:
+    entry = {
+        "protocol": clip.name,
+        "rate": clip.rate,
+        "keys": len(clip.times),
+        "duration_s": round(float(clip.times[-1]), 9),
+    }
+    entry |= _errors("between_", "", clip.between)
+    if clip.budget is not None:
+        entry |= _errors("budget_", "budget_", clip.budget)
+    return entry
+
+
+def _shortened(check: JsonMapping) -> JsonObject:
+    """Return a check with its numbers rounded."""
+    shortened = dict(check)
+    for key, value in check.items():
+        if isinstance(value, float):
+            shortened[key] = _short(value)
+    return shortened
+
+
+def _errors(begin: str, begin_gap: str, errors: Between | Budget) -> dict[str, float]:
     return {
-        f"{begin}position_m": _short(e.position),
-        f"{begin}rotation_rad": _short(e.rotation),
-        f"{begin_gap}joint_gap_m": _short(e.joint_gap),
+        f"{begin}position_m": _short(errors.position),
+        f"{begin}rotation_rad": _short(errors.rotation),
+        f"{begin_gap}joint_gap_m": _short(errors.joint_gap),
     }
 
 
 def _lines(proof: JsonMapping) -> str:
     """Return JSON text with one line for each entry and each list element, so that `diff` can compare versions."""
-    out = []
+    entries = []
     for key, value in proof.items():
+        content = _json(value)
         if isinstance(value, list) and value:
-            rows = ",\n".join(json.dumps(v, ensure_ascii=False, allow_nan=False) for v in value)
-            out.append(f"{json.dumps(key)}: [\n{rows}\n]")
-        else:
-            out.append(f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False, allow_nan=False)}")
-    return "{\n" + ",\n".join(out) + "\n}\n"
+            rows = ",\n".join(map(_json, value))
+            content = f"[\n{rows}\n]"
+        entries.append(f"{json.dumps(key)}: {content}")
+    return "{\n" + ",\n".join(entries) + "\n}\n"
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def _short(value: float) -> float:
@@ -304,15 +358,21 @@ def _sha256(path: Path) -> str:
 
 def _written_before(folder: Path) -> list[str]:
     """Return the files of an earlier export that are unchanged: their hashes are equal to the hashes in proof.json."""
+    unchanged = []
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         proof = json.loads((folder / PROOF).read_text(encoding="utf-8"))
         if proof["schema"] == "twin-proof":
-            return [str(f["file"]) for f in proof["files"] if _is_unchanged(folder, str(f["file"]), str(f["sha256"]))]
-    return []
+            rows = [(str(row["file"]), str(row["sha256"])) for row in proof["files"]]
+            for name, sha in rows:
+                if _is_unchanged(folder, name, sha):
+                    unchanged.append(name)
+            return unchanged
+    return []  # also if one of the files cannot be read: then no file is removed
 
 
 def _is_unchanged(folder: Path, name: str, sha: str) -> bool:
-    path = folder / name
-    if Path(name).is_absolute() or ".." in Path(name).parts:
+    relative = Path(name)
+    if relative.is_absolute() or ".." in relative.parts:
         return False
+    path = folder / name
     return path.resolve().is_relative_to(folder.resolve()) and path.is_file() and _sha256(path) == sha

@@ -74,9 +74,8 @@ class Between:
 
     def keeps(self, budget: Budget) -> bool:
         """Return whether no error exceeds the budget."""
-        return (
-            self.position <= budget.position and self.rotation <= budget.rotation and self.joint_gap <= budget.joint_gap
-        )
+        poses_fit = self.position <= budget.position and self.rotation <= budget.rotation
+        return poses_fit and self.joint_gap <= budget.joint_gap
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,10 @@ class Clip:
     @property
     def rcm(self) -> Array | None:
         """RCM (3,) in m, relative to the base frame, of the first phase with an RCM; None if no phase has an RCM."""
-        return next((p for p in self.phase_rcm if p is not None), None)
+        for rcm in self.phase_rcm:
+            if rcm is not None:
+                return rcm
+        return None
 
 
 def make_clip(
@@ -146,40 +148,51 @@ def make_clip(
     """
     moved = moved or _by_plan(mechanism, trajectory)
     budget = budget or Budget()
-    reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
-    bad = ""  # link with the largest error at the previous rate; tested first, because it usually exceeds the budget
+    reaches = {body.name: extremes(mechanism, body) for body in mechanism.bodies}
+    worst = ""  # link with the largest error at the previous rate; tested first, as it usually exceeds the budget
     for grid in _GRIDS:
         times = key_times(trajectory.duration, grid)
         motion = moved(times)
         links = rounded(motion.links)
-        for rate in (r for r in RATES if _first_grid(r) == grid):
+        for rate in RATES:
+            if _first_grid(rate) != grid:
+                continue
             keys = key_rows(len(times), grid // rate)
-            if bad and rate != RATES[-1]:
-                off = draw(times, links[bad], keys, slerp) - links[bad]
-                if _furthest(off, reaches[bad]).max() > budget.position:
+            last = rate == RATES[-1]
+            if worst and not last:
+                error = draw(times, links[worst], keys, slerp) - links[worst]
+                if _furthest(error, reaches[worst]).max() > budget.position:
                     continue
-            found = measure_between(mechanism, times, links, keys, reaches)
-            if found.keeps(budget) or rate == RATES[-1]:
+            between = measure_between(mechanism, times, links, keys, reaches)
+            if between.keeps(budget) or last:
                 return Clip(
                     trajectory.protocol,
                     title or trajectory.protocol,
                     times[keys],
-                    {n: T[keys] for n, T in links.items()},
-                    rounded({n: v[keys] for n, v in motion.joints.items()}),
+                    _at_keys(links, keys),
+                    rounded(_at_keys(motion.joints, keys)),
                     tuple(trajectory.joint_names),
-                    tuple((p.name, float(p.t0), float(p.t1)) for p in trajectory.phases),
+                    tuple((phase.name, float(phase.t0), float(phase.t1)) for phase in trajectory.phases),
                     float(rate),
-                    found,
+                    between,
                     budget,
                     trajectory.frame,
                     np.asarray(trajectory.shaft_axis, float),
-                    tuple(None if p.rcm is None else np.asarray(p.rcm, float) for p in trajectory.phases),
-                    tuple(p.rcm_mode == "enforced" for p in trajectory.phases),
+                    tuple(_position(phase.rcm) for phase in trajectory.phases),
+                    tuple(phase.rcm_mode == "enforced" for phase in trajectory.phases),
                     assumed,
                     mechanism.trocar_places,
                 )
-            bad = found.position_at[0]
+            worst, _ = between.position_at
     raise AssertionError("no sample rate is suitable for the highest key rate")
+
+
+def _at_keys(arrays: Mapping[str, Array], keys: Index) -> dict[str, Array]:
+    return {name: values[keys] for name, values in arrays.items()}
+
+
+def _position(rcm: Array | None) -> Array | None:
+    return None if rcm is None else np.asarray(rcm, float)
 
 
 def _by_plan(mechanism: Mechanism, trajectory: Trajectory) -> Callable[[Array], LinkMotion]:
@@ -192,13 +205,17 @@ def _by_plan(mechanism: Mechanism, trajectory: Trajectory) -> Callable[[Array], 
 
 def _first_grid(rate: int) -> int:
     """Return the lowest sample rate in Hz that is a multiple of a key rate and at least `_LOOKS` times as high."""
-    return next(g for g in _GRIDS if g % rate == 0 and g >= _LOOKS * rate)
+    for grid in _GRIDS:
+        if grid % rate == 0 and grid >= _LOOKS * rate:
+            return grid
+    raise AssertionError(f"no sample rate is suitable for the key rate {rate} Hz")
 
 
 def key_rows(count: int, stride: int) -> Index:
     """Return the indices of the keys among `count` samples: every stride-th, and the last."""
     rows = np.arange(0, count, stride)
-    return rows if rows[-1] == count - 1 else np.append(rows, count - 1)
+    last = count - 1
+    return rows if rows[-1] == last else np.append(rows, last)
 
 
 def extremes(mechanism: Mechanism, body: Body) -> Array:
@@ -208,12 +225,18 @@ def extremes(mechanism: Mechanism, body: Body) -> Array:
     error of a body has its maximum at one of the points.
     """
     points = [np.zeros((1, 3))]
-    if meshes := [m.vertices for m in body.meshes if len(m.vertices)]:
-        low = np.min([v.min(axis=0) for v in meshes], axis=0)
-        high = np.max([v.max(axis=0) for v in meshes], axis=0)
-        points.append(np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T)
-    points += [f.T_body_frame[None, :3, 3] for f in mechanism.frames if f.body == body.name]
-    points += [p.p_body[None] for p in mechanism.points if p.body == body.name]
+    meshes = [mesh.vertices for mesh in body.meshes if len(mesh.vertices)]
+    if meshes:
+        vertices = np.concatenate(meshes)
+        ranges = zip(vertices.min(axis=0), vertices.max(axis=0), strict=True)
+        corners = np.array(np.meshgrid(*ranges))
+        points.append(corners.reshape(3, -1).T)
+    for frame in mechanism.frames:
+        if frame.body == body.name:
+            points.append(frame.T_body_frame[None, :3, 3])
+    for point in mechanism.points:
+        if point.body == body.name:
+            points.append(point.p_body[None])
     return np.concatenate(points)
 
 
@@ -232,56 +255,64 @@ def measure_between(
         keys: indices of the keys among the samples.
         reaches: {body: points (n, 3) in m from `extremes`}; position errors are measured at these points.
     """
-    still = {n for n, Ts in links.items() if np.all(Ts == Ts[0])}
-    true = {j.name: _apart(j, links) for j in mechanism.joints}
-    worst: dict[str, tuple[float, tuple[str, float]]] = {}
+    moving = [name for name, Ts in links.items() if np.any(Ts != Ts[0])]
+    gaps = {joint.name: _gaps(joint, links) for joint in mechanism.joints}
+    zero = (0.0, ("", 0.0))
+    worst = {"position": zero, "rotation": zero, "joint_gap": zero}
 
-    def note(what: str, name: str, error: Array) -> None:
+    def note(quantity: str, name: str, error: Array) -> None:
+        """Keep the largest error (k,) of a quantity, with the name of the link or joint, and the time."""
         k = int(np.argmax(error))
-        if what not in worst or error[k] > worst[what][0]:
-            worst[what] = (float(error[k]), (name, float(times[k])))
+        if worst[quantity] is zero or error[k] > worst[quantity][0]:
+            worst[quantity] = (float(error[k]), (name, float(times[k])))
 
     for blend in (slerp, nlerp):
         drawn = dict(links)
-        for name in links.keys() - still:
+        for name in moving:
             drawn[name] = draw(times, links[name], keys, blend)
-        for name, Ts in links.items():
-            if name in still:
-                continue
-            off = drawn[name] - Ts
-            note("position", name, _furthest(off, reaches[name]))
+            error = drawn[name] - links[name]
+            note("position", name, _furthest(error, reaches[name]))
             # The Frobenius norm of R - R' is 2 sqrt(2) sin(angle / 2): accurate for small angles, and fast.
-            chord = np.linalg.norm(off[:, :3, :3], axis=(1, 2)) / np.sqrt(8)
+            chord = np.linalg.norm(error[:, :3, :3], axis=(1, 2)) / np.sqrt(8)
             note("rotation", name, 2 * np.arcsin(np.minimum(chord, 1.0)))
         for joint in mechanism.joints:
-            if joint.parent not in still or joint.child not in still:
-                note("joint_gap", joint.name, np.linalg.norm(_apart(joint, drawn) - true[joint.name], axis=1))
-    zero = (0.0, ("", 0.0))
-    (p, p_at), (r, r_at), (g, g_at) = (worst.get(k, zero) for k in ("position", "rotation", "joint_gap"))
-    return Between(p, r, g, p_at, r_at, g_at)
+            if joint.parent in moving or joint.child in moving:
+                opened = _gaps(joint, drawn) - gaps[joint.name]
+                note("joint_gap", joint.name, np.linalg.norm(opened, axis=1))
+    position, position_at = worst["position"]
+    rotation, rotation_at = worst["rotation"]
+    joint_gap, joint_gap_at = worst["joint_gap"]
+    return Between(position, rotation, joint_gap, position_at, rotation_at, joint_gap_at)
 
 
 def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Array], Array]) -> Array:
     """Return the poses (k, 4, 4) that a player shows at times (k,), interpolated between the poses `Ts[keys]`."""
-    row = np.clip(np.searchsorted(keys, np.arange(len(times)), side="right") - 1, 0, max(len(keys) - 2, 0))
-    after = np.minimum(row + 1, len(keys) - 1)
-    t0, t1 = times[keys[row]], times[keys[after]]
-    share = np.where(t1 > t0, (times - t0) / np.where(t1 > t0, t1 - t0, 1.0), 0.0)
-    q, p = quaternions_xyzw(Ts[keys]), Ts[keys, :3, 3]
-    R = spatial.matrix_from_quat_wxyz(np.roll(blend(q[row], q[after], share), 1, axis=-1))
-    return spatial.pose(R, p[row] + share[:, None] * (p[after] - p[row]))
+    after_each = np.searchsorted(keys, np.arange(len(times)), side="right")
+    before = np.clip(after_each - 1, 0, max(len(keys) - 2, 0))
+    after = np.minimum(before + 1, len(keys) - 1)
+    start = times[keys[before]]
+    end = times[keys[after]]
+    duration = np.where(end > start, end - start, 1.0)
+    share = np.where(end > start, (times - start) / duration, 0.0)
+    p = Ts[keys, :3, 3]
+    q = quaternions_xyzw(Ts[keys])
+    blended = blend(q[before], q[after], share)
+    R = spatial.matrix_from_quat_wxyz(np.roll(blended, 1, axis=-1))
+    return spatial.pose(R, p[before] + share[:, None] * (p[after] - p[before]))
 
 
-def _furthest(off: Array, reach: Array) -> Array:
-    """Return the maximum position error (k,) in m of the points `reach` (n, 3) for pose errors `off` (k, 4, 4)."""
-    moved = off[:, None, :3, :3] @ reach[None, :, :, None]
-    return np.linalg.norm(moved[..., 0] + off[:, None, :3, 3], axis=-1).max(axis=1)
+def _furthest(error: Array, reach: Array) -> Array:
+    """Return the maximum position error (k,) in m of the points `reach` (n, 3) for pose errors (k, 4, 4)."""
+    turned = error[:, None, :3, :3] @ reach[None, :, :, None]
+    shifts = turned[..., 0] + error[:, None, :3, 3]
+    return np.linalg.norm(shifts, axis=-1).max(axis=1)
 
 
-def _apart(joint: Joint, links: Mapping[str, Array]) -> Array:
+def _gaps(joint: Joint, links: Mapping[str, Array]) -> Array:
     """Return the gaps (k, n) in m of a joint along its n locked directions."""
     locked = [i for i in range(3) if i not in joint.free_axes]
-    return joint.relative(links[joint.parent], links[joint.child])[:, locked, 3]
+    T = joint.relative(links[joint.parent], links[joint.child])
+    return T[:, locked, 3]
 
 
 def quaternions_xyzw(Ts: Array) -> Array:
@@ -290,7 +321,8 @@ def quaternions_xyzw(Ts: Array) -> Array:
     The first quaternion has w >= 0. Many players interpolate the four numbers; a change of sign would appear as a
     rotation by up to 180 degrees.
     """
-    return np.roll(spatial.continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])), -1, axis=1)
+    wxyz = spatial.continuous_signs(spatial.quat_from_matrix_wxyz(Ts[:, :3, :3]))
+    return np.roll(wxyz, -1, axis=1)
 
 
 def slerp(a: Array, b: Array, share: Array) -> Array:
@@ -321,7 +353,8 @@ def home_poses(mechanism: Mechanism) -> dict[str, Array]:
 
 def rounded(arrays: Mapping[str, Array]) -> dict[str, Array]:
     """Return arrays rounded to 1e-13, so that exported files do not depend on the processor."""
-    return {name: np.round(a, 13) + 0.0 for name, a in arrays.items()}
+    # Adding 0.0 removes negative zeros.
+    return {name: np.round(array, 13) + 0.0 for name, array in arrays.items()}
 
 
 def model_hash(mechanism: Mechanism) -> str:
@@ -366,7 +399,8 @@ def between_keys(keys: Array, Ts: Array, times: Array) -> Array:
         return np.broadcast_to(Ts[0], (len(times), 4, 4))
     at = np.clip(times, keys[0], keys[-1])
     out = np.broadcast_to(np.eye(4), (len(times), 4, 4)).copy()
-    out[:, :3, :3] = Slerp(keys, Rotation.from_matrix(Ts[:, :3, :3]))(at).as_matrix()
+    rotations = Slerp(keys, Rotation.from_matrix(Ts[:, :3, :3]))
+    out[:, :3, :3] = rotations(at).as_matrix()
     for i in range(3):
         out[:, i, 3] = np.interp(at, keys, Ts[:, i, 3])
     return out

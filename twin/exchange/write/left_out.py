@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from twin.core.findings import Finding, info
+from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
+from twin.model.transmission import Actuator
 
-_WORDS = {"max_speed": "maximum speeds", "max_acceleration": "maximum accelerations", "max_jerk": "maximum jerks"}
-_WORDS |= {"soft_limits": "soft limits", "cone": "cones"}
+_WORDS = {
+    "max_speed": "maximum speeds",
+    "max_acceleration": "maximum accelerations",
+    "max_jerk": "maximum jerks",
+    "soft_limits": "soft limits",
+    "cone": "cones",
+}
 """Text for each field of `Joint` in findings."""
 
 
@@ -18,7 +25,8 @@ def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]
     `fields` are names of fields of `Joint` that the format cannot hold. `file` is the name of the file in the findings.
     """
     for field in fields:
-        if names := ", ".join(j.name for j in mechanism.joints if getattr(j, field) is not None):
+        names = _having(mechanism.joints, field)
+        if names:
             yield info("export.left_out", names, f"{file}: the format cannot hold the {_WORDS[field]} of {names}")
 
 
@@ -29,6 +37,12 @@ def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[F
     findings.
     """
     for field in fields:
-        if names := ", ".join(a.name for a in mechanism.actuators if getattr(a, field) is not None):
+        names = _having(mechanism.actuators, field)
+        if names:
             what = f"{field.replace('_', ' ')} of the actuators {names}"
             yield info("export.left_out", names, f"{file}: the format cannot hold the {what}")
+
+
+def _having(parts: Iterable[Joint] | Iterable[Actuator], field: str) -> str:
+    """Return the names of the joints or actuators in which a field is set."""
+    return ", ".join(part.name for part in parts if getattr(part, field) is not None)

@@ -22,11 +22,17 @@ def inertia_of(body: Body) -> Inertia:
     """Return the stated inertia of a body; if none is stated, the inertia of the bounding box filled with water."""
     if body.inertia is not None:
         return body.inertia
-    corners = [m.vertices.min(axis=0) for m in body.meshes] + [m.vertices.max(axis=0) for m in body.meshes]
-    low, high = (np.min(corners, axis=0), np.max(corners, axis=0)) if corners else (np.zeros(3), np.zeros(3))
+    low = np.zeros(3)
+    high = np.zeros(3)
+    if body.meshes:
+        vertices = np.concatenate([mesh.vertices for mesh in body.meshes])
+        low = vertices.min(axis=0)
+        high = vertices.max(axis=0)
     sides = np.maximum(high - low, 0.01)
     mass = max(DENSITY * float(np.prod(sides)), LEAST)
-    return Inertia(mass, 0.5 * (low + high), np.diag(mass / 12 * (np.sum(sides**2) - sides**2)))
+    # A box with sides a, b, c has the moments m / 12 (b2 + c2), m / 12 (a2 + c2), m / 12 (a2 + b2).
+    moments = mass / 12 * (np.sum(sides**2) - sides**2)
+    return Inertia(mass, 0.5 * (low + high), np.diag(moments))
 
 
 def partly_shown(mechanism: Mechanism, file: str) -> Iterator[Finding]:
@@ -42,16 +48,17 @@ def partly_shown(mechanism: Mechanism, file: str) -> Iterator[Finding]:
 
 def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:
     """Yield findings on bodies without a stated mass, except the base; `inertia_of` assumes masses for these bodies."""
-    unknown = [b for b in mechanism.bodies if b.inertia is None and b.name != mechanism.base]
-    for names, given in (
-        ([b.name for b in unknown if b.meshes], "its bounding box filled with water"),
-        ([b.name for b in unknown if not b.meshes], f"{LEAST * 1000:g} g, because it has no shape"),
+    with_shape = []
+    without_shape = []
+    for body in mechanism.bodies:
+        if body.inertia is None and body.name != mechanism.base:
+            names = with_shape if body.meshes else without_shape
+            names.append(body.name)
+    for names, assumed in (
+        (", ".join(with_shape), "its bounding box filled with water"),
+        (", ".join(without_shape), f"{LEAST * 1000:g} g, because it has no shape"),
     ):
         if names:
-            yield warning(
-                "export.mass_unknown",
-                ", ".join(names),
-                f"{file}: the mass of {', '.join(names)} is unknown, but the format requires one; the file assumes "
-                f"{given}",
-                suggestion="state a mass or the density of the parts, or fix the body to a body with mass",
-            )
+            text = f"{file}: the mass of {names} is unknown, but the format requires one; the file assumes {assumed}"
+            advice = "state a mass or the density of the parts, or fix the body to a body with mass"
+            yield warning("export.mass_unknown", names, text, suggestion=advice)

@@ -40,6 +40,14 @@ def write_meshes(mechanism: Mechanism, folder: Path) -> list[Path]:
 def _obj(mesh: Mesh) -> str:
     vertices = np.round(np.asarray(mesh.vertices, float) / MM, DECIMALS) + 0.0
     lines = [f"# {mesh.name}, in mm"]
-    lines += ["v " + " ".join(f"{c:.{DECIMALS}f}".rstrip("0").rstrip(".") for c in row) for row in vertices.tolist()]
-    lines += [f"f {a} {b} {c}" for a, b, c in (np.asarray(mesh.triangles) + 1).tolist()]
+    for x, y, z in vertices.tolist():
+        lines.append(f"v {_short(x)} {_short(y)} {_short(z)}")
+    indices = np.asarray(mesh.triangles) + 1  # OBJ counts from 1
+    for a, b, c in indices.tolist():
+        lines.append(f"f {a} {b} {c}")
     return "\n".join(lines) + "\n"
+
+
+def _short(value: float) -> str:
+    """Return a number with `DECIMALS` decimals, without zeros at the end."""
+    return f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".")

@@ -81,15 +81,19 @@ class Order:
     @property
     def clips(self) -> tuple[Clip, ...]:
         """The clips of all scenes, one for each protocol."""
-        return tuple(s.clip for s in self.scenes)
+        return tuple(scene.clip for scene in self.scenes)
 
     @property
     def elsewhere(self) -> tuple[Scene, ...]:
         """Scenes whose trocar positions differ from the CAD; each of these scenes needs a separate file."""
-        drawn = self.mechanism.trocar_places
-        return tuple(
-            s for s in self.scenes if any(not np.array_equal(s.mechanism.trocar_at(n), p) for n, p in drawn.items())
-        )
+        return tuple(scene for scene in self.scenes if self._is_elsewhere(scene))
+
+    def _is_elsewhere(self, scene: Scene) -> bool:
+        for name, position in self.mechanism.trocar_places.items():
+            in_scene = scene.mechanism.trocar_at(name)
+            if not np.array_equal(in_scene, position):
+                return True
+        return False
 
 
 def order(
@@ -122,22 +126,16 @@ def order(
             )
         return _of_stage(robot, progress)
     progress("read CAD, compute masses", 0.0)
-    files, robot = robot.files, robot.weighed()
+    files = robot.files
+    robot = robot.weighed()
     cad = robot.cad
-    findings = [f for f in cad.findings if f.severity != "info"]
-    chosen: list[str | Path] = list(files.protocols()) if protocols is None else list(protocols)
-    if trajectory is not None:
-        chosen = list(protocols or [trajectory.protocol])[:1]
-    has_equations, optional = files.has_equations, protocols is None and robot.unwritten
-    if protocols is None and trajectory is None and not has_equations and not robot.unwritten:
-        if chosen:
-            text = (
-                f"{robot.name} has no equations for planning: no motion is exported for {', '.join(map(str, chosen))}"
-            )
-            findings.append(warning("export.no_equations", "", text, suggestion="write formula.py"))
-        chosen = []
+    findings = [finding for finding in cad.findings if finding.severity != "info"]
+    chosen, found = _chosen(robot, trajectory, protocols)
+    findings += found
     loaded = [robot.protocol(name) for name in chosen]
     sources = _sources(files, cad.description, chosen, loaded)  # hash the files first: planning takes time
+    # A protocol that the user did not ask for may be one that an imported robot cannot follow.
+    optional = protocols is None and robot.unwritten
     scenes = []
     for i, protocol in enumerate(loaded):
         progress(f"plan {protocol.name}", i / len(loaded))
@@ -149,20 +147,16 @@ def order(
             text = f"protocol {protocol.name} is left out, because the mechanism cannot follow it: {error}"
             findings.append(warning("export.not_planned", protocol.name, text))
             continue
-        bound = robot.bound(protocol)
         progress(f"keys of {protocol.name}", (i + 0.5) / len(loaded))
-        moved = partial(bound.link_motion, planned)
-        clip = make_clip(bound.mechanism, planned, protocol.title, budget, _assumed(protocol.parameters()), moved)
-        model = bound.reference()
-        run = bound.link_motion(planned, clip.times).on(model, planned)
-        scenes.append(Scene(clip, bound.mechanism, model.link_poses(run.x)))
+        scenes.append(_scene(robot.bound(protocol), protocol, planned, budget))
     numbers = [*cad.mechanism.parameters, *cad.dimensions]
-    if has_equations:
+    if files.has_equations:
         numbers += robot.kinematics().formula.parameters
+    clips = [scene.clip.name for scene in scenes]
     return Order(
         cad.mechanism,
         tuple(scenes),
-        _quick_looks(cad.description.default_protocol, [s.clip.name for s in scenes], protocols is not None),
+        _quick_looks(cad.description.default_protocol, clips, protocols is not None),
         sources,
         _assumed(numbers),
         cad.description.title,
@@ -171,18 +165,47 @@ def order(
     )
 
 
+def _chosen(
+    robot: Robot, trajectory: Trajectory | None, protocols: Sequence[str | Path] | None
+) -> tuple[list[str | Path], list[Finding]]:
+    """Return (names or paths of the exported protocols, findings)."""
+    if trajectory is not None:
+        first = list(protocols or [trajectory.protocol])[:1]
+        return first, []
+    if protocols is not None:
+        return list(protocols), []
+    names = list(robot.files.protocols())
+    if robot.files.has_equations or robot.unwritten or not names:
+        return names, []
+    text = f"{robot.name} has no equations for planning: no motion is exported for {', '.join(names)}"
+    return [], [warning("export.no_equations", "", text, suggestion="write formula.py")]
+
+
+def _scene(robot: Robot, protocol: Any, planned: Trajectory, budget: Budget | None) -> Scene:
+    """Return the clip of a planned protocol, for a robot with the trocars of the protocol, and what judges it."""
+    moved = partial(robot.link_motion, planned)
+    assumed = _assumed(protocol.parameters())
+    clip = make_clip(robot.mechanism, planned, protocol.title, budget, assumed, moved)
+    model = robot.reference()
+    run = robot.link_motion(planned, clip.times).on(model, planned)
+    return Scene(clip, robot.mechanism, model.link_poses(run.x))
+
+
 def _sources(
     files: RobotFiles, description: Description, chosen: Sequence[str | Path], loaded: Sequence[Any]
 ) -> tuple[tuple[str, str], ...]:
     """Return (displayed path, sha256) of every source file of the robot and its protocols."""
     made_from = inputs(files.description, description)
-    made_from += [p for p in (files.cad / "dimensions.toml", files.formula) if p.is_file()]
-    shown = [(_shown(p, files.cad), p) for p in made_from]
+    for path in (files.cad / "dimensions.toml", files.formula):
+        if path.is_file():
+            made_from.append(path)
+    shown = {_shown(path, files.cad): path for path in made_from}
     for name, protocol in zip(chosen, loaded, strict=True):
-        own = Path(name) if Path(name).suffix == ".toml" else files.protocols().get(protocol.name)
-        if own is not None:
-            shown.append((f"trajectories/{own.name}", own))
-    return tuple((name, _sha256(path, files.read)) for name, path in dict(shown).items())
+        given = Path(name)
+        path = given if given.suffix == ".toml" else files.protocols().get(protocol.name)
+        if path is not None:
+            shown[f"trajectories/{path.name}"] = path
+    return tuple((name, _sha256(path, files.read)) for name, path in shown.items())
 
 
 def _of_stage(robot: Robot, progress: Progress) -> Order:
@@ -195,12 +218,17 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
     stage = Path(mechanism.source)
     clip = sampled_clip(mechanism, stage)
     opened = Usd.Stage.Open(str(stage))  # keep a reference: layers are freed with the stage
-    layers = sorted({Path(x.realPath) for x in opened.GetUsedLayers() if x.realPath})
+    layers = {Path(layer.realPath) for layer in opened.GetUsedLayers() if layer.realPath}
+    scenes: tuple[Scene, ...] = ()
+    quick_looks: tuple[str, ...] = ()
+    if clip is not None:
+        scenes = (Scene(clip, mechanism, clip.links),)
+        quick_looks = (clip.name,)
     return Order(
         mechanism,
-        () if clip is None else (Scene(clip, mechanism, clip.links),),
-        () if clip is None else (clip.name,),
-        tuple((p.name, _sha256(p)) for p in layers if p.is_file()),
+        scenes,
+        quick_looks,
+        tuple((path.name, _sha256(path)) for path in sorted(layers) if path.is_file()),
         _assumed(mechanism.parameters),
         mechanism.name,
         stage.name,
@@ -213,24 +241,37 @@ def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]
     if not names:
         return ()
     first = default if default in names else names[0]
-    return (first, *(n for n in names if asked and n != first))
+    if not asked:
+        return (first,)
+    return (first, *(name for name in names if name != first))
 
 
 def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
     """Return "name = value: reason" for each assumed parameter; parameters of appearance are only counted."""
-    assumed = [p for p in parameters if p.provenance == "ASSUMED"]
-    lines = [f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in assumed if not p.name.startswith(_DRAWN)]
-    if drawn := sum(p.name.startswith(_DRAWN) for p in assumed):
+    lines = []
+    drawn = 0
+    for parameter in parameters:
+        if parameter.provenance != "ASSUMED":
+            continue
+        if parameter.name.startswith(_DRAWN):
+            drawn += 1
+        else:
+            line = f"{parameter.name} = {parameter.shown:g} {parameter.unit}: {parameter.note}"
+            lines.append(" ".join(line.split()))
+    if drawn:
         lines.append(f"{_DRAWN}*: {drawn} lengths that affect only the appearance of parts (`twin info` lists them)")
-    return tuple(dict.fromkeys(" ".join(line.split()) for line in lines))
+    return tuple(dict.fromkeys(lines))
 
 
 def _shown(path: Path, folder: Path) -> str:
     """Return a path as text that is the same on every machine."""
-    return f"cad/{path.relative_to(folder).as_posix()}" if path.is_relative_to(folder) else path.name
+    if path.is_relative_to(folder):
+        return f"cad/{path.relative_to(folder).as_posix()}"
+    return path.name
 
 
 def _sha256(path: Path, read: Read | None = None) -> str:
     """Return the sha256 of a file. For TOML, STEP and equations, `read` returns the bytes that made the robot."""
     kind = _KINDS.get(path.suffix.lower(), "")
-    return hashlib.sha256(read(path, kind) if read is not None and kind else path.read_bytes()).hexdigest()
+    data = read(path, kind) if read is not None and kind else path.read_bytes()
+    return hashlib.sha256(data).hexdigest()

@@ -56,37 +56,40 @@ def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
         shown += named(name).module("write").files(order)
     shown.append(("proof.json", "source and hash of every file, and the values measured by independent readers"))
     width = max(len(file) for file, _ in shown)
-    yield from (f"{file.ljust(width)}  {what}" for file, what in shown)
+    for file, what in shown:
+        yield f"{file.ljust(width)}  {what}"
 
 
 def _motions(order: Order) -> Iterator[str]:
     if not order.clips:
         yield "- none"
-    for c in order.clips:
-        b = c.budget
-        budget = (
-            f"budget: {b.position / UM:g} um, {b.rotation / DEG:g} degrees, {b.joint_gap / UM:g} um"
-            if b
-            else "measured with every second sample left out; with all samples the error is about a quarter of this"
-        )
+    for clip in order.clips:
+        budget = clip.budget
+        measured = "measured with every second sample left out; with all samples the error is about a quarter of this"
+        if budget is not None:
+            measured = (
+                f"budget: {budget.position / UM:g} um, {budget.rotation / DEG:g} degrees, {budget.joint_gap / UM:g} um"
+            )
         yield (
-            f"- {c.name}: {c.title}; {c.times[-1]:.3f} s, {len(c.times)} keys at {c.rate:g} Hz. A player that "
-            f"interpolates linearly between keys is at most {c.between.position / UM:.1f} um off at any point of a "
-            "link and "
-            f"{c.between.rotation / DEG:.4f} degrees; joints open by at most {c.between.joint_gap / UM:.1f} um "
-            f"({budget})."
+            f"- {clip.name}: {clip.title}; {clip.times[-1]:.3f} s, {len(clip.times)} keys at {clip.rate:g} Hz. A "
+            "player that interpolates linearly between keys is at most "
+            f"{clip.between.position / UM:.1f} um off at any point of a link and "
+            f"{clip.between.rotation / DEG:.4f} degrees; joints open by at most {clip.between.joint_gap / UM:.1f} um "
+            f"({measured})."
         )
 
 
 def _assumed(order: Order) -> Iterator[str]:
-    if not (order.assumed or any(c.assumed for c in order.clips)):
-        yield "- none"
-    yield from (f"- {a}" for a in order.assumed)
     of_protocols: dict[str, list[str]] = {}
-    for c in order.clips:
-        for a in c.assumed:
-            of_protocols.setdefault(a, []).append(c.name)
-    yield from (f"- {', '.join(names)}: {a}" for a, names in of_protocols.items())
+    for clip in order.clips:
+        for line in clip.assumed:
+            of_protocols.setdefault(line, []).append(clip.name)
+    if not order.assumed and not of_protocols:
+        yield "- none"
+    for line in order.assumed:
+        yield f"- {line}"
+    for line, protocols in of_protocols.items():
+        yield f"- {', '.join(protocols)}: {line}"
 
 
 def _wrapped(lines: Sequence[str]) -> Iterator[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import StageError
 from twin.core.spatial import Array
-from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between
+from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between, rounded
 from twin.model.mechanism import Mechanism
 
 
@@ -33,12 +33,17 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
     T_base_world = spatial.inverse(poses.get(mechanism.base, np.eye(4)[None]))
     links = {}
     for body in mechanism.bodies:
-        Ts = T_base_world @ poses[body.name] if body.name in poses else mechanism.rest[body.name][None]
-        links[body.name] = np.round(np.broadcast_to(Ts, (len(times), 4, 4)), 13) + 0.0
-    reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
+        Ts = mechanism.rest[body.name][None]
+        if body.name in poses:
+            Ts = T_base_world @ poses[body.name]
+        links[body.name] = np.broadcast_to(Ts, (len(times), 4, 4))
+    links = rounded(links)
+    reaches = {body.name: extremes(mechanism, body) for body in mechanism.bodies}
     between = measure_between(mechanism, times, links, key_rows(len(times), 2), reaches)
     name = stage.stem.removeprefix(f"{mechanism.name}_")
-    name = name if name != mechanism.name else "motion"
+    if name == mechanism.name:
+        name = "motion"
+    interval = float(np.median(np.diff(times)))
     return Clip(
         name,
         name,
@@ -47,7 +52,7 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
         coordinates(mechanism, links),
         tuple(j.name for j in mechanism.active),
         (("all", 0.0, float(times[-1])),),
-        round(float(1 / np.median(np.diff(times))), 6),
+        round(1 / interval, 6),
         between,
         frame=mechanism.tool,
         phase_rcm=(None,),
@@ -60,6 +65,8 @@ def coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> dict[str, A
     for joint in mechanism.joints:
         if len(joint.free_axes) != 1:
             continue
-        at = joint.coordinate(links[joint.parent], links[joint.child])
-        out[joint.name] = np.round(np.unwrap(at), 13) + 0.0 if joint.is_angle else at
+        values = joint.coordinate(links[joint.parent], links[joint.child])
+        if joint.is_angle:
+            values = np.round(np.unwrap(values), 13) + 0.0  # adding 0.0 removes negative zeros
+        out[joint.name] = values
     return out

@@ -14,7 +14,11 @@ DECIMALS = 12
 
 def numbers(values: Iterable[float]) -> str:
     """Return numbers as text, separated by spaces, rounded to `DECIMALS`."""
-    return " ".join(f"{round(float(v), DECIMALS) + 0.0:.{DECIMALS}g}" for v in values)
+    words = []
+    for value in values:
+        shortened = round(float(value), DECIMALS) + 0.0  # adding 0.0 removes a negative zero
+        words.append(f"{shortened:.{DECIMALS}g}")
+    return " ".join(words)
 
 
 def gains(values: Iterable[float]) -> str:
@@ -24,7 +28,8 @@ def gains(values: Iterable[float]) -> str:
 
 def srgb(color_rgba: tuple[float, float, float, float]) -> str:
     """Return the display values (sRGB) of a linear colour as text; viewers of MJCF and URDF expect display values."""
-    return " ".join(f"{v:.4g}" for v in (*map(units.srgb, color_rgba[:3]), color_rgba[3]))
+    r, g, b, a = color_rgba
+    return f"{units.srgb(r):.4g} {units.srgb(g):.4g} {units.srgb(b):.4g} {a:.4g}"
 
 
 def xml_text(root: ET.Element) -> str:
