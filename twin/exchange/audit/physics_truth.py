@@ -11,7 +11,6 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.physics import FREE_JOINT, Drive, Frame, Joint, Mass, Motor, Physics, along, felt
 
 if TYPE_CHECKING:
-    from twin.model.joint import Joint as MechanismJoint
     from twin.model.mechanism import Mechanism
 
 
@@ -40,7 +39,7 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
         links,
         masses,
         shown=shown,
-        joints=[_joint(joint, motors) for joint in mechanism.joints],
+        joints=_joints(mechanism, motors),
         frames=frames,
         points=points,
         marks=frozenset({"frame", "point"}),
@@ -83,14 +82,19 @@ def _motors(mechanism: Mechanism) -> dict[str, Motor]:
     return motors
 
 
-def _joint(joint: MechanismJoint, motors: Mapping[str, Motor]) -> Joint:
-    T = joint.T_parent_joint @ poses.inverse(joint.T_child_joint)
-    motions = along(joint.type, joint.T_parent_joint)
-    return Joint((joint.name,), joint.parent, joint.child, T, motions, _drive(joint, motors))
+def _joints(mechanism: Mechanism, motors: Mapping[str, Motor]) -> list[Joint]:
+    joints = []
+    for joint in mechanism.joints:
+        T = joint.T_parent_joint @ poses.inverse(joint.T_child_joint)
+        motions = along(joint.type, joint.T_parent_joint)
+        drive = _drive(mechanism, joint.name, motors)
+        joints.append(Joint((joint.name,), joint.parent, joint.child, T, motions, drive))
+    return joints
 
 
-def _drive(joint: MechanismJoint, motors: Mapping[str, Motor]) -> Drive:
+def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, Motor]) -> Drive:
     """Return the drive at a joint: its own, or that of the motors behind a transmission, felt at the joint."""
+    joint = mechanism.joint(name)
     if joint.type not in ("revolute", "prismatic"):
         return Drive()
     stiffness = None
