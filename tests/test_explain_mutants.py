@@ -21,8 +21,10 @@ from made import explain_seeds as seeds
 from twin import api
 from twin.core.errors import TwinError
 from twin.robots import _raven
+from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.explain import explain
 from twin.validation.explain.judge import Judge
+from twin.validation.explain.repair import Search
 from twin.validation.explain.varied import coincidences
 
 COUNT = int(os.environ.get("TWIN_MUTANTS", "8"))
@@ -98,13 +100,15 @@ MISSING = (
 )
 
 
-def changed(name, right, wrong, folder):
-    """Return (case of a built-in robot, its equations with `wrong` in place of the one `right`)."""
+def changed(name, right, wrong, folder, *more):
+    """Return (case of a built-in robot, its equations with `wrong` in place of the one `right`, and `more` such)."""
     case = seeds.built_in(name)
     text = case.path.read_text(encoding="utf-8")
-    assert text.count(right) == 1
+    for old, new in ((right, wrong), *more):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
     path = folder / "formula.py"
-    path.write_text(text.replace(right, wrong), encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     return case, case.load(path)
 
 
@@ -138,6 +142,44 @@ def test_a_wrong_name_in_a_return_statement_is_found(tmp_path):
     right = "return X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3"
     case, formula = changed("sils", right, right.replace("Z_S1", "Z_S2"), tmp_path)
     assert seeds.outcome(case, formula, tmp_path, 4.0) == "rank 1"
+
+
+TWO = (
+    ("davinci_psm_si", ("row(-pi / 2, 0, q5", "row(pi / 2, 0, q5"), ("q6 - pi / 2", "q6")),
+    ("davinci_psm", ("q6 - pi / 2, 0)", "q6, 0)"), ("row(0, 0, q4, shaft_long)", "row(0, 0, q4, q1)")),
+    (
+        "sils",
+        (
+            "sqrt(-X_S1**2 - Y_S1**2 - l_0**2 + (l_1 + l_2)**2 + 2",
+            "sqrt(-X_S1**2 + Y_S1**2 - l_0 + (l_1 + l_2)**2 + 2",
+        ),
+    ),
+)
+
+
+@pytest.mark.parametrize("change", TWO, ids=["angles", "angle and length", "one expression"])
+@pytest.mark.slow
+def test_two_faults_in_scalar_expressions_are_found(change, tmp_path, monkeypatch):
+    monkeypatch.setattr(time, "monotonic", time.process_time)
+    name, first, *more = change
+    case, formula = changed(name, *first, tmp_path, *more)
+    assert seeds.outcome(case, formula, tmp_path, SECONDS) in ("rank 1", "tie")
+
+
+def test_cures_of_two_rows_hold_together_for_other_values_of_the_swivel(tmp_path):
+    """q3 is 180 deg or zero at swivel 0, so that a multiple of it agrees there as well."""
+    second = ("P_m[1] < 0, -1, 1)", "P_m[1] < 0, 1, 1)")
+    case, formula = changed("pa10", "q2, atan2(w[1], w[0])", "q2, atan2(w[0], w[1])", tmp_path, second)
+    assert seeds.outcome(case, formula, tmp_path, 4.0) in ("rank 1", "tie")
+
+
+def test_a_cure_that_needs_another_swivel_than_that_of_the_formula_is_none(tmp_path):
+    """With a fitted swivel, the elbow row agrees without its cross product, but the pose does not follow from it."""
+    second = ("sqrt(RL3**2 - a**2)", "sqrt(RL5**2 - a**3)")
+    case, formula = changed("pa10", *second, tmp_path)
+    found, lost = Search(Judge(formula, None, case.truth), deadline=Deadline(8.0)).run(0.0)
+    assert lost
+    assert not found[0].cures
 
 
 @pytest.mark.parametrize("name", ["pa10", "sher", "hibou", "davinci_psm"])

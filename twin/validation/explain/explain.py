@@ -305,7 +305,7 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
 
     `budget` is the time limit in s; see `_LEAST_NUMBERS` and `_LEAST_EDITS` for short ones.
     """
-    late: list[str] = []
+    remarks: list[str] = []
 
     def numbers(alone: bool = False) -> Identified | None:
         progress("identify parameters", 0.0)
@@ -313,7 +313,7 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
         try:
             return identify(judge, lambda f: progress("identify parameters", f), alone=alone, deadline=until)
         except LateError:
-            late.append("the time ended before every number was fitted; a larger --seconds gives more time")
+            remarks.append("the time ended before every number was fitted; a larger --seconds gives more time")
             return None
         finally:
             laps.end("identify")
@@ -329,10 +329,15 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
             conventional = tuple(general(judge))
             laps.end("conventions")
             if _all_cured(judge, conventional, search.failing):
-                return _Cures(search, [], None, conventional, "conventions", tuple(late))
+                return _Cures(search, [], None, conventional, "conventions", tuple(remarks))
             edited = search.pairs(*edited, budget)
     else:  # one changed number explains everything: only a single edit would be equally simple
         edited = search.run(0.0) if shared(judge, search.targets) else ([], search.failing)
+    for candidate in search.by_chance:
+        texts = "; ".join(e.text for e in candidate.edits)
+        remarks.append(
+            f"`{texts}` makes rows agree only for the present values of equal or assumed parameters; it is no fix"
+        )
     found, lost = held_out(judge, model, *edited)
     laps.end("repair")
     if identified is None and (lost or not found):
@@ -350,7 +355,7 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
     conventional = tuple(conventions(judge, conventional))
     laps.end("conventions")
     lead = "conventions" if _all_cured(judge, conventional, lost) else ""
-    return _Cures(search, found, identified, conventional, lead, tuple(late))
+    return _Cures(search, found, identified, conventional, lead, tuple(remarks))
 
 
 def _all_cured(judge: Judge, found: Sequence[Convention], rows: Sequence[Key]) -> bool:

@@ -6,8 +6,8 @@ import inspect
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -21,14 +21,16 @@ from twin.validation.explain.candidate import REST, TOKENS, Candidate, Found, al
 from twin.validation.explain.canonical import canonical
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.dependence import Dependence
+from twin.validation.explain.double import Double
 from twin.validation.explain.edits import edits, pool
+from twin.validation.explain.expression import Site
 from twin.validation.explain.judge import Judge, evaluate, worst
 from twin.validation.explain.pairs import Pairs
 from twin.validation.explain.required import Required
 from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
-from twin.validation.explain.varied import coincidences
+from twin.validation.explain.varied import closes, coincidences
 
 _WORSE = 1.001
 """An edit is refused if the residual of a row is larger than before by this factor."""
@@ -69,6 +71,12 @@ _MOST_EXACT = 60
 
 _WHOLE = 12
 """Maximum number of repairs checked on the whole formula, of all repairs that result in one function."""
+
+_DOUBLE_PART = 0.7
+"""Maximum part of the time for pairs of edits that is used for pairs from required values of expressions."""
+
+_REFUTE_PART = 0.25
+"""Maximum part of the remaining time to find expressions in which no single edit can repair a row."""
 
 _SHARED = 3
 """Number of edits of each repaired group that are also tried in pairs, to fix the remaining rows."""
@@ -116,8 +124,12 @@ class Search:
         self.complete = True
         """Whether the deadline has not ended the search of single edits."""
         self._singles: list[Candidate] = []
-        self._groups: list[list[Key]] = []
         self.senseless: list[tuple[Step, Edit]] = []  # edits without a value; a second edit may change that
+        self.by_chance: list[Candidate] = []
+        """Edits that make rows agree only for the present values of equal or assumed parameters: no repairs."""
+        self._refuted: list[tuple[Path, int, int]] = []
+        self._deferred: list[tuple[list[Step], Edit]] = []
+        """Edits in places where no single edit can repair a row; pairs are searched before these edits are tried."""
         self.parameters = {p.name for p in judge.formula.parameters}
 
     # -- one edit ------------------------------------------------------------------------------------------
@@ -169,7 +181,11 @@ class Search:
             for edit in edits(step.source, statement, choice, kinds):
                 if self._is_late():
                     return out
-                candidate = self._everywhere([step, *others] if not edit.define else [step], [edit])
+                steps = [step, *others] if not edit.define else [step]
+                if self._is_refuted(edit):
+                    self._deferred.append((steps, edit))
+                    continue
+                candidate = self._everywhere(steps, [edit])
                 if candidate is not None:
                     out.append(candidate)
                 else:
@@ -207,11 +223,52 @@ class Search:
                 for edit in edits(source, statement, choice, kinds):
                     if self._is_late():
                         return out
+                    if self._is_refuted(edit):
+                        self._deferred.append((every, edit))
+                        continue
                     candidate = self._everywhere(every, [edit])
                     if candidate is not None:
                         out.append(candidate)
                     else:
                         self.senseless.append((every[0], edit))
+        return out
+
+    def _is_refuted(self, edit: Edit) -> bool:
+        inside = False
+        for path, start, end in self._refuted:
+            inside |= start <= edit.start and edit.end <= end and path == edit.path
+        return inside
+
+    def _refute(self, rows: Sequence[Key]) -> None:
+        """Find the expressions in which no single edit can repair one of the failing rows `rows`."""
+        until = self.deadline.within(_REFUTE_PART * self.deadline.left)
+        refuted: set[tuple[Path, int, int]] = set()
+        open_: set[tuple[Path, int, int]] = set()
+        for step, sites in self._sites_of(rows):
+            double = Double(self.judge, step, sites, rows, until)
+            closed = double.refuted()
+            refuted |= set(closed)
+            open_ |= {cut.place for cut in double.cuts} - set(closed)
+            open_ |= set(double.unsure)
+            if until.passed:
+                return  # other equations might use the same expressions
+        self._refuted = []
+        for path, start, end in refuted:
+            if not any(p == path and a <= start and end <= b for p, a, b in open_):
+                self._refuted.append((path, start, end))
+
+    def deferred(self) -> list[Candidate]:
+        """Evaluate the single edits that were left out because Gauss-Newton found no value for their expressions."""
+        out: list[Candidate] = []
+        for steps, edit in self._deferred:
+            if self._is_late():
+                break
+            candidate = self._everywhere(steps, [edit])
+            if candidate is not None:
+                out.append(candidate)
+            else:
+                self.senseless.append((steps[0], edit))
+        self._deferred = []
         return out
 
     def required(self, rows: Sequence[Key]) -> list[Candidate]:
@@ -298,7 +355,9 @@ class Search:
         `budget` is the time limit in s of the search for pairs of edits; 0: single edits only.
         """
         found, left = self._quiet(self._run)
-        return self.pairs(found, left, budget) if left else (found, left)
+        if left:
+            return self.pairs(found, left, budget)
+        return self._quiet(lambda: self._together(found))
 
     def pairs(self, found: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
         """Search pairs of edits for rows that single edits do not repair; arguments and result are those of `run`."""
@@ -332,13 +391,15 @@ class Search:
                 singles += self.in_helpers(kinds, functions)
             else:
                 singles += self.singles(kinds, statements)
-                rest_tried |= kinds == REST
+                rest_tried |= kinds == REST and statements is None
             groups, left = self._covered(singles)
             if n == _REQUIRED_AFTER and left:
                 self._until = self.deadline
                 singles += self.required(left)
                 groups, left = self._covered(singles)
                 by_required = not left
+                if left:
+                    self._refute(left)
         self._until = self.deadline
         # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
         looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
@@ -346,28 +407,43 @@ class Search:
             self._until = self.deadline.within(_ALTERNATIVES * self.deadline.left)
             singles += self.singles(REST, looked)
             self._until = self.deadline
-        self._singles, self._groups = singles, groups
-        return [self._found(group, singles, singles) for group in groups], left
+        self._singles = singles
+        out = []
+        for group in groups:
+            found = self._found(group, singles, singles)
+            if found.cures:
+                out.append(found)
+            else:  # two edits may repair these rows for all values of the parameters
+                left += group
+        return out, left
 
     def _pairs_of(self, out: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
-        singles, groups = self._singles, self._groups
+        singles = self._singles
         lost: list[Key] = []
         deadline = self.deadline.within(budget)
         while left:
             k, began = left[0], time.monotonic()
-            shared = [c for g in groups for c in self._exact(g, singles)[:_SHARED]]
-            pairs, complete = self._pairs(k, singles, shared, deadline) if budget > 0 else ([], False)
+            shared = [c for f in out for c in self._exact(f.rows, singles)[:_SHARED]]
+            pairs, complete = self._double(k, singles, shared, deadline) if budget > 0 else ([], False)
+            if budget > 0 and not self._cover(pairs, [k]):
+                singles += self.deferred()
+                alone = [c for c in singles if len(c.edits) == 1 and k in c.scores]
+                pairs = alone if self._cover(alone, [k]) else []
+            if budget > 0 and not self._cover(pairs, [k]):
+                pairs, complete = self._pairs(k, singles, shared, deadline)
             # An edit that fixes this row may also fix others.
             group = next((g for g in self._cover(pairs, left) if k in g), [])
             for f in [f for f in out if group and f.cures and self._exact([*group, *f.rows], pairs)]:
                 group += f.rows  # the pair also fixes another wrong row
                 out.remove(f)
             f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
+            if not f.cures:
+                group = []
             f.complete, f.seconds = f.complete and complete, time.monotonic() - began
             out.append(f)
             lost += [] if group else [k]
             left = [x for x in left if x not in f.rows]
-        return out, lost
+        return (out, lost) if lost else self._together(out)
 
     def _covered(self, candidates: list[Candidate]) -> tuple[list[list[Key]], list[Key]]:
         """Return (groups of failing rows as in `_cover`, failing rows in no group)."""
@@ -388,7 +464,10 @@ class Search:
 
     def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:
         exact = self._exact(rows, exact_from)[:_MOST_EXACT]
-        cures = self._best(self._distinct(exact, rows))
+        every = self._distinct(exact, rows)
+        cures = self._best(every)
+        if every and not cures:
+            self.by_chance.append(every[0][0])
         mine = {id(c) for c in exact}
         rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
         rest = [(s, c) for s, c in rest if s > 1 or c.broken]
@@ -427,11 +506,9 @@ class Search:
     def _best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
         """Keep the repairs after which the fewest rows of the whole formula are wrong.
 
-        Of these, repairs that hold only for the present values of equal or assumed parameters are left out, unless no
+        Of these, repairs that hold only for the present values of equal or assumed parameters are left out, also if no
         other repair is left.
         """
-        if sum(map(len, cures)) < 2:
-            return cures
         after = {id(c): self._after(c) for way in cures for c in way[:_WHOLE]}
         least = min((a.wrong for a in after.values() if a is not None), default=None)
 
@@ -440,32 +517,62 @@ class Search:
             return a is None or a.wrong == least
 
         kept = [way for way in ([c for c in way if keeps(c)] for way in cures) if way]
-        if len(kept) < 2:
-            return kept
         general = []
         for way in kept:
             a = after.get(id(way[0]))
             if a is None or not a.by_chance:
                 general.append(way)
-        return general or kept
+        return general
+
+    def _together(self, found: list[Found]) -> tuple[list[Found], list[Key]]:
+        """Return (results of which the first repairs of all groups hold together, rows that are left without a repair).
+
+        Repairs of several groups may hold only together for the present values of parameters. Then another repair of
+        one group is put first; if none holds, the repair with the most unusual edit is left out.
+        """
+        if len(found) < 2 or not self._by_chance_together(found):
+            return found, []
+        for n, f in enumerate(found):
+            for cure in f.cures[1:]:
+                others = [other for other in f.cures if other is not cure]
+                changed = [*found[:n], replace(f, cures=[cure, *others]), *found[n + 1 :]]
+                if not self._by_chance_together(changed):
+                    return changed, []
+        unusual = max(found, key=lambda f: f.cures[0][0].rank)
+        self.by_chance.append(unusual.cures[0][0])
+        n = found.index(unusual)
+        return [*found[:n], replace(unusual, cures=[]), *found[n + 1 :]], list(unusual.rows)
+
+    def _by_chance_together(self, found: Sequence[Found]) -> bool:
+        edits = [e for f in found for e in f.cures[0][0].edits]
+        after = self._state(edits)
+        return after is not None and after.by_chance
 
     def _after(self, c: Candidate) -> _After | None:
-        """Return the state of the whole formula file after the edits; None if it cannot be evaluated."""
+        """Return the state of the whole formula file after a candidate's edits; None if it cannot be evaluated."""
+        return self._state(c.edits)
+
+    def _state(self, change: list[Edit]) -> _After | None:
         formula = self.judge.formula
         home = formula.equations[0]
         path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
         joints = [(j.name, j.kind == "revolute") for j in formula.joints]
-        if self.deadline.passed or any(e.path != path or e.kind == "left side" for e in c.edits):
+        if self.deadline.passed or any(e.path != path or e.kind == "left side" for e in change):
             return None
         with Scratch() as folder:
             file = Path(folder) / "formula.py"
-            file.write_text(patched(c.edits), encoding="utf-8")
+            file.write_text(patched(change), encoding="utf-8")
             try:
                 formula = load_formula(file, formula.name, lambda: (joints, np.eye(4), None), trial=True)
             except KinematicsError:
                 return None
             judge = Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance, self.judge.limits)
-            return _After(len(judge.failing()), bool(coincidences(judge)))
+            wrong = len(judge.failing())
+            by_chance = bool(coincidences(judge))
+            if not wrong and self.judge.truth.free:
+                # The rows were judged at the best value of the free parameter, which need not be the formula's value.
+                by_chance |= closes(judge, formula, {}) is False
+            return _After(wrong, by_chance)
 
     def _text(self, c: Candidate) -> str:
         parts = []
@@ -489,6 +596,62 @@ class Search:
         return out if all(np.isfinite(r).any() for r in out.values()) else None
 
     # -- two edits --------------------------------------------------------------------------------------------
+
+    def _double(
+        self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
+    ) -> tuple[list[Candidate], bool]:
+        """Return (pairs of edits found from required values of expressions, True); see `Double`.
+
+        The pairs must repair all failing rows that the expressions move, or row `k` alone. `shared` are repairs of
+        other rows; one of them may be the first edit.
+        """
+        until = deadline.within(_DOUBLE_PART * deadline.left)
+        out: list[Candidate] = []
+        firsts = [c.edits[0] for c in singles if k in c.scores and c.edits[0].define is None]
+        firsts.sort(key=lambda e: e.kind not in TOKENS)
+        searches = []
+        for rows in dict.fromkeys((tuple(self.failing), (k,))):
+            for step, sites in self._sites_of(rows):
+                searches.append(Double(self.judge, step, sites, rows, until))
+        stages: list[Callable[[Double], Iterator[tuple[Edit, Edit]]]] = [
+            lambda double: double.beside([c.edits[0] for c in shared], composed=True),
+            lambda double: double.in_one(),
+            lambda double: double.in_two(),
+            lambda double: double.beside([e for e in firsts if double.outside(e)]),
+            lambda double: double.beside([e for e in firsts if not double.outside(e)]),
+        ]
+        for n, stage in enumerate(stages):
+            for m, double in enumerate(searches):
+                remaining = (len(stages) - n) * len(searches) - m
+                double.deadline = until.within(2 * until.left / (remaining + 1))
+                for first, second in stage(double):
+                    candidate = self._pair(double, first, second)
+                    if candidate is not None:
+                        out.append(candidate)
+                if any(c.serves and c.over([k], self.base) <= 1 for c in out):
+                    return out, True
+        return out, True
+
+    def _pair(self, double: Double, first: Edit, second: Edit) -> Candidate | None:
+        """Return the candidate for two edits of one function, judged in all equations that call it."""
+        source = next(site.source for site in double.sites if site.source.name == first.function)
+        others = [s for s in self.judge.steps if s is not double.step and not s.missing and self._calls(s, source)]
+        return self._everywhere([double.step, *others], [first, second])
+
+    def _sites_of(self, rows: Sequence[Key]) -> list[tuple[Step, list[Site]]]:
+        """Return, for each equation on which rows depend, its statements and those of the functions that it calls."""
+        out: dict[str, tuple[Step, list[Site]]] = {}
+        for step, statement in self.own_sites(rows):
+            choice = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
+            sites = out.setdefault(step.equation.name, (step, []))[1]
+            sites.append(Site(step.source, statement, choice))
+        for step, sites in out.values():
+            for h in self.judge.helpers(step):
+                for statement in h.source.statements:
+                    arguments = set(h.source.arguments)
+                    choice = pool(h.source, statement, arguments, self.parameters, h.function.__globals__)
+                    sites.append(Site(h.source, statement, choice))
+        return list(out.values())
 
     def _pairs(
         self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: Deadline

@@ -10,9 +10,8 @@ two.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
@@ -21,29 +20,15 @@ from twin.formula.scalar import Scalar
 from twin.validation.explain.candidate import residuals
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.judge import Judge
-from twin.validation.explain.numeric import Matrix, to_array
+from twin.validation.explain.numeric import Matrix
 from twin.validation.explain.rows import Key, Step
+from twin.validation.explain.shifts import DIFFERENCE, Shift, shifted, solution
 from twin.validation.explain.source import Edit, Source, Statement
 from twin.validation.explain.term_texts import Atom, equal, factors, sums, terms
 from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
 
 _NAME = "_required_"
 """Name of the function, in the edited text, that changes the value of an expression."""
-
-_STEPS, _DIFFERENCE = 12, 1e-6
-"""Number of Gauss-Newton steps, and the difference with which derivatives are computed."""
-
-_TIGHT = 1e-3
-"""Residual at which Gauss-Newton ends, in units of the tolerance."""
-
-_STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0)
-"""Further shifts from which Gauss-Newton starts where a row has no value, as multiples of the expression's value."""
-
-_FEWEST = 6
-"""Minimum number of poses at which a row must have a value."""
-
-_SINGULAR = 1e-9
-"""Smallest ratio of singular values with which the rows determine all entries of a vector."""
 
 _MOST_ATOMS, _MOST_ENTRIES = 200, 4
 """Maximum number of values that may be terms, and of entries of a vector of which each is such a value."""
@@ -58,39 +43,6 @@ _MOST_EDITS = 40
 """Maximum number of edits of one expression."""
 
 
-class _Shift:
-    """The function `_NAME`: returns its first argument plus `shift`, and stores this argument and the scope.
-
-    `known` (k,): the poses at which the row has a value. Values and shifts are (k, entries); `entries` is 0 for a
-    scalar, which is stored as one entry.
-    """
-
-    def __init__(self, k: int, entries: int = 0) -> None:
-        self.entries = entries
-        self.shift: Array = np.zeros((k, max(entries, 1)))
-        self.value: Array = self.shift
-        self.known: np.ndarray = np.ones(k, bool)
-        self.scope: dict[str, Any] = {}
-
-    def __call__(self, value: Any, scope: dict[str, Any]) -> Any:
-        """Return the shifted value; raise TypeError if the value has another form than the shift.
-
-        A scalar is also shifted as a column: an edit may have removed a factor that is a vector.
-        """
-        k = len(self.shift)
-        x = value.x if isinstance(value, Scalar) else value
-        scalar = not isinstance(x, Matrix) and np.shape(x) in ((), (k,))
-        column = isinstance(x, Matrix) and x.shape == (self.entries, 1)
-        if not (scalar or column):
-            raise TypeError("not a scalar, and not a vector of this length")
-        self.value = np.broadcast_to(to_array(x, k), self.shift.shape)
-        self.scope = dict(scope)
-        out = self.value + self.shift
-        if self.entries:
-            return Matrix(out[:, :, None])
-        return type(value)(out[:, 0]) if isinstance(value, Scalar) else out[:, 0]
-
-
 class Required:
     """Search for changed expressions in the statements of one equation, and of the functions that it calls."""
 
@@ -102,7 +54,7 @@ class Required:
         """Yield edits of a statement after which a row agrees, until the deadline; all of them must be tried."""
         atoms: list[Atom] | None = None
         parents = {c: n for n in ast.walk(statement.node) for c in ast.iter_child_nodes(n)}
-        for node in _expressions(statement.node, parents):
+        for node in expressions(statement.node, parents):
             for entries in (0, VECTOR):
                 if self.deadline.passed:
                     return
@@ -110,25 +62,21 @@ class Required:
                 if solved is None:
                     continue
                 if atoms is None:
-                    atoms = _atoms(source, statement, solved, self.judge.truth.k)
-                writer = _written if not entries else _written_vectors
+                    atoms = scalar_atoms(source, statement, solved, self.judge.truth.k)
+                writer = written if not entries else _written_vectors
                 yield from islice(writer(source, statement, node, parents, solved, atoms), _MOST_EDITS)
 
-    def _solved(self, source: Source, statement: Statement, node: ast.expr, entries: int) -> _Shift | None:
+    def _solved(self, source: Source, statement: Statement, node: ast.expr, entries: int) -> Shift | None:
         """Return the shift of an expression with which all rows agree, or the first row that can; None without one.
 
         `entries` is the number of entries of a vector, 0 for a scalar.
         """
-        start, end = source.span(node)
-        text = source.text(start, end)
-        new = f"{_NAME}({text}, locals())"
-        line = source.line_of(start)
-        edit = Edit(source.path, line, start, end, text, new, "required", statement.index, source.name)
-        at_zero = _Shift(self.judge.truth.k, entries)
+        edit = shifted(source, statement, node, _NAME)
+        at_zero = Shift(self.judge.truth.k, entries)
         base = self._residual(edit, at_zero)
         if base is None:
             return None
-        at_zero.shift = np.full_like(at_zero.shift, _DIFFERENCE)
+        at_zero.shift = np.full_like(at_zero.shift, DIFFERENCE)
         moved = self._residual(edit, at_zero)
         if moved is None:
             return None
@@ -143,9 +91,9 @@ class Required:
                 return shift
         return None
 
-    def _fitted(self, edit: Edit, rows: Sequence[Key], entries: int) -> _Shift | None:
+    def _fitted(self, edit: Edit, rows: Sequence[Key], entries: int) -> Shift | None:
         """Return the shift with which the rows agree at every pose; None if Gauss-Newton does not find it."""
-        shift = _Shift(self.judge.truth.k, entries)
+        shift = Shift(self.judge.truth.k, entries)
 
         def residual(values: Array) -> Array | None:
             shift.shift = values
@@ -154,47 +102,13 @@ class Required:
                 return None
             return np.hstack([found[k] for k in rows])
 
-        values = np.zeros_like(shift.shift)
-        r = residual(values)
-        if r is None:
+        solved = solution(residual, np.zeros_like(shift.shift), lambda: shift.value, self.deadline)
+        if solved is None:
             return None
-        for factor in _STARTS if not np.isfinite(r).all() else ():  # where the wrong row has no value
-            tried = factor * shift.value
-            there = residual(tried)
-            if there is None:
-                return None
-            better = (_cost(there) < _cost(r))[:, None]
-            values, r = np.where(better, tried, values), np.where(better, there, r)
-        known = np.asarray(np.isfinite(r).all(axis=1))
-        if known.sum() < _FEWEST:
-            return None
-        for _ in range(_STEPS):
-            if self.deadline.passed:
-                return None
-            if np.abs(r[known]).max() <= _TIGHT:
-                break
-            step = _step(residual, values, r, known)
-            if step is None:
-                return None
-            new = residual(values + step)
-            for _ in range(4):  # half the step where the residual grows
-                if new is None:
-                    return None
-                worse = known & ~(_cost(new) <= _cost(r))
-                if not worse.any():
-                    break
-                step = np.where(worse[:, None], step / 2, step)
-                new = residual(values + step)
-            if new is None or np.abs(new[known]).max() > max(0.9 * np.abs(r[known]).max(), 1.0):
-                return None  # this expression cannot make the rows agree
-            values, r = values + step, new
-        if not np.abs(r[known]).max() <= 1:
-            return None
-        residual(values)
-        shift.known = known
+        _, shift.known = solved
         return shift
 
-    def _residual(self, edit: Edit, shift: _Shift) -> dict[Key, Array] | None:
+    def _residual(self, edit: Edit, shift: Shift) -> dict[Key, Array] | None:
         extra = {_NAME: shift}
         called = [h.function.__globals__ for h in self.judge.helpers(self.step)]
         called = called if edit.function != self.step.source.name else []
@@ -207,34 +121,7 @@ class Required:
                 scope.pop(_NAME, None)
 
 
-def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, known: np.ndarray) -> Array | None:
-    """Return a step of Gauss-Newton (k, entries), zero where `known` is false; None without a unique finite one."""
-    slopes = []
-    for i in range(values.shape[1]):
-        ahead = values.copy()
-        ahead[:, i] += _DIFFERENCE
-        there = residual(ahead)
-        if there is None:
-            return None
-        slopes.append((there - r) / _DIFFERENCE)
-    J = np.stack(slopes, axis=2)[known]
-    if not np.isfinite(J).all():
-        return None
-    if J.shape[2] > 1:
-        singular = np.linalg.svd(J, compute_uv=False)
-        if J.shape[1] < J.shape[2] or (singular[:, -1] <= _SINGULAR * singular[:, 0]).any():
-            return None
-    step = np.zeros_like(values)
-    step[known] = -(np.linalg.pinv(J) @ r[known][:, :, None])[:, :, 0]
-    return step if np.isfinite(step).all() else None
-
-
-def _cost(r: Array) -> Array:
-    """Return the sum of squares of residuals (k, entries) at each pose; infinite without a value."""
-    return np.nan_to_num(np.sum(r**2, axis=1), nan=np.inf)
-
-
-def _expressions(root: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[ast.expr]:
+def expressions(root: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[ast.expr]:
     """Yield the expressions of a statement that may be scalars or vectors, the outermost first."""
     kinds = (ast.Name, ast.Call, ast.Subscript, ast.BinOp, ast.UnaryOp, ast.Attribute)
     for node in ast.walk(root):
@@ -257,7 +144,7 @@ def _in_index(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:
     return False
 
 
-def _atoms(source: Source, statement: Statement, shift: _Shift, k: int) -> list[Atom]:
+def scalar_atoms(source: Source, statement: Statement, shift: Shift, k: int) -> list[Atom]:
     """Return the scalars in scope at a statement: names, entries of vectors, and expressions of the same function."""
     scope = shift.scope
     texts: dict[str, None] = {}
@@ -332,12 +219,12 @@ def _replaced(
     return Edit(source.path, line, start, end, source.text(start, end), new, kind, statement.index, source.name)
 
 
-def _written(
+def written(
     source: Source,
     statement: Statement,
     node: ast.expr,
     parents: dict[ast.AST, ast.AST],
-    shift: _Shift,
+    shift: Shift,
     atoms: Sequence[Atom],
 ) -> Iterator[Edit]:
     """Yield the edits that give an expression its required value, the shortest first."""
@@ -380,7 +267,7 @@ def _written_vectors(
     statement: Statement,
     node: ast.expr,
     parents: dict[ast.AST, ast.AST],
-    shift: _Shift,
+    shift: Shift,
     atoms: Sequence[Atom],
 ) -> Iterator[Edit]:
     """Yield the edits that give an expression its required value, a vector."""

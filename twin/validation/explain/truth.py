@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -81,6 +81,18 @@ class Truth:
             return x[:1] if np.ndim(x) else x
 
         return replace(self, symbols={n: cut(v) for n, v in self.symbols.items()}, k=1, Ts=self.Ts[:1])
+
+    def repeated(self, samples: Sequence[int], times: int) -> Truth:
+        """Return the values at some samples, repeated several times."""
+        rows = np.tile(np.asarray(samples), times)
+
+        def chosen(x: Any) -> Any:
+            if isinstance(x, Matrix):
+                return Matrix(np.broadcast_to(x.a, (self.k, *x.a.shape[1:]))[rows])
+            return np.asarray(x)[rows] if np.ndim(x) else x
+
+        symbols = {name: chosen(value) for name, value in self.symbols.items()}
+        return replace(self, symbols=symbols, k=len(rows), Ts=self.Ts[rows], run=None)
 
     def pose_text(self, i: int) -> str:
         """Return the pose coordinates of sample i as text, in mm and degrees."""

@@ -1,0 +1,271 @@
+"""Edits of one scalar expression that give it required values, evaluated without the rest of its equation."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import islice
+from types import CodeType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.core.spatial import Array
+from twin.formula.scalar import Scalar
+from twin.validation.explain.candidate import REST, TOKENS
+from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.edits import Pool, edits
+from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.required import expressions, scalar_atoms, written
+from twin.validation.explain.shifts import DIFFERENCE, Shift
+from twin.validation.explain.source import Edit, Source, Statement, apply
+from twin.validation.explain.term_texts import EQUAL, Atom
+
+_HOLE = "_hole_"
+"""Name that stands for a part of an expression whose value is sought."""
+
+_NEWTON = 10
+"""Maximum number of Newton steps for the value of a part."""
+
+_EXACT = 1e-10
+"""Relative difference at which Newton's method ends."""
+
+_MOST_WRITTEN = 12
+"""Maximum number of short formulas for the required value of one part."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """A statement of an equation or of a function that it calls, and the names that its edits may insert."""
+
+    source: Source
+    statement: Statement
+    pool: Pool
+
+    @cached_property
+    def edits(self) -> tuple[Edit, ...]:
+        """All single edits of the statement that require no new name."""
+        every = edits(self.source, self.statement, self.pool, (*TOKENS, *REST))
+        return tuple(e for e in every if e.define is None and e.kind != "left side")
+
+    @cached_property
+    def parents(self) -> dict[ast.AST, ast.AST]:
+        """Parent of each syntax node of the statement."""
+        nodes = ast.walk(self.statement.node)
+        return {child: node for node in nodes for child in ast.iter_child_nodes(node)}
+
+
+class Expression:
+    """A scalar expression of a statement, with the values of the names in its scope."""
+
+    def __init__(self, site: Site, node: ast.expr, shift: Shift, deadline: Deadline) -> None:
+        """Store the expression `node`; `shift` has the scope, the value, and the poses at which rows have values."""
+        self.site = site
+        self.node = node
+        self.known: NDArray[np.bool_] = shift.known
+        self.deadline = deadline
+        self._scope = dict(shift.scope)
+        self._k = len(shift.shift)
+        self._span = site.source.span(node)
+
+    def one(self, wanted: Array) -> Iterator[Edit]:
+        """Yield single edits after which the expression has the values `wanted` (k,)."""
+        singles, values = self._singles
+        for i in self._equal(values, wanted):
+            yield singles[i]
+
+    def composed(self, wanted: Array) -> Iterator[Edit]:
+        """Yield edits that add a term or a factor, a root, a square or a sign to a part of the expression."""
+        atoms: list[Atom] | None = None
+        for part in self._parts:
+            if self.deadline.passed:
+                return
+            needed = self._needed(part, (), wanted)
+            own = self._value((), self._span_of(part))
+            if needed is None or own is None:
+                continue
+            shift = Shift(self._k)
+            shift.value = own[:, None]
+            shift.shift = (needed - own)[:, None]
+            shift.known = self.known
+            shift.scope = self._scope
+            if atoms is None:
+                atoms = scalar_atoms(self.site.source, self.site.statement, shift, self._k)
+            texts = written(self.site.source, self.site.statement, part, self.site.parents, shift, atoms)
+            yield from islice(texts, _MOST_WRITTEN)
+
+    def two(self, wanted: Array) -> Iterator[tuple[Edit, Edit]]:
+        """Yield pairs of edits after which the expression has the values `wanted` (k,).
+
+        For each edit and each largest part beside it, the value that this part must then have is computed; the edits of
+        the part that give this value are looked up.
+        """
+        singles = self._singles[0]
+        within: dict[ast.expr, NDArray[np.intp]] = {}
+        for part in self._parts:
+            start, end = self._span_of(part)
+            inside = [i for i, e in enumerate(singles) if start <= e.start and e.end <= end]
+            within[part] = np.array(inside, dtype=np.intp)
+        seen: set[tuple[int, int]] = set()
+        for i, first in enumerate(singles):
+            for part in self._beside(first):
+                if self.deadline.passed:
+                    return
+                inside = within[part]
+                needed = self._needed(part, (first,), wanted) if len(inside) else None
+                if needed is None:
+                    continue
+                for j in inside[self._equal(self._edited(part, singles, inside), needed)]:
+                    pair = (min(i, int(j)), max(i, int(j)))
+                    if pair not in seen:
+                        seen.add(pair)
+                        yield first, singles[j]
+
+    # -- parts ----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _parts(self) -> list[ast.expr]:
+        """The scalar parts of the expression, itself first."""
+        out = []
+        for node in expressions(self.node, self.site.parents):
+            if self._value((), self._span_of(node)) is not None:
+                out.append(node)
+        return out
+
+    def _span_of(self, node: ast.expr) -> tuple[int, int]:
+        return self.site.source.span(node)
+
+    def _beside(self, edit: Edit) -> Iterator[ast.expr]:
+        """Yield the largest scalar parts whose text the edit does not touch."""
+        parts = set(self._parts)
+        todo: list[ast.AST] = [self.node]
+        while todo:
+            node = todo.pop()
+            if isinstance(node, ast.expr) and node in parts:
+                start, end = self._span_of(node)
+                if edit.end < start or end < edit.start:
+                    yield node
+                    continue
+            todo += ast.iter_child_nodes(node)
+
+    def _needed(self, part: ast.expr, change: Sequence[Edit], wanted: Array) -> Array | None:
+        """Return the values (k,) of a part with which the expression after `change` has the values `wanted`."""
+        start, end = self._span_of(part)
+        source = self.site.source
+        line = source.line_of(start)
+        hole = Edit(
+            source.path,
+            line,
+            start,
+            end,
+            source.text(start, end),
+            _HOLE,
+            "required",
+            self.site.statement.index,
+            source.name,
+        )
+        code = _compiled(apply(source.data, [*change, hole], *self._span))
+        values = self._value((), (start, end))
+        if code is None or values is None:
+            return None
+        known = self.known
+        limit = _EXACT * max(float(np.abs(wanted[known]).max()), EQUAL)
+        values = values.copy()
+        last = np.inf
+        for _ in range(_NEWTON):
+            here = self._run(code, values)
+            if here is None:
+                return None
+            off = here - wanted
+            size = float(np.abs(off[known]).max())
+            if size <= limit:
+                return values
+            if not size < max(last, 10 * limit):  # also without a value
+                return None
+            last = size
+            ahead = self._run(code, values + DIFFERENCE)
+            if ahead is None:
+                return None
+            step = off / ((ahead - here) / DIFFERENCE)
+            values = values - np.where(np.isfinite(step), step, 0.0)
+        return None
+
+    # -- values ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _singles(self) -> tuple[list[Edit], Array]:
+        """The single edits inside the expression that give it a value, and these values (edits, k)."""
+        found, values = [], []
+        start, end = self._span
+        for edit in self.site.edits:
+            if start <= edit.start and edit.end <= end:
+                value = self._value((edit,), self._span)
+                if value is not None:
+                    found.append(edit)
+                    values.append(value)
+        return found, np.array(values).reshape(len(found), self._k)
+
+    def _edited(self, part: ast.expr, singles: Sequence[Edit], inside: NDArray[np.intp]) -> Array:
+        """Return the values (edits, k) of a part after each of the edits `inside` it."""
+        if part not in self._tables:
+            span = self._span_of(part)
+            values = np.full((len(inside), self._k), np.nan)
+            for row, i in enumerate(inside):
+                value = self._value((singles[i],), span)
+                if value is not None:
+                    values[row] = value
+            self._tables[part] = values
+        return self._tables[part]
+
+    @cached_property
+    def _tables(self) -> dict[ast.expr, Array]:
+        return {}
+
+    def _equal(self, values: Array, wanted: Array) -> NDArray[np.intp]:
+        """Return the indices of the rows of `values` (n, k) that are equal to `wanted` (k,), or by full turns."""
+        if not len(values):
+            return np.zeros(0, np.intp)
+        off = values[:, self.known] - wanted[self.known]
+        turns = np.round(off[:, :1] / (2 * np.pi))  # an angle may be found a full turn away
+        off = off - 2 * np.pi * np.nan_to_num(turns)
+        limit = EQUAL * max(float(np.abs(wanted[self.known]).max()), 1e-9)
+        return np.flatnonzero(np.abs(off).max(axis=1) <= limit)
+
+    def _value(self, change: Sequence[Edit], span: tuple[int, int]) -> Array | None:
+        """Return the values (k,) of the text in `span` after edits; None if it is not a scalar."""
+        code = _compiled(apply(self.site.source.data, change, *span))
+        return None if code is None else self._run(code, None)
+
+    def _run(self, code: CodeType, hole: Array | None) -> Array | None:
+        if hole is not None:
+            self._scope[_HOLE] = self._entered(hole)
+        try:
+            value: Any = eval(code, self._scope)
+        except Exception:  # an edit may be any invalid text: a name without value, a matrix in a scalar function
+            return None
+        x = value.x if isinstance(value, Scalar) else value
+        if isinstance(x, Matrix | bool | str | tuple | list) or np.shape(x) not in ((), (self._k,)):
+            return None
+        try:
+            return np.broadcast_to(np.asarray(x, float), (self._k,))
+        except (TypeError, ValueError):
+            return None
+
+    def _entered(self, hole: Array) -> Any:
+        """Return values in the form that the scope has: in plain functions, scalars are objects."""
+        for value in self._scope.values():
+            if isinstance(value, Scalar):
+                return type(value)(hole)
+        return hole
+
+
+@lru_cache(maxsize=8192)
+def _compiled(text: str) -> CodeType | None:
+    """Return the code of an expression; None if the text is not valid."""
+    try:
+        return compile(f"({text}\n)", "<explain>", "eval")
+    except (SyntaxError, ValueError):
+        return None

@@ -1,0 +1,171 @@
+"""Shift the values of expressions in the text of an equation, and find the shifts with which rows agree.
+
+An expression is replaced by the call of a function that adds a value to it at each pose. Gauss-Newton finds the values
+with which the residuals of the rows are zero.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.core.spatial import Array
+from twin.formula.scalar import Scalar
+from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.numeric import Matrix, to_array
+from twin.validation.explain.source import Edit, Source, Statement
+
+STEPS = 12
+"""Maximum number of Gauss-Newton steps."""
+
+DIFFERENCE = 1e-6
+"""Difference with which derivatives are computed."""
+
+_TIGHT = 1e-3
+"""Residual at which Gauss-Newton ends, in units of the tolerance."""
+
+_STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0)
+"""Further shifts from which Gauss-Newton starts where a row has no value, as multiples of the expression's value."""
+
+_FEWEST = 6
+"""Minimum number of poses at which a row must have a value."""
+
+_SINGULAR = 1e-9
+"""Smallest ratio of singular values with which the rows determine all unknowns."""
+
+
+class Shift:
+    """A function that returns its first argument plus `shift`, and stores this argument and the scope.
+
+    `known` (k,): the poses at which the row has a value. Values and shifts are (k, entries); `entries` is 0 for a
+    scalar, which is stored as one entry. `mixed`: whether the calls since `begin` had different arguments.
+    """
+
+    def __init__(self, k: int, entries: int = 0) -> None:
+        self.entries = entries
+        self.shift: Array = np.zeros((k, max(entries, 1)))
+        self.value: Array = self.shift
+        self.known: NDArray[np.bool_] = np.ones(k, bool)
+        self.scope: dict[str, Any] = {}
+        self.mixed = False
+        self._called = False
+
+    def begin(self) -> None:
+        """Forget the calls of earlier evaluations."""
+        self.mixed = False
+        self._called = False
+
+    def __call__(self, value: Any, scope: dict[str, Any]) -> Any:
+        """Return the shifted value; raise TypeError if the value has another form than the shift.
+
+        A scalar is also shifted as a column: an edit may have removed a factor that is a vector.
+        """
+        k = len(self.shift)
+        x = value.x if isinstance(value, Scalar) else value
+        scalar = not isinstance(x, Matrix) and np.shape(x) in ((), (k,))
+        column = isinstance(x, Matrix) and x.shape == (self.entries, 1)
+        if not (scalar or column):
+            raise TypeError("not a scalar, and not a vector of this length")
+        values = np.broadcast_to(to_array(x, k), self.shift.shape)
+        self.mixed |= self._called and not np.array_equal(values, self.value, equal_nan=True)
+        self._called = True
+        self.value = values
+        self.scope = dict(scope)
+        out = self.value + self.shift
+        if self.entries:
+            return Matrix(out[:, :, None])
+        return type(value)(out[:, 0]) if isinstance(value, Scalar) else out[:, 0]
+
+
+def shifted(source: Source, statement: Statement, node: ast.expr, name: str) -> Edit:
+    """Return the edit that passes an expression through the function `name`, a `Shift`."""
+    start, end = source.span(node)
+    text = source.text(start, end)
+    new = f"{name}({text}, {{**globals(), **locals()}})"
+    line = source.line_of(start)
+    return Edit(source.path, line, start, end, text, new, "required", statement.index, source.name)
+
+
+def solution(
+    residual: Callable[[Array], Array | None],
+    start: Array,
+    scale: Callable[[], Array],
+    deadline: Deadline,
+) -> tuple[Array, NDArray[np.bool_]] | None:
+    """Return (values (k, unknowns) with which the residuals are zero, poses with residuals); None without a solution.
+
+    Args:
+        residual: returns the residuals (k, entries) for values (k, unknowns); None if they cannot be evaluated.
+        start: first values.
+        scale: returns a size (k, unknowns) of the values, after an evaluation of `residual`.
+        deadline: time limit.
+    """
+    values = start
+    r = residual(values)
+    if r is None:
+        return None
+    for factor in _STARTS if not np.isfinite(r).all() else ():  # where the wrong row has no value
+        tried = factor * scale()
+        there = residual(tried)
+        if there is None:
+            return None
+        better = (_cost(there) < _cost(r))[:, None]
+        values, r = np.where(better, tried, values), np.where(better, there, r)
+    known = np.asarray(np.isfinite(r).all(axis=1))
+    if known.sum() < _FEWEST:
+        return None
+    for _ in range(STEPS):
+        if deadline.passed:
+            return None
+        if np.abs(r[known]).max() <= _TIGHT:
+            break
+        step = _step(residual, values, r, known)
+        if step is None:
+            return None
+        new = residual(values + step)
+        for _ in range(4):  # half the step where the residual grows
+            if new is None:
+                return None
+            worse = known & ~(_cost(new) <= _cost(r))
+            if not worse.any():
+                break
+            step = np.where(worse[:, None], step / 2, step)
+            new = residual(values + step)
+        if new is None or np.abs(new[known]).max() > max(0.9 * np.abs(r[known]).max(), 1.0):
+            return None  # these expressions cannot make the rows agree
+        values, r = values + step, new
+    if not np.abs(r[known]).max() <= 1:
+        return None
+    residual(values)
+    return values, known
+
+
+def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, known: np.ndarray) -> Array | None:
+    """Return a step of Gauss-Newton (k, unknowns), zero where `known` is false; None without a unique finite one."""
+    slopes = []
+    for i in range(values.shape[1]):
+        ahead = values.copy()
+        ahead[:, i] += DIFFERENCE
+        there = residual(ahead)
+        if there is None:
+            return None
+        slopes.append((there - r) / DIFFERENCE)
+    J = np.stack(slopes, axis=2)[known]
+    if not np.isfinite(J).all():
+        return None
+    if J.shape[2] > 1:
+        singular = np.linalg.svd(J, compute_uv=False)
+        if J.shape[1] < J.shape[2] or (singular[:, -1] <= _SINGULAR * singular[:, 0]).any():
+            return None
+    step = np.zeros_like(values)
+    step[known] = -(np.linalg.pinv(J) @ r[known][:, :, None])[:, :, 0]
+    return step if np.isfinite(step).all() else None
+
+
+def _cost(r: Array) -> Array:
+    """Return the sum of squares of residuals (k, entries) at each pose; infinite without a value."""
+    return np.nan_to_num(np.sum(r**2, axis=1), nan=np.inf)
