@@ -81,38 +81,39 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         KinematicsError: the mechanism does not have one of the published joints.
     """
     active = dynamics.mechanism.active
-    names = [j.name for j in active]
+    names = [joint.name for joint in active]
     for name in form.joints:
         if name not in names:
             raise KinematicsError(f"equations of motion: {unknown('driven joint', name, names)}")
-    at = [names.index(name) for name in form.joints]
-    angle = [active[i].is_angle for i in at]
+    published = [names.index(name) for name in form.joints]
+    angle = [active[i].is_angle for i in published]
+    limits = np.array([active[i].limits for i in published])
     evaluate = form.compiled()
-    limits = np.array([active[i].limits for i in at])
     rng = np.random.default_rng(seed)
-    states = []
+    states: list[_State] = []
     for _ in range(count):
-        q, qd = np.zeros(len(names)), np.zeros(len(names))
-        q[at] = rng.uniform(limits[:, 0], limits[:, 1])
-        qd[at] = rng.uniform(-1, 1, len(at)) * np.where(angle, *_RATES)
-        M = (dynamics.mass_matrix(q) - dynamics.rotor)[np.ix_(at, at)]
-        states.append(_State(qd[at], evaluate(q[at], qd[at]), M, dynamics.coriolis(q, qd)[at], dynamics.gravity(q)[at]))
+        q = np.zeros(len(names))
+        qd = np.zeros(len(names))
+        q[published] = rng.uniform(limits[:, 0], limits[:, 1])
+        qd[published] = rng.uniform(-1, 1, len(published)) * np.where(angle, *_RATES)
+        terms = evaluate(q[published], qd[published])
+        M = (dynamics.mass_matrix(q) - dynamics.rotor)[np.ix_(published, published)]
+        c = dynamics.coriolis(q, qd)[published]
+        g = dynamics.gravity(q)[published]
+        states.append(_State(qd[published], terms, M, c, g))
     out = JudgedForm()
     _consistent(states, out)
     _compare(form, angle, states, out)
-    wrong = [r for r in out.rows if not r.agrees]
+    wrong = [row for row in out.rows if not row.agrees]
     if wrong:
-        out.cause = _cause(form, states) or (f"the term {wrong[0].term}" if len(wrong) == 1 else "")
-    for r in wrong:
-        out.findings.append(
-            _DIFFERS(
-                r.term,
-                f"the published {r.term} differs from the value of the mechanism",
-                Quantity(r.worst, r.unit),
-                Quantity(r.limit, r.unit),
-                cause=out.cause,
-            )
-        )
+        out.cause = _cause(form, states)
+        if not out.cause and len(wrong) == 1:
+            out.cause = f"the term {wrong[0].term}"
+    for row in wrong:
+        text = f"the published {row.term} differs from the value of the mechanism"
+        worst = Quantity(row.worst, row.unit)
+        limit = Quantity(row.limit, row.unit)
+        out.findings.append(_DIFFERS(row.term, text, worst, limit, cause=out.cause))
     return out
 
 
@@ -148,58 +149,68 @@ def _consistent(states: list[_State], out: JudgedForm) -> None:
 
 
 def _compare(form: ClosedForm, angle: list[bool], states: list[_State], out: JudgedForm) -> None:
-    joints, tol = form.joints, form.tolerance
-    inertia = {2: "kg m2", 1: "kg m", 0: "kg"}
-    for i, a in enumerate(joints):
-        for j, b in enumerate(joints[: i + 1]):
-            worst = max(abs(s.A.M[i, j] - s.M[i, j]) for s in states)
-            asked = max(worst, *(abs(s.A.M[j, i] - s.M[j, i]) for s in states))
-            name = f"inertia {a}" if i == j else f"inertia {b}-{a}"
-            out.rows.append(TermRow(name, asked, inertia[angle[i] + angle[j]], tol))
-    for i, a in enumerate(joints):
-        unit = "N m" if angle[i] else "N"
-        out.rows.append(TermRow(f"Coriolis {a}", max(abs((s.A.C @ s.qd - s.c)[i]) for s in states), unit, tol))
-    for i, a in enumerate(joints):
-        unit = "N m" if angle[i] else "N"
-        out.rows.append(TermRow(f"gravity {a}", max(abs((s.A.g - s.g)[i]) for s in states), unit, tol))
+    M = np.abs(np.stack([state.A.M - state.M for state in states]))
+    c = np.abs(np.stack([state.A.C @ state.qd - state.c for state in states]))
+    g = np.abs(np.stack([state.A.g - state.g for state in states]))
+    inertia_units = {2: "kg m2", 1: "kg m", 0: "kg"}  # by the number of angles among two joints
+    for i, joint in enumerate(form.joints):
+        for j, other in enumerate(form.joints[: i + 1]):
+            name = f"inertia {joint}"
+            if i != j:
+                name = f"inertia {other}-{joint}"
+            worst = max(M[:, i, j].max(), M[:, j, i].max())
+            unit = inertia_units[angle[i] + angle[j]]
+            out.rows.append(TermRow(name, worst, unit, form.tolerance))
+    for term, differences in (("Coriolis", c), ("gravity", g)):
+        for i, joint in enumerate(form.joints):
+            unit = "N m" if angle[i] else "N"
+            worst = differences[:, i].max()
+            out.rows.append(TermRow(f"{term} {joint}", worst, unit, form.tolerance))
 
 
 def _cause(form: ClosedForm, states: list[_State]) -> str:
     """Return the single edit that explains all differences, as text; "" if none does."""
-    M = np.stack([s.M - s.A.M for s in states])
-    g = np.stack([s.g - s.A.g for s in states])
-    c = np.stack([s.c - s.A.C @ s.qd for s in states])
-    wrong = {n: np.abs(v).max() > form.tolerance for n, v in (("M", M), ("C", c), ("g", g))}
-    if not wrong["M"]:
-        for name, difference, value in (
-            ("C", c, np.stack([s.A.C @ s.qd for s in states])),
-            ("g", g, np.stack([s.A.g for s in states])),
-        ):
-            others = [n for n in wrong if wrong[n] and n != name]
-            if others or not wrong[name]:
-                continue
-            for i, joint in enumerate(form.joints):
-                only = [k for k in range(len(form.joints)) if np.abs(difference[:, k]).max() > form.tolerance]
-                if only == [i] and _left(difference[:, i], -2 * value[:, i]) < _EXPLAINED:
-                    return f"the sign of {_WORDS[name]} of {joint}"
-            if _left(difference, -2 * value) < _EXPLAINED:
-                return f"the sign of {_WORDS[name]}"
-            if name == "C":
-                return "C is inconsistent with M"
-    found = list(_parameters(form, states, M, g))
-    if not found:
-        return ""
-    edits = [f"{n} = {new:.6g} {unit} instead of {old:.6g}" for n, new, old, unit in found]
+    coriolis = np.stack([state.A.C @ state.qd for state in states])
+    gravity = np.stack([state.A.g for state in states])
+    M = np.stack([state.M - state.A.M for state in states])
+    c = np.stack([state.c for state in states]) - coriolis
+    g = np.stack([state.g for state in states]) - gravity
+    wrong_M = np.abs(M).max() > form.tolerance
+    wrong_c = np.abs(c).max() > form.tolerance
+    wrong_g = np.abs(g).max() > form.tolerance
+    if wrong_c and not wrong_M and not wrong_g:
+        return _sign(form, "the Coriolis effort", c, coriolis) or "C is inconsistent with M"
+    if wrong_g and not wrong_M and not wrong_c:
+        sign = _sign(form, "gravity", g, gravity)
+        if sign:
+            return sign
+    edits: list[str] = []
+    for name, required, published, unit in _parameters(form, states, M, g):
+        edits.append(f"{name} = {required:.6g} {unit} instead of {published:.6g}")
     return " or ".join(edits)
 
 
-_WORDS = {"C": "the Coriolis effort", "g": "gravity"}
+def _sign(form: ClosedForm, term: str, difference: Array, value: Array) -> str:
+    """Return the wrong sign of a term, of one joint or of all joints, that explains the differences; "" if none does.
+
+    `difference` and `value` (k, n) are the difference from the mechanism and the published value at k states.
+    """
+    joints = np.flatnonzero(np.abs(difference).max(axis=0) > form.tolerance)
+    if len(joints) == 1:
+        i = joints[0]
+        if _left(difference[:, i], -2 * value[:, i]) < _EXPLAINED:
+            return f"the sign of {term} of {form.joints[i]}"
+    if _left(difference, -2 * value) < _EXPLAINED:
+        return f"the sign of {term}"
+    return ""
 
 
 def _left(difference: Array, edit: Array) -> float:
     """Return the norm of the difference after an edit, divided by the norm before the edit."""
     size = float(np.linalg.norm(difference))
-    return float(np.linalg.norm(difference - edit)) / size if size else 0.0
+    if not size:
+        return 0.0
+    return float(np.linalg.norm(difference - edit)) / size
 
 
 def _parameters(form: ClosedForm, states: list[_State], M: Array, g: Array) -> Iterator[tuple[str, float, float, str]]:
@@ -207,13 +218,21 @@ def _parameters(form: ClosedForm, states: list[_State], M: Array, g: Array) -> I
 
     With the required value instead of the published one, closed form and mechanism agree.
     """
-    n, k = len(form.joints), len(form.parameters)
-    share = np.concatenate([np.concatenate([s.A.M_share.reshape(n * n, k), s.A.g_share]) for s in states])
-    size = np.concatenate([np.concatenate([M[i].reshape(-1), g[i]]) for i in range(len(states))])
+    n = len(form.joints)
+    # All entries of M and g at all states, one below the other: how they vary with each parameter, and what they lack.
+    shares: list[Array] = []
+    differences: list[Array] = []
+    for i, state in enumerate(states):
+        shares.append(state.A.M_share.reshape(n * n, len(form.parameters)))
+        shares.append(state.A.g_share)
+        differences.append(M[i].reshape(-1))
+        differences.append(g[i])
+    share = np.concatenate(shares)
+    difference = np.concatenate(differences)
     for i, parameter in enumerate(form.parameters):
         column = share[:, i]
         if not np.any(column):
             continue
-        step = float(column @ size / (column @ column))
-        if _left(size, step * column) < _EXPLAINED:
+        step = float(column @ difference / (column @ column))  # least squares
+        if _left(difference, step * column) < _EXPLAINED:
             yield parameter.name, parameter.value + step, parameter.value, parameter.unit

@@ -27,12 +27,12 @@ from twin.validation.masses import solid
 SINGLE = 1e-5
 """Maximum relative difference that single precision can cause."""
 
-COARSE_MASS, COARSE_SIZE = 0.15, 0.04
-"""Tolerances for estimates from coarse meshes: of a mass, relative; of a mass centre, divided by the body's size."""
-
+# tolerances for estimates from coarse meshes
+COARSE_MASS = 0.15  # relative
+COARSE_SIZE = 0.04  # of a mass centre, divided by the body's size
+# Of an entry of the inertia tensor, relative to the largest entry. It is large, because the moment of a cylinder about
+# its axis varies with the fourth power of the radius.
 COARSE_MOMENT = 0.4
-"""Tolerance of an entry of an estimated inertia tensor, relative to the largest entry. It is large, because the moment
-of a cylinder about its axis varies with the fourth power of the radius."""
 
 _AGAIN = "rebuild the stage with `twin build`"
 _CONTENT = Kind("stage.content", "disagreement", _AGAIN, word="CAD and description")
@@ -44,8 +44,8 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
 
     `description` contains the densities that are used for bodies without computed masses.
     """
-    found: list[Finding] = []
-    for kind, ours, theirs in (
+    findings: list[Finding] = []
+    for kind, in_cad, on_stage in (
         ("body", mechanism.bodies, stage.bodies),
         ("joint", mechanism.joints, stage.joints),
         ("frame", mechanism.frames, stage.frames),
@@ -53,122 +53,174 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
         ("actuator", mechanism.actuators, stage.actuators),
         ("transmission", mechanism.transmissions, stage.transmissions),
     ):
-        have, want = {x.name for x in theirs}, {x.name for x in ours}
-        found += [_CONTENT(n, f"{kind} '{n}' is not on the stage") for n in sorted(want - have)]
-        found += [_CONTENT(n, f"{kind} '{n}' is on the stage, but not in the CAD") for n in sorted(have - want)]
-    lost, more = (sorted(set(a.trocars) - set(b.trocars)) for a, b in ((mechanism, stage), (stage, mechanism)))
-    found += [_CONTENT(n, f"trocar '{n}' is not marked as a trocar on the stage") for n in lost]
-    found += [_CONTENT(n, f"'{n}' is marked as a trocar on the stage, but not in the CAD") for n in more]
+        findings += _names(kind, {item.name for item in in_cad}, {item.name for item in on_stage})
+    for name in sorted(set(mechanism.trocars) - set(stage.trocars)):
+        findings.append(_CONTENT(name, f"trocar '{name}' is not marked as a trocar on the stage"))
+    for name in sorted(set(stage.trocars) - set(mechanism.trocars)):
+        findings.append(_CONTENT(name, f"'{name}' is marked as a trocar on the stage, but not in the CAD"))
     for a, b in _common(mechanism.joints, stage.joints):
-        found += _joint(a, b)
-    found += _motors(mechanism, stage)
+        findings += _joint(a, b)
+    findings += _motors(mechanism, stage)
     for a, b in _common(mechanism.frames, stage.frames):
-        found += _place(f"frame '{a.name}'", a.name, a.T_body_frame, b.T_body_frame)
+        findings += _place(f"frame '{a.name}'", a.name, a.T_body_frame, b.T_body_frame)
     for a, b in _common(mechanism.points, stage.points):
-        found += _place(f"point '{a.name}'", a.name, spatial.pose(p=a.p_body), spatial.pose(p=b.p_body))
+        findings += _place(f"point '{a.name}'", a.name, spatial.pose(p=a.p_body), spatial.pose(p=b.p_body))
     for a, b in _common(mechanism.bodies, stage.bodies):
-        found += _body(a, b, description)
-    return found
+        findings += _body(a, b, description)
+    return findings
 
 
-def _common(ours: Iterable[Any], theirs: Iterable[Any]) -> list[tuple[Any, Any]]:
-    """Return pairs (item of `ours`, item of `theirs`) with the same name."""
-    by_name = {x.name: x for x in theirs}
-    return [(x, by_name[x.name]) for x in ours if x.name in by_name]
+def _names(kind: str, in_cad: set[str], on_stage: set[str]) -> Iterator[Finding]:
+    """Yield a finding for each name that only the CAD or only the stage has."""
+    for name in sorted(in_cad - on_stage):
+        yield _CONTENT(name, f"{kind} '{name}' is not on the stage")
+    for name in sorted(on_stage - in_cad):
+        yield _CONTENT(name, f"{kind} '{name}' is on the stage, but not in the CAD")
 
 
-def _differs(what: str, where: str, ours: float, theirs: float, unit: str, rel: float = SINGLE) -> Iterator[Finding]:
-    if abs(ours - theirs) > rel * max(abs(ours), abs(theirs)) + 1e-12:
-        yield _CONTENT(where, f"{what} differs on the stage", Quantity(theirs, unit), float(ours))
+def _common(in_cad: Iterable[Any], on_stage: Iterable[Any]) -> list[tuple[Any, Any]]:
+    """Return pairs (item of `in_cad`, item of `on_stage`) with the same name."""
+    by_name = {item.name: item for item in on_stage}
+    pairs: list[tuple[Any, Any]] = []
+    for item in in_cad:
+        if item.name in by_name:
+            pairs.append((item, by_name[item.name]))
+    return pairs
+
+
+def _differs(
+    what: str, where: str, in_cad: float, on_stage: float, unit: str, relative: float = SINGLE
+) -> Iterator[Finding]:
+    limit = relative * max(abs(in_cad), abs(on_stage)) + 1e-12
+    if abs(in_cad - on_stage) > limit:
+        yield _CONTENT(where, f"{what} differs on the stage", Quantity(on_stage, unit), float(in_cad))
 
 
 def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
     if (a.parent, a.child) == (b.child, b.parent):  # on the stage, joints of the tree point away from the base
         b = reversed_joint(b)
     for what in ("type", "parent", "child", "active"):
-        ours, theirs = getattr(a, what), getattr(b, what)
-        if ours != theirs:
-            yield _CONTENT(a.name, f"joint '{a.name}' has {what} {theirs} on the stage, but {ours} in the CAD")
+        in_cad = getattr(a, what)
+        on_stage = getattr(b, what)
+        if in_cad != on_stage:
+            yield _CONTENT(a.name, f"joint '{a.name}' has {what} {on_stage} on the stage, but {in_cad} in the CAD")
             return
     yield from _place(f"joint '{a.name}' on '{a.parent}'", a.name, a.T_parent_joint, b.T_parent_joint)
     yield from _place(f"joint '{a.name}' on '{a.child}'", a.name, a.T_child_joint, b.T_child_joint)
-    unit, scale = display_unit(a.is_angle)
-    pairs: list[tuple[str, float | None, float | None, str, float]] = [
-        ("largest speed", a.max_speed, b.max_speed, f"{unit}/s", scale),
-        ("largest acceleration", a.max_acceleration, b.max_acceleration, f"{unit}/s2", scale),
-        ("largest jerk", a.max_jerk, b.max_jerk, f"{unit}/s3", scale),
-        ("cone", a.cone, b.cone, "deg", DEG),
-    ]
-    for i, end in enumerate(("lower", "upper")):
-        for name, ours, theirs in (("limit", a.limits, b.limits), ("soft limit", a.soft_limits, b.soft_limits)):
-            one, two = (None if x is None else x[i] for x in (ours, theirs))
-            pairs.append((f"{end} {name}", one, two, unit, scale))
-    effort = ("N/m", "N s/m", "N") if not a.is_angle else ("N m/rad", "N m s/rad", "N m")
-    for name, per in zip(("stiffness", "damping", "max_effort"), effort, strict=True):
-        one, two = (getattr(j.drive, name) if j.drive is not None else None for j in (a, b))
-        pairs.append((f"drive's {name.replace('_', ' ')}", one, two, per, 1.0))
-    for name, one, two, per, factor in pairs:
+    values_in_cad = _values(a)
+    values_on_stage = _values(b)
+    for name, (in_cad, unit) in values_in_cad.items():
+        on_stage, _ = values_on_stage[name]
         what = f"the {name} of joint '{a.name}'"
-        if one is None and two is None:
-            continue
-        if one is None or two is None:
-            text = f"{what} is missing on the stage" if two is None else f"{what} is on the stage, but not in the CAD"
-            yield _CONTENT(a.name, text)
-            continue
-        yield from _differs(what, a.name, one / factor, two / factor, per)
+        if in_cad is not None and on_stage is not None:
+            yield from _differs(what, a.name, in_cad, on_stage, unit)
+        elif in_cad is not None:
+            yield _CONTENT(a.name, f"{what} is missing on the stage")
+        elif on_stage is not None:
+            yield _CONTENT(a.name, f"{what} is on the stage, but not in the CAD")
+
+
+def _values(joint: Joint) -> dict[str, tuple[float | None, str]]:
+    """Return {name: (value or None, unit)} of the numbers of a joint, angles in deg and lengths in mm."""
+    unit, scale = display_unit(joint.is_angle)
+
+    def shown(value: float | None) -> float | None:
+        return None if value is None else value / scale
+
+    lower, upper = joint.limits or (None, None)
+    soft_lower, soft_upper = joint.soft_limits or (None, None)
+    cone = None if joint.cone is None else joint.cone / DEG
+    values: dict[str, tuple[float | None, str]] = {
+        "largest speed": (shown(joint.max_speed), f"{unit}/s"),
+        "largest acceleration": (shown(joint.max_acceleration), f"{unit}/s2"),
+        "largest jerk": (shown(joint.max_jerk), f"{unit}/s3"),
+        "cone": (cone, "deg"),
+        "lower limit": (shown(lower), unit),
+        "lower soft limit": (shown(soft_lower), unit),
+        "upper limit": (shown(upper), unit),
+        "upper soft limit": (shown(soft_upper), unit),
+    }
+    stiffness = None
+    damping = None
+    max_effort = None
+    if joint.drive is not None:
+        stiffness = joint.drive.stiffness
+        damping = joint.drive.damping
+        max_effort = joint.drive.max_effort
+    if joint.is_angle:
+        values["drive's stiffness"] = (stiffness, "N m/rad")
+        values["drive's damping"] = (damping, "N m s/rad")
+        values["drive's max effort"] = (max_effort, "N m")
+    else:
+        values["drive's stiffness"] = (stiffness, "N/m")
+        values["drive's damping"] = (damping, "N s/m")
+        values["drive's max effort"] = (max_effort, "N")
+    return values
 
 
 def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
     """Compare actuators and transmission matrices with the stage, which stores their numbers in double precision."""
     for a, b in _common(mechanism.actuators, stage.actuators):
-        for key, ours in vars(a).items():
-            if (theirs := getattr(b, key)) != ours:
-                text = f"{key} of actuator '{a.name}' is {theirs} on the stage, but {ours} in the description"
+        for key, described in vars(a).items():
+            on_stage = getattr(b, key)
+            if on_stage != described:
+                text = f"{key} of actuator '{a.name}' is {on_stage} on the stage, but {described} in the description"
                 yield _CONTENT(a.name, text)
-    for t, u in _common(mechanism.transmissions, stage.transmissions):
-        if (t.joints, t.actuators) != (u.joints, u.actuators) or not np.array_equal(t.matrix, u.matrix):
-            yield _CONTENT(t.name, f"the stage has a different matrix of transmission '{t.name}'")
+    for a, b in _common(mechanism.transmissions, stage.transmissions):
+        same_axes = (a.joints, a.actuators) == (b.joints, b.actuators)
+        if not same_axes or not np.array_equal(a.matrix, b.matrix):
+            yield _CONTENT(a.name, f"the stage has a different matrix of transmission '{a.name}'")
 
 
-def _place(what: str, where: str, ours: Array, theirs: Array) -> Iterator[Finding]:
-    off = float(np.linalg.norm(ours[:3, 3] - theirs[:3, 3]))
-    turn = float(spatial.rotation_angle(ours[:3, :3].T @ theirs[:3, :3]))
-    limit = 1e-6 + 1e-6 * float(np.linalg.norm(ours[:3, 3]))
-    if off > limit or turn > SINGLE:
-        yield _MISPLACED(
-            where,
-            f"{what} is displaced on the stage by {mm(off)} and {deg(turn)}",
-            *((mm(off), mm(limit)) if off > limit else (deg(turn), deg(SINGLE))),
-        )
+def _place(what: str, where: str, in_cad: Array, on_stage: Array) -> Iterator[Finding]:
+    distance = float(np.linalg.norm(in_cad[:3, 3] - on_stage[:3, 3]))
+    angle = float(spatial.rotation_angle(in_cad[:3, :3].T @ on_stage[:3, :3]))
+    # a position in single precision has an error relative to its size
+    limit = 1e-6 + 1e-6 * float(np.linalg.norm(in_cad[:3, 3]))
+    text = f"{what} is displaced on the stage by {mm(distance)} and {deg(angle)}"
+    if distance > limit:
+        yield _MISPLACED(where, text, mm(distance), mm(limit))
+    elif angle > SINGLE:
+        yield _MISPLACED(where, text, deg(angle), deg(SINGLE))
 
 
 def _body(a: Body, b: Body, description: Description) -> Iterator[Finding]:
     yield from _meshes(a, b)
-    weighed = a.inertia is not None
-    ours = a.inertia if weighed else estimate(a, description)
-    if ours is None or b.inertia is None:
-        if weighed:
+    if a.inertia is not None:
+        if b.inertia is None:
             yield _CONTENT(a.name, f"the mass of body '{a.name}' is not on the stage")
+            return
+        yield from _inertia(a, a.inertia, b.inertia, SINGLE, SINGLE, 10 * SINGLE)
         return
-    theirs = b.inertia
-    mass, moment = (SINGLE, 10 * SINGLE) if weighed else (COARSE_MASS, COARSE_MOMENT)
-    yield from _differs(f"the mass of '{a.name}'", a.name, ours.mass, theirs.mass, "kg", mass)
-    size = _size(a)
-    off = float(np.linalg.norm(ours.p_body_com - theirs.p_body_com))
-    limit = 1e-6 + (SINGLE if weighed else COARSE_SIZE) * size
-    if off > limit:
+    if b.inertia is None:
+        return
+    estimated = estimate(a, description)
+    if estimated is not None:
+        yield from _inertia(a, estimated, b.inertia, COARSE_MASS, COARSE_SIZE, COARSE_MOMENT)
+
+
+def _inertia(
+    body: Body, in_cad: Inertia, on_stage: Inertia, mass_limit: float, com_limit: float, moment_limit: float
+) -> Iterator[Finding]:
+    """Compare mass, mass centre and inertia tensor of a body.
+
+    The limits are relative: to the mass, to the size of the body, and to the largest entry of the inertia tensor.
+    """
+    yield from _differs(f"the mass of '{body.name}'", body.name, in_cad.mass, on_stage.mass, "kg", mass_limit)
+    distance = float(np.linalg.norm(in_cad.p_body_com - on_stage.p_body_com))
+    limit = 1e-6 + com_limit * _size(body)
+    if distance > limit:
+        text = f"the mass centre of '{body.name}' is {mm(distance)} from its position in the CAD"
+        yield _MISPLACED(body.name, text, mm(distance), mm(limit))
+    difference = float(np.abs(in_cad.I_com - on_stage.I_com).max())
+    largest = float(np.abs(in_cad.I_com).max())
+    if difference > moment_limit * largest:
         yield _MISPLACED(
-            a.name, f"the mass centre of '{a.name}' is {mm(off)} from its position in the CAD", mm(off), mm(limit)
-        )
-    apart = float(np.abs(ours.I_com - theirs.I_com).max())
-    largest = float(np.abs(ours.I_com).max())
-    if apart > moment * largest:
-        yield _MISPLACED(
-            a.name,
-            f"the inertia tensor of '{a.name}' differs by {Quantity(apart, 'kg m2')}; its largest entry in the CAD "
-            f"is {Quantity(largest, 'kg m2')}",
-            Quantity(apart, "kg m2"),
-            moment * largest,
+            body.name,
+            f"the inertia tensor of '{body.name}' differs by {Quantity(difference, 'kg m2')}; its largest entry in "
+            f"the CAD is {Quantity(largest, 'kg m2')}",
+            Quantity(difference, "kg m2"),
+            moment_limit * largest,
         )
 
 
@@ -180,20 +232,30 @@ def _size(body: Body) -> float:
 
 
 def _meshes(a: Body, b: Body) -> Iterator[Finding]:
-    ours, theirs = {m.name for m in a.meshes}, {m.name for m in b.meshes}
-    for name in (m.name for m in a.meshes if m.name not in theirs):
-        yield _CONTENT(name, f"mesh '{name}' is not on the stage")
+    in_cad = {mesh.name for mesh in a.meshes}
+    on_stage = {mesh.name for mesh in b.meshes}
+    for mesh in a.meshes:
+        if mesh.name not in on_stage:
+            yield _CONTENT(mesh.name, f"mesh '{mesh.name}' is not on the stage")
     for mesh, other in _common(a.meshes, b.meshes):
-        same = mesh.vertices.shape == other.vertices.shape and mesh.triangles.shape == other.triangles.shape
-        off = float(np.abs(mesh.vertices - other.vertices).max(initial=0.0)) if same else np.inf
-        limit = 1e-6 + SINGLE * float(np.abs(mesh.vertices).max(initial=0.0))
-        if off > limit or not np.array_equal(mesh.triangles, other.triangles):
-            text = f"the stage has a different mesh '{mesh.name}'"
-            if same and off > limit:
-                text = f"vertices of mesh '{mesh.name}' are displaced by up to {off / MM:.4g} mm on the stage"
-            yield _CONTENT(mesh.name, text)
-    for name in (m.name for m in b.meshes if m.name not in ours):
-        yield _CONTENT(name, f"mesh '{name}' is on the stage, but not in the CAD")
+        yield from _mesh(mesh, other)
+    for mesh in b.meshes:
+        if mesh.name not in in_cad:
+            yield _CONTENT(mesh.name, f"mesh '{mesh.name}' is on the stage, but not in the CAD")
+
+
+def _mesh(in_cad: Mesh, on_stage: Mesh) -> Iterator[Finding]:
+    name = in_cad.name
+    same_vertices = in_cad.vertices.shape == on_stage.vertices.shape
+    if not same_vertices or in_cad.triangles.shape != on_stage.triangles.shape:
+        yield _CONTENT(name, f"the stage has a different mesh '{name}'")
+        return
+    distance = float(np.abs(in_cad.vertices - on_stage.vertices).max(initial=0.0))
+    limit = 1e-6 + SINGLE * float(np.abs(in_cad.vertices).max(initial=0.0))
+    if distance > limit:
+        yield _CONTENT(name, f"vertices of mesh '{name}' are displaced by up to {distance / MM:.4g} mm on the stage")
+    elif not np.array_equal(in_cad.triangles, on_stage.triangles):
+        yield _CONTENT(name, f"the stage has a different mesh '{name}'")
 
 
 def estimate(body: Body, description: Description) -> Inertia | None:
@@ -204,15 +266,15 @@ def estimate(body: Body, description: Description) -> Inertia | None:
 
     def density(mesh: Mesh) -> float | None:
         """Return the density of the last material whose `parts` contain the name of the mesh; None if there is none."""
-        found = None
+        last = None
         for material in description.material.values():
             if any(fnmatch.fnmatch(mesh.name, pattern.lower()) for pattern in material.parts):
-                found = material.density_kg_m3
-        return found
+                last = material.density_kg_m3
+        return last
 
     total = solid.of_meshes(body.meshes, density)
     if total is None:
         return None
     com = total.first / total.volume
-    about = total.second - total.volume * np.outer(com, com)
-    return Inertia(total.volume, com, solid.tensor(about))
+    about_com = total.second - total.volume * np.outer(com, com)
+    return Inertia(total.volume, com, solid.tensor(about_com))

@@ -99,8 +99,14 @@ class StrokeSweep:
     @property
     def agrees(self) -> bool:
         """Whether the equations agree with the mechanism over the stroke."""
-        worst = self.formula.as_dict()
-        return bool(worst["position_max"] <= self.tolerance[0] and worst["rotation_max"] <= self.tolerance[1])
+        position_limit, rotation_limit = self.tolerance
+        errors = self.formula.as_dict()
+        return bool(errors["position_max"] <= position_limit and errors["rotation_max"] <= rotation_limit)
+
+    @property
+    def curves(self) -> dict[str, Curve]:
+        """Errors of the equations, then of the simplified models, by name."""
+        return {"equations": self.formula, **self.standins}
 
     def as_dict(self) -> JsonObject:
         """Return the comparison as plain data in SI units."""
@@ -146,20 +152,29 @@ def sweep(
         q, Ts, run = _reachable(kin, model, q, Ts, i, home)
     else:
         q, Ts, run = _by_inverse(kin, model, q, i, home, tolerances)
-    formula = Curve(
-        Ts[:, :3, 3] - run.Ts_base_tool[:, :3, 3], np.linalg.norm(rotation_vectors(run.Ts_base_tool, Ts), axis=1)
-    )
-    makers = {"mimic": lambda: _mimic(model, run, q[:, i]), "serial": lambda: _serial(run.Ts_base_tool, q[:, i])}
+    curves: dict[str, Curve] = {}
+    for name in standins:
+        if name == "mimic":
+            curves[name] = _mimic(model, run, q[:, i])
+        else:
+            curves[name] = _serial(run.Ts_base_tool, q[:, i])
     return StrokeSweep(
         joint,
         bool(kin.revolute[i]),
         q[:, i],
         limits,
         float(run.gaps[..., 0].max(initial=0.0)),
-        formula,
-        {name: makers[name]() for name in standins},
+        _error(run.Ts_base_tool, Ts),
+        curves,
         (tolerances.position, tolerances.rotation),
     )
+
+
+def _error(true: Array, Ts: Array, note: str = "") -> Curve:
+    """Return the error of tool poses Ts (k, 4, 4) relative to the poses `true` of the mechanism."""
+    offset = Ts[:, :3, 3] - true[:, :3, 3]
+    turn = np.linalg.norm(rotation_vectors(true, Ts), axis=1)
+    return Curve(offset, turn, note)
 
 
 def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> Array:
@@ -168,8 +183,10 @@ def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> A
         return kin.forward_many(q)
     middle = int(np.argmin(np.abs(q[:, i] - home[i])))
     seed = kin.forward(home, T_home)
-    up, down = kin.forward_many(q[middle:], seed), kin.forward_many(q[middle::-1], seed)
-    return np.concatenate([down[::-1][:-1], up])
+    upwards = kin.forward_many(q[middle:], seed)
+    downwards = kin.forward_many(q[middle::-1], seed)
+    # both begin with the middle, which the result has once
+    return np.concatenate([downwards[::-1][:-1], upwards])
 
 
 def _by_inverse(
@@ -217,8 +234,9 @@ def _regular(kin: Kinematics, Ts: Array, q: Array, solved: np.ndarray, i: int) -
 
 def _around_home(good: np.ndarray, q: Array, i: int, home: Array) -> tuple[int, int]:
     """Return the first and the last index of the good states around home."""
-    middle = int(np.argmin(np.where(good, np.abs(q[:, i] - home[i]), np.inf)))
-    first, last = middle, middle
+    distance = np.where(good, np.abs(q[:, i] - home[i]), np.inf)
+    first = int(np.argmin(distance))
+    last = first
     while first > 0 and good[first - 1]:
         first -= 1
     while last < len(q) - 1 and good[last + 1]:
@@ -235,41 +253,55 @@ def _moved(
         if last - first < 2:
             raise TwinError(f"joint '{kin.joints[i]}' cannot move from home, so there is no stroke to compare")
         try:
-            down = model.run(q[middle : first - 1 if first else None : -1])
-            up = model.run(q[middle : last + 1])
+            downwards = model.run(q[first : middle + 1][::-1])
+            upwards = model.run(q[middle : last + 1])
             break
         except AssemblyError:  # the mechanism has a smaller range than the equations: shorten the range at both ends
-            first, last = (first + middle + 1) // 2, (last + middle) // 2
-    states = np.concatenate([down.x[::-1][:-1], up.x])
+            first = (first + middle + 1) // 2
+            last = (last + middle) // 2
+    # both begin with the middle, which the result has once
+    states = np.concatenate([downwards.x[::-1][:-1], upwards.x])
     return first, last, model.collect(states)
 
 
 def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
     """Return the error of the model "mimic": each passive joint is a linear function of the driven joint."""
     tree = model.tree
-    index = {n: c for n, c in tree.configuration.items() if n not in {j.name for j in model.mechanism.active}}
-    scalar = set(index.values()) | {tree.configuration[j.name] for j in model.mechanism.active}
     mechanism = model.mechanism
-    path = [j.name for j in mechanism.path(mechanism.frame(mechanism.tool).body)]
-    for joint in path:
-        k = tree.model.joints[tree.joint_id[joint]].idx_q if joint in tree.joint_id else -1
-        if k >= 0 and k not in scalar and np.ptp(run.x[:, k : k + 4], axis=0).max() > _STILL:
-            return Curve(
-                np.zeros((0, 3)), np.zeros(0), f"none: joint '{joint}' between base and tool has no single coordinate"
-            )
-    states, lines = run.x.copy(), []
-    for name, k in index.items():
-        if name in path and np.ptp(run.x[:, k]) > _STILL:
-            slope, offset = np.polyfit(q, run.x[:, k], 1)
-            states[:, k] = slope * q + offset
-            lines.append(f"{name} = {slope:.5g} q {offset:+.5g}")
+    path = [joint.name for joint in mechanism.path(mechanism.frame(mechanism.tool).body)]
+    joint = _without_coordinate(model, run, path)
+    if joint:
+        return Curve(
+            np.zeros((0, 3)), np.zeros(0), f"none: joint '{joint}' between base and tool has no single coordinate"
+        )
+    active = {joint.name for joint in mechanism.active}
+    states = run.x.copy()
+    functions: list[str] = []
+    for name, k in tree.configuration.items():
+        if name in active or name not in path or np.ptp(run.x[:, k]) <= _STILL:
+            continue
+        slope, offset = np.polyfit(q, run.x[:, k], 1)
+        states[:, k] = slope * q + offset
+        functions.append(f"{name} = {slope:.5g} q {offset:+.5g}")
+    note = "; ".join(functions) or "exact: no passive joint between base and tool moves"
     poses, _ = tree.update(states)
-    Ts, true = tree.tool(poses), run.Ts_base_tool
-    return Curve(
-        Ts[:, :3, 3] - true[:, :3, 3],
-        np.linalg.norm(rotation_vectors(true, Ts), axis=1),
-        "; ".join(lines) or "exact: no passive joint between base and tool moves",
-    )
+    return _error(run.Ts_base_tool, tree.tool(poses), note)
+
+
+def _without_coordinate(model: ReferenceModel, run: Run, path: list[str]) -> str:
+    """Return the first moving joint of a path that has no single coordinate, such as a ball joint; "" if none."""
+    tree = model.tree
+    scalar = set(tree.configuration.values())
+    for joint in path:
+        if joint not in tree.joint_id:
+            continue
+        k = tree.model.joints[tree.joint_id[joint]].idx_q
+        if k < 0 or k in scalar:
+            continue
+        quaternion = run.x[:, k : k + 4]
+        if np.ptp(quaternion, axis=0).max() > _STILL:
+            return joint
+    return ""
 
 
 def _serial(true: Array, q: Array) -> Curve:
@@ -277,17 +309,22 @@ def _serial(true: Array, q: Array) -> Curve:
 
     The pivot model is p = c + R r, with the tool's position p and rotation R in `true` and constants c, r (3,) in m.
     """
-    R, p = true[:, :3, :3], true[:, :3, 3]
+    R = true[:, :3, :3]
+    p = true[:, :3, 3]
     k = len(p)
-    if spatial.rotation_angle(np.swapaxes(R[:1], 1, 2) @ R).max() < _STILL:
+    turns_from_start = spatial.rotation_angle(np.swapaxes(R[:1], 1, 2) @ R)
+    if turns_from_start.max() < _STILL:
         A = np.column_stack([np.ones(k), q])
         fitted = A @ np.linalg.lstsq(A, p, rcond=None)[0]
         return Curve(fitted - p, np.zeros(k), "a straight line: the tool does not turn")
     A = np.concatenate([np.tile(np.eye(3), (k, 1, 1)), R], axis=2).reshape(3 * k, 6)
     x = np.linalg.lstsq(A, p.reshape(-1), rcond=None)[0]
+    fitted = (A @ x).reshape(k, 3)
+    # Every point of the axis is a pivot: the one nearest to the origin of the base is shown.
     axis = np.linalg.svd(spatial.log_so3(R @ R[k // 2].T))[2][0]
-    c = x[:3] - axis * (axis @ x[:3])
-    return Curve((A @ x).reshape(k, 3) - p, np.zeros(k), f"pivot at ({', '.join(f'{v * 1e3:.2f}' for v in c)}) mm")
+    pivot = x[:3] - axis * (axis @ x[:3])
+    listed = ", ".join(f"{coordinate * 1e3:.2f}" for coordinate in pivot)
+    return Curve(fitted - p, np.zeros(k), f"pivot at ({listed}) mm")
 
 
 @dataclass(frozen=True)
@@ -312,18 +349,24 @@ class Strokes(Result):
 
     def content(self) -> JsonObject:
         """Return all comparisons as plain data."""
-        need = self.requirement
+        requirement = None
+        if self.requirement is not None:
+            required, provenance, note = self.requirement
+            requirement = {"tool_um": required / UM, "provenance": provenance, "note": note}
         return {
             "robot": self.robot,
-            "requirement": None if need is None else {"tool_um": need[0] / UM, "provenance": need[1], "note": need[2]},
-            "sweeps": [s.as_dict() for s in self.sweeps],
+            "requirement": requirement,
+            "sweeps": [stroke.as_dict() for stroke in self.sweeps],
         }
 
     def text(self) -> Iterator[Part]:
         """Yield a row per joint and model."""
         yield f"{self.robot} · tool error over the stroke of each joint (all other joints at home)\n"
         header = ("joint", "stroke", "model", "mean error", "largest error", "largest rotation", "")
-        yield Table(header, [row for s in self.sweeps for row in self._rows(s)])
+        rows: list[tuple[str, ...]] = []
+        for stroke in self.sweeps:
+            rows += self._rows(stroke)
+        yield Table(header, rows)
         if self.requirement:
             required, provenance, note = self.requirement
             yield f"\n  requirement: {required / UM:g} µm at the tool ({provenance}: {note})"
@@ -332,35 +375,46 @@ class Strokes(Result):
     def _rows(self, s: StrokeSweep) -> Iterator[tuple[str, ...]]:
         unit, scale = display_unit(s.angle)
         stroke = f"{s.q[0] / scale:g} .. {s.q[-1] / scale:g} {unit}"
-        for name, curve in {"equations": s.formula, **s.standins}.items():
-            d = curve.as_dict()
-            if d["position_max"] is None:
+        for name, curve in s.curves.items():
+            errors = curve.as_dict()
+            largest = errors["position_max"]
+            if largest is None:
                 yield s.joint, stroke, name, "-", "-", "-", curve.note
                 continue
-            figures = [f"{d[k] / UM:.3g} µm" for k in ("position_mean", "position_max")]
-            mark = ""
-            if name == "equations":
-                mark = "ok" if s.agrees else "DIFFERS"
-            elif self.requirement:
-                required = self.requirement[0]
-                mark = f"{'within' if d['position_max'] <= required else 'over'} {required / UM:g} µm"
-            yield s.joint, stroke, name, *figures, f"{d['rotation_max'] / DEG:.2g}°", mark
+            mean = f"{errors['position_mean'] / UM:.3g} µm"
+            rotation = f"{errors['rotation_max'] / DEG:.2g}°"
+            yield s.joint, stroke, name, mean, f"{largest / UM:.3g} µm", rotation, self._mark(s, name, largest)
+
+    def _mark(self, s: StrokeSweep, name: str, largest: float) -> str:
+        """Return the judgement of a model whose largest position error is `largest` in m."""
+        if name == "equations":
+            return "ok" if s.agrees else "DIFFERS"
+        if not self.requirement:
+            return ""
+        required = self.requirement[0]
+        side = "within" if largest <= required else "over"
+        return f"{side} {required / UM:g} µm"
 
     def write(self, folder: Path) -> None:
         """Write one CSV file per joint with the position errors in µm."""
         for s in self.sweeps:
-            columns = {n: c for n, c in {"equations": s.formula, **s.standins}.items() if len(c.offset)}
-            head = [f"{s.joint}_{'deg' if s.angle else 'mm'}"]
-            head += [f"{n}_{a}_um" for n in columns for a in "xyz"]
-            body = np.column_stack([s.q / (DEG if s.angle else MM), *(c.offset / UM for c in columns.values())])
-            np.savetxt(folder / f"{s.joint}.csv", body, "%.9g", ",", header=",".join(head), comments="")
+            unit = "deg" if s.angle else "mm"
+            names = [f"{s.joint}_{unit}"]
+            columns = [s.q / (DEG if s.angle else MM)]
+            for model, curve in s.curves.items():
+                if len(curve.offset):
+                    names += [f"{model}_x_um", f"{model}_y_um", f"{model}_z_um"]
+                    columns.append(curve.offset / UM)
+            values = np.column_stack(columns)
+            np.savetxt(folder / f"{s.joint}.csv", values, "%.9g", ",", header=",".join(names), comments="")
 
 
 def _disagreement(s: StrokeSweep) -> Finding:
-    worst, limit = s.formula.as_dict()["position_max"], s.tolerance[0]
+    largest = s.formula.as_dict()["position_max"]
+    limit = s.tolerance[0]
     return _TOOL(
         s.joint,
         f"over the stroke of {s.joint}, the equations and the mechanism give different tool positions",
-        mm(worst),
+        mm(largest),
         mm(limit),
     )
