@@ -11,12 +11,12 @@ NONE = "–"
 """Text for a missing number."""
 
 _STEPS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
-_NOTHING_LENGTH, _NOTHING_ANGLE = 1e-12, 1e-9
-"""Length in m, and angle in degrees, below which a value counts as a rounding error."""
-_LARGE = 10.0
-"""Length in m from which lengths are shown in m instead of mm."""
-_SMALL_ANGLE = 1e-4
-"""Angle in degrees below which angles are shown with a power of ten."""
+_SMALLEST_STEP = 1e-12
+# below these values, a length in m or an angle in degrees counts as a rounding error
+_NOTHING_LENGTH = 1e-12
+_NOTHING_ANGLE = 1e-9
+_LARGE = 10.0  # length in m from which lengths are shown in m instead of mm
+_SMALL_ANGLE = 1e-4  # angle in degrees below which angles are shown with a power of ten
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SIGNS = {"um": "µm", "deg": "°", "ohm": "Ω", "percent": "%"}
 
@@ -28,11 +28,11 @@ def quantity(value: float | None, unit: str, digits: int | None = None) -> str:
     shown as "< 1 pm". Other units stay unchanged. By default, values of at least 1 mm or 1 degree have four significant
     digits, smaller values three. None and NaN are shown as a dash.
     """
-    missing = _missing(value)
-    if missing is not None or value is None:
-        return missing or NONE
+    if value is None or not math.isfinite(value):
+        return _not_finite(value)
     base, _, per = unit.partition("/")
-    per = f"/{pretty_unit(per)}" if per else ""
+    if per:
+        per = f"/{pretty_unit(per)}"
     if base == "m":
         return _length(value, per, digits)
     if base == "rad":
@@ -45,15 +45,21 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
 
     Only lengths below 0.001 mm or 0.001 µm are converted to a smaller unit: `shown(0.0005, "um")` is "500 pm".
     """
-    missing = _missing(value)
-    if missing is not None or value is None:
-        return missing or NONE
-    if unit in ("mm", "um") and 0 < abs(value) < 1e-3:
-        return quantity(value * (1e-3 if unit == "mm" else 1e-6), "m", digits)
-    readable = value == 0 or 1e-4 <= abs(value) < 1e7
-    text = (plain if readable else power)(value, digits)
+    if value is None or not math.isfinite(value):
+        return _not_finite(value)
+    if 0 < abs(value) < 1e-3:
+        if unit == "mm":
+            return quantity(value * 1e-3, "m", digits)
+        if unit == "um":
+            return quantity(value * 1e-6, "m", digits)
+    if value == 0 or 1e-4 <= abs(value) < 1e7:
+        text = plain(value, digits)
+    else:
+        text = power(value, digits)
     sign = pretty_unit(unit)
-    return text + (sign if sign.startswith("°") else f" {sign}" if sign else "")
+    if not sign or sign.startswith("°"):
+        return f"{text}{sign}"
+    return f"{text} {sign}"
 
 
 def pretty_unit(unit: str) -> str:
@@ -71,10 +77,13 @@ def plain(value: float, digits: int) -> str:
     """Return a number as text with `digits` significant digits, without exponent and trailing zeros."""
     if value == 0:
         return "0"
-    value = float(f"{value:.{digits}g}")
-    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-    text = f"{value:.{decimals}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    rounded = float(f"{value:.{digits}g}")
+    magnitude = math.floor(math.log10(abs(rounded)))
+    decimals = max(0, digits - 1 - magnitude)
+    text = f"{rounded:.{decimals}f}"
+    if "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return text
 
 
 def power(value: float, digits: int = 3) -> str:
@@ -91,33 +100,43 @@ def ratio(value: float, limit: float | None) -> str:
     """Return value / limit as text: "1270×", "0.42×", "3×10⁻⁸"; a dash if there is no limit."""
     if not limit or not math.isfinite(value) or not math.isfinite(limit):
         return NONE
-    r = value / limit
-    if r == 0:
+    quotient = value / limit
+    if quotient == 0:
         return "0"
-    return f"{plain(r, 3)}×" if 0.01 <= abs(r) < 1e6 else power(r, 2)
+    if 0.01 <= abs(quotient) < 1e6:
+        return f"{plain(quotient, 3)}×"
+    return power(quotient, 2)
 
 
 def seconds(t: float | None) -> str:
     """Return a time or duration in s as text, to the millisecond: "6.214 s", "75 s"."""
-    return shown(None if t is None else round(t, 3), "s", 7)
+    if t is None:
+        return NONE
+    return shown(round(t, 3), "s", 7)
 
 
 def point(p: Iterable[float] | None) -> str:
     """Return a position in m as text in mm: "(380.00, 280.00, 185.00) mm"."""
-    return NONE if p is None else "(" + ", ".join(f"{x * 1e3:.2f}" for x in p) + ") mm"
+    if p is None:
+        return NONE
+    coordinates = ", ".join(f"{x * 1e3:.2f}" for x in p)
+    return f"({coordinates}) mm"
 
 
 def count(n: int, one: str, many: str = "") -> str:
     """Return a count with its noun: "1 warning", "3 warnings", "12 001 samples"."""
-    return f"{n:,} {one if n == 1 else many or one + 's'}".replace(",", "\u202f")
+    noun = many or f"{one}s"
+    if n == 1:
+        noun = one
+    return f"{n:,} {noun}".replace(",", "\u202f")
 
 
-def _missing(value: float | None) -> str | None:
+def _not_finite(value: float | None) -> str:
     if value is None or math.isnan(value):
         return NONE
-    if math.isinf(value):
-        return "∞" if value > 0 else "-∞"
-    return None
+    if value > 0:
+        return "∞"
+    return "-∞"
 
 
 def _length(value: float, per: str, digits: int | None) -> str:
@@ -126,10 +145,15 @@ def _length(value: float, per: str, digits: int | None) -> str:
     if abs(value) < _NOTHING_LENGTH:
         return f"< 1 pm{per}"
     for factor, prefix in _STEPS:
-        n = digits or (4 if factor >= 1e-3 else 3)
-        number = float(f"{value / factor:.{n}g}")
-        if abs(number) >= (_LARGE if factor == 1.0 else 1.0) or factor == _STEPS[-1][0]:
-            return f"{plain(number, n)} {prefix}m{per}"
+        significant = digits or (4 if factor >= 1e-3 else 3)
+        number = float(f"{value / factor:.{significant}g}")
+        smallest = 1.0
+        if factor == 1.0:
+            smallest = _LARGE
+        if factor == _SMALLEST_STEP:
+            smallest = 0.0
+        if abs(number) >= smallest:
+            return f"{plain(number, significant)} {prefix}m{per}"
     raise AssertionError("the last step accepts every value")
 
 
@@ -138,4 +162,5 @@ def _angle(deg: float, per: str, digits: int | None) -> str:
         return f"< 10⁻⁹°{per}"
     if deg and abs(deg) < _SMALL_ANGLE:
         return f"{power(deg, digits or 3)}°{per}"
-    return f"{plain(deg, digits or (4 if abs(deg) >= 1 else 3))}°{per}"
+    significant = digits or (4 if abs(deg) >= 1 else 3)
+    return f"{plain(deg, significant)}°{per}"

@@ -22,8 +22,12 @@ def hat(w: ArrayLike) -> Array:
     """Return the cross product matrix (..., 3, 3) of w (..., 3)."""
     w = np.asarray(w, float)
     out = np.zeros((*w.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = w[..., 2], -w[..., 1], w[..., 0]
+    out[..., 0, 1] = -w[..., 2]
+    out[..., 0, 2] = w[..., 1]
+    out[..., 1, 2] = -w[..., 0]
+    out[..., 1, 0] = w[..., 2]
+    out[..., 2, 0] = -w[..., 1]
+    out[..., 2, 1] = w[..., 0]
     return out
 
 
@@ -31,9 +35,10 @@ def exp_so3(w: ArrayLike) -> Array:
     """Return the rotation matrix (..., 3, 3) of the rotation vector w (..., 3) in rad (Rodrigues)."""
     w = np.asarray(w, float)
     angle = np.linalg.norm(w, axis=-1)[..., None, None]
-    safe = np.where(angle < _SMALL, 1.0, angle)
-    a = np.where(angle < _SMALL, 1.0, np.sin(safe) / safe)
-    b = np.where(angle < _SMALL, 0.5, (1 - np.cos(safe)) / safe**2)
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1.0, np.sin(safe) / safe)
+    b = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
     K = hat(w)
     return np.eye(3) + a * K + b * K @ K
 
@@ -41,10 +46,12 @@ def exp_so3(w: ArrayLike) -> Array:
 def log_so3(R: ArrayLike) -> Array:
     """Return the rotation vector (..., 3) in rad of R (..., 3, 3); angles near 0 and near pi are also accurate."""
     q = quat_from_matrix_wxyz(R)
-    v, w = q[..., 1:], q[..., 0]
+    w = q[..., 0]
+    v = q[..., 1:]
     n = np.linalg.norm(v, axis=-1)
     angle = 2 * np.arctan2(n, w)
-    scale = np.where(n < _SMALL, 2.0, angle / np.where(n < _SMALL, 1.0, n))
+    small = n < _SMALL
+    scale = np.where(small, 2.0, angle / np.where(small, 1.0, n))
     return v * scale[..., None]
 
 
@@ -61,27 +68,27 @@ def quat_from_matrix_wxyz(R: ArrayLike) -> Array:
     R = np.asarray(R, float)
     m = R.reshape(-1, 3, 3)
     t = np.trace(m, axis1=1, axis2=2)
-    k = np.argmax(np.column_stack([t, m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]]), axis=1)
+    candidates = np.column_stack([t, m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]])
+    largest = np.argmax(candidates, axis=1)
     q = np.zeros((len(m), 4))
     for case in range(4):
-        rows = k == case
+        rows = largest == case
         if not np.count_nonzero(rows):
             continue  # for a single matrix, three of the four cases are empty
         if case == 0:
-            q[rows] = np.column_stack(
-                [
-                    1 + t[rows],
-                    m[rows, 2, 1] - m[rows, 1, 2],
-                    m[rows, 0, 2] - m[rows, 2, 0],
-                    m[rows, 1, 0] - m[rows, 0, 1],
-                ]
-            )
+            q[rows, 0] = 1 + t[rows]
+            q[rows, 1] = m[rows, 2, 1] - m[rows, 1, 2]
+            q[rows, 2] = m[rows, 0, 2] - m[rows, 2, 0]
+            q[rows, 3] = m[rows, 1, 0] - m[rows, 0, 1]
             continue
-        i, j, l = case - 1, case % 3, (case + 1) % 3  # noqa: E741
-        q[rows, 0] = m[rows, l, j] - m[rows, j, l]
-        q[rows, 1 + i] = 1 + m[rows, i, i] - m[rows, j, j] - m[rows, l, l]
+        # axis of the largest diagonal entry, and the two axes that follow it cyclically
+        i = case - 1
+        j = (i + 1) % 3
+        k = (i + 2) % 3
+        q[rows, 0] = m[rows, k, j] - m[rows, j, k]
+        q[rows, 1 + i] = 1 + m[rows, i, i] - m[rows, j, j] - m[rows, k, k]
         q[rows, 1 + j] = m[rows, j, i] + m[rows, i, j]
-        q[rows, 1 + l] = m[rows, l, i] + m[rows, i, l]
+        q[rows, 1 + k] = m[rows, k, i] + m[rows, i, k]
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     q[q[:, 0] < 0] *= -1
     return q.reshape(*R.shape[:-2], 4)
@@ -91,12 +98,11 @@ def matrix_from_quat_wxyz(q: ArrayLike) -> Array:
     """Return rotation matrices (..., 3, 3) of quaternions (..., 4), w first; the quaternions are normalised first."""
     raw = np.asarray(q, float)
     unit = raw / np.linalg.norm(raw, axis=-1, keepdims=True)
-    w, v = unit[..., :1, None], unit[..., 1:]
-    return (
-        (w**2 - np.sum(v**2, axis=-1)[..., None, None]) * np.eye(3)
-        + 2 * v[..., :, None] * v[..., None, :]
-        + 2 * w * hat(v)
-    )
+    w = unit[..., :1, None]
+    v = unit[..., 1:]
+    v_squared = np.sum(v**2, axis=-1)[..., None, None]
+    outer = v[..., :, None] * v[..., None, :]
+    return (w**2 - v_squared) * np.eye(3) + 2 * outer + 2 * w * hat(v)
 
 
 def continuous_signs(q: ArrayLike) -> Array:
@@ -107,7 +113,9 @@ def continuous_signs(q: ArrayLike) -> Array:
     """
     q = np.asarray(q, float)
     flips = np.sum(q[1:] * q[:-1], axis=1) < 0
-    return q * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2, -1.0, 1.0)[:, None]
+    flips_before = np.concatenate([[0], np.cumsum(flips)])
+    signs = np.where(flips_before % 2, -1.0, 1.0)
+    return q * signs[:, None]
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
@@ -116,11 +124,15 @@ def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
     p = np.zeros(3) if p is None else np.asarray(p, float)
     if R.ndim == 2 and p.ndim == 1:  # for one pose, broadcasting would take most of the time
         T = np.zeros((4, 4))
-        T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
+        T[:3, :3] = R
+        T[:3, 3] = p
+        T[3, 3] = 1.0
         return T
     shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
     T = np.zeros((*shape, 4, 4))
-    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
+    T[..., :3, :3] = R
+    T[..., :3, 3] = p
+    T[..., 3, 3] = 1.0
     return T
 
 
@@ -162,20 +174,24 @@ def euler_angles(R: ArrayLike, order: str, first: float = 0.0) -> Array:
     The product equals R to 1e-12 in every orientation. In gimbal lock the first angle is `first`.
     """
     R = np.asarray(R, float)
-    i, j, last = ("xyz".index(axis) for axis in order)
-    k = 3 - i - j
+    i, j, last = map("xyz".index, order)
+    k = 3 - i - j  # the axis that is neither the first nor the second
     sign = 1.0 if (j - i) % 3 == 1 else -1.0
     if i == last:
         level = np.hypot(R[..., j, i], R[..., k, i])
-        a, b = np.arctan2(R[..., j, i], -sign * R[..., k, i]), np.arctan2(level, R[..., i, i])
+        a = np.arctan2(R[..., j, i], -sign * R[..., k, i])
+        b = np.arctan2(level, R[..., i, i])
     else:
         level = np.hypot(R[..., j, k], R[..., k, k])
-        a, b = np.arctan2(-sign * R[..., j, k], R[..., k, k]), np.arctan2(sign * R[..., i, k], level)
+        a = np.arctan2(-sign * R[..., j, k], R[..., k, k])
+        b = np.arctan2(sign * R[..., i, k], level)
     a = np.where(level > 1e-12, a, first)
-    axes = np.eye(3)
     # The last angle is computed from R and the first two: near gimbal lock, it compensates the first angle's error.
-    rest = np.swapaxes(exp_so3(a[..., None] * axes[i]) @ exp_so3(b[..., None] * axes[j]), -1, -2) @ R
-    m, n = (last + 1) % 3, (last + 2) % 3
+    axes = np.eye(3)
+    first_two = exp_so3(a[..., None] * axes[i]) @ exp_so3(b[..., None] * axes[j])
+    rest = np.swapaxes(first_two, -1, -2) @ R
+    m = (last + 1) % 3
+    n = (last + 2) % 3
     c = np.arctan2(rest[..., n, m] - rest[..., m, n], rest[..., m, m] + rest[..., n, n])
     return np.stack([a, b, c], axis=-1) + 0.0
 
@@ -191,7 +207,8 @@ def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
     Raises:
         ValueError: z is zero, or x is parallel to z.
     """
-    z, x = np.asarray(z, float), np.asarray(x, float)
+    z = np.asarray(z, float)
+    x = np.asarray(x, float)
     if not np.linalg.norm(z) > 0:
         raise ValueError("z is a zero vector")
     z = z / np.linalg.norm(z)

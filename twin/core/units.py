@@ -20,33 +20,50 @@ LENGTH = {"m": 1.0, "cm": 1e-2, "mm": MM, "um": UM, "in": 0.0254}
 
 def display_unit(angle: bool) -> tuple[str, float]:
     """Return (name, size in SI) of the display unit: of degrees if `angle` is true, else of millimetres."""
-    return ("deg", DEG) if angle else ("mm", MM)
+    if angle:
+        return "deg", DEG
+    return "mm", MM
 
 
 def srgb(linear: float) -> float:
     """Convert a linear colour component, 0..1, to sRGB, 0..1 (IEC 61966-2-1)."""
-    part = min(max(linear, 0.0), 1.0)
-    return 12.92 * part if part <= 0.0031308 else 1.055 * part ** (1 / 2.4) - 0.055
+    component = _clipped(linear)
+    if component <= 0.0031308:
+        return 12.92 * component
+    return 1.055 * component ** (1 / 2.4) - 0.055
 
 
 def linear(shown: float) -> float:
     """Convert an sRGB colour component, 0..1, to a linear one, 0..1: the inverse of `srgb`."""
-    part = min(max(shown, 0.0), 1.0)
-    return part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4
+    component = _clipped(shown)
+    if component <= 0.04045:
+        return component / 12.92
+    return ((component + 0.055) / 1.055) ** 2.4
+
+
+def _clipped(component: float) -> float:
+    return min(max(component, 0.0), 1.0)
 
 
 def linear_rgba(color: str) -> tuple[float, float, float, float]:
     """Return the linear, opaque colour of an sRGB text such as "#20a040"."""
-    red, green, blue = (linear(int(color[k : k + 2], 16) / 255) for k in (1, 3, 5))
+    red = linear(int(color[1:3], 16) / 255)
+    green = linear(int(color[3:5], 16) / 255)
+    blue = linear(int(color[5:7], 16) / 255)
     return red, green, blue, 1.0
 
 
 def hex_digits(color_rgba: Sequence[float]) -> str:
     """Return a linear colour as sRGB hexadecimal digits, as on web pages; opacity is left out if it is 1."""
-    parts = [*map(srgb, color_rgba[:3]), *(a for a in color_rgba[3:] if a < 1)]
-    return "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in parts)
+    components = [srgb(component) for component in color_rgba[:3]]
+    if len(color_rgba) > 3 and color_rgba[3] < 1:
+        components.append(color_rgba[3])
+    return "".join(f"{round(255 * _clipped(component)):02x}" for component in components)
 
 
 def decimals(difference: float) -> int:
     """Return the number of decimals (3 to 9) at which a difference has three significant digits."""
-    return min(max(2 - floor(log10(abs(difference))), 3), 9) if difference else 3
+    if not difference:
+        return 3
+    magnitude = floor(log10(abs(difference)))
+    return min(max(2 - magnitude, 3), 9)

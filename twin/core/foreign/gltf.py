@@ -29,7 +29,23 @@ def check_gltf(path: Path) -> None:
         return
     if not isinstance(data, dict):
         return
-    limits = BUDGETS["GLTF"]
+    _check_buffers(path, data)
+    views = [_whole(view.get("byteLength")) for view in _objects(data, "bufferViews")]
+    sizes = [_numbers(accessor, views) for accessor in _objects(data, "accessors")]
+    limit = BUDGETS["GLTF"].numbers
+    if sum(sizes) > limit:
+        over(path, "GLTF", "numbers in the accessors", sum(sizes), limit)
+    weights: list[int] = []
+    for mesh in _objects(data, "meshes"):
+        weight = 0
+        for primitive in _objects(mesh, "primitives"):
+            weight += _used(primitive, sizes)
+        weights.append(weight)
+    _check_nodes(path, _objects(data, "nodes"), weights)
+
+
+def _check_buffers(path: Path, data: JsonObject) -> None:
+    """Raise an error if a file of buffers beside the glTF file is too large or no regular file."""
     for buffer in _objects(data, "buffers"):
         uri = buffer.get("uri")
         if isinstance(uri, str) and not uri.startswith("data:") and "\0" not in uri:
@@ -38,26 +54,44 @@ def check_gltf(path: Path) -> None:
                 raise BudgetError(f"{path}: buffer '{uri[:80]}' is not a regular file")
             if beside.is_file():
                 check_size(beside, "GLTF")
-    views = [_whole(v.get("byteLength")) for v in _objects(data, "bufferViews")]
-    sizes = [_numbers(a, views) for a in _objects(data, "accessors")]
-    if sum(sizes) > limits.numbers:
-        over(path, "GLTF", "numbers in the accessors", sum(sizes), limits.numbers)
-    weights = [sum(_used(p, sizes) for p in _objects(m, "primitives")) for m in _objects(data, "meshes")]
-    nodes = _objects(data, "nodes")
-    below = [[c for c in _list(n, "children") if isinstance(c, int) and 0 <= c < len(nodes)] for n in nodes]
-    level = sorted(set(range(len(nodes))) - {c for children in below for c in children})
-    depth = placed = numbers = 0
+
+
+def _check_nodes(path: Path, nodes: list[JsonObject], weights: list[int]) -> None:
+    """Raise an error if the nodes are too many or too deep, or show too many numbers of meshes.
+
+    `weights` has the count of numbers of each mesh.
+    """
+    limits = BUDGETS["GLTF"]
+    children: list[list[int]] = []
+    roots = set(range(len(nodes)))
+    for node in nodes:
+        valid = _valid(_list(node, "children"), len(nodes))
+        children.append(valid)
+        roots.difference_update(valid)
+    level = sorted(roots)
+    depth = 0
+    placed = 0
+    numbers = 0
     while level:  # a node with several parents is counted several times
-        depth, placed = depth + 1, placed + len(level)
+        depth += 1
         if depth > limits.depth:
             over(path, "GLTF", "depth of the nodes so far", depth, limits.depth)
+        placed += len(level)
         if placed > limits.count:
             over(path, "GLTF", "nodes so far", placed, limits.count)
-        meshes = [nodes[i].get("mesh") for i in level]
-        numbers += sum(weights[m] for m in meshes if isinstance(m, int) and 0 <= m < len(weights))
+        below: list[int] = []
+        for i in level:
+            for mesh in _valid([nodes[i].get("mesh")], len(weights)):
+                numbers += weights[mesh]
+            below += children[i]
         if numbers > limits.numbers:
             over(path, "GLTF", "numbers in the meshes so far", numbers, limits.numbers)
-        level = [c for i in level for c in below[i]]
+        level = below
+
+
+def _valid(indices: list[Any], count: int) -> list[int]:
+    """Return those of the values that are indices of a list with `count` items."""
+    return [index for index in indices if isinstance(index, int) and 0 <= index < count]
 
 
 def _json_of(path: Path) -> bytes:
@@ -65,30 +99,42 @@ def _json_of(path: Path) -> bytes:
         head = file.read(20)
         if head[:4] != b"glTF":
             return head + file.read()
-        return file.read(struct.unpack_from("<I", head, 12)[0]) if len(head) == 20 else b""
+        if len(head) < 20:
+            return b""
+        (length,) = struct.unpack_from("<I", head, 12)
+        return file.read(length)
 
 
 def _numbers(accessor: JsonObject, views: list[int]) -> int:
     """Return the count of numbers in an accessor, but at most one per byte of its buffer view (readers reject more)."""
     size = _whole(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
-    view = accessor.get("bufferView")
-    return min(size, views[view]) if isinstance(view, int) and 0 <= view < len(views) else size
+    for view in _valid([accessor.get("bufferView")], len(views)):
+        size = min(size, views[view])
+    return size
 
 
 def _used(primitive: JsonObject, sizes: list[int]) -> int:
-    named = primitive.get("attributes")
-    used = [*(named.values() if isinstance(named, dict) else ()), primitive.get("indices")]
-    return sum(sizes[i] for i in used if isinstance(i, int) and 0 <= i < len(sizes))
+    """Return the count of numbers in the accessors of a primitive."""
+    accessors = [primitive.get("indices")]
+    attributes = primitive.get("attributes")
+    if isinstance(attributes, dict):
+        accessors += attributes.values()
+    return sum(sizes[accessor] for accessor in _valid(accessors, len(sizes)))
 
 
 def _objects(data: JsonObject, key: str) -> list[JsonObject]:
-    return [v if isinstance(v, dict) else {} for v in _list(data, key)]
+    return [value if isinstance(value, dict) else {} for value in _list(data, key)]
 
 
 def _list(data: JsonObject, key: str) -> list[Any]:
     value = data.get(key)
-    return value if isinstance(value, list) else []
+    if isinstance(value, list):
+        return value
+    return []
 
 
 def _whole(value: Any) -> int:
-    return int(value) if isinstance(value, int | float) and 0 < value < 1e18 else 0
+    """Return a count in JSON as an integer; 0 for anything else."""
+    if isinstance(value, int | float) and 0 < value < 1e18:
+        return int(value)
+    return 0
